@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.maths.signals import SYMBOLS
-from massprop_drake.results.json_arrays import from_names
+from massprop_drake.results.json_arrays import parameters_from_names
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def measure(case: tuple[str, ...], seed: int) -> Result:
     scenario = load_scenario("sample_maneuver", [*case, f"seed={seed}"])
     run = simulate(scenario)
     summary, time = run.summary, run.time_s
-    estimate, truth = from_names(summary["estimates"]), from_names(summary["truth"])
+    estimate, truth = parameters_from_names(summary["estimates"]), parameters_from_names(summary["truth"])
     used = run["rotation_used"][:, 0] > 0.0
     nis = run["rotation_nis"][:, 0]
     means, spread, gained = [], [], []
@@ -74,8 +74,8 @@ def measure(case: tuple[str, ...], seed: int) -> Result:
             start, end = np.searchsorted(time, [window.start_s, window.end_s])
             gained.append(sign * (run["velocity"][end, axis] - run["velocity"][start, axis]))
     return Result(
-        percent=from_names(summary["percent_error"]),
-        sigmas=(estimate - truth) / from_names(summary["standard_deviations"]),
+        percent=parameters_from_names(summary["percent_error"]),
+        sigmas=(estimate - truth) / parameters_from_names(summary["standard_deviations"]),
         nis_mean=nis[used].mean(),
         nis_late=nis[used & (time > 25.0)].mean(),
         nis_fast=nis[used & (time >= 37.0) & (time <= 46.0)].mean(),

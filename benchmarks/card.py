@@ -184,7 +184,7 @@ def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, 
     began = said = time.monotonic()
     flown = 0
     with engine.local_client(min(workers or len(os.sched_getaffinity(0)), len(todo))) as client:
-        for chunk in engine.flown(client, work, execution, version.folder):
+        for chunk in engine.fly_chunks(client, work, execution, version.folder):
             if execution is None:
                 execution = chunk.execution
                 kept.write_text(json.dumps(execution))

@@ -16,9 +16,9 @@ from flights import bundled, moving, orbiter, poses, real, vehicles
 from flights.flight import Array, Flight, Random, write_record
 
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
-from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.records.rows import columns
-from massprop_drake.results.json_arrays import from_names
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
+from massprop_drake.records.rows import telemetry_columns
+from massprop_drake.results.json_arrays import parameters_from_names
 
 _SETTLED_S = 60.0  # of flights of hours, whose errors are looked at from then on
 _TIMED = 20  # each so many flights the steps of the estimator are timed
@@ -57,7 +57,7 @@ def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: b
     flight = drawn(spec, random, number)
     scenario = loaded(flight, number, compiled)
     run = simulate(scenario)
-    flown, truth = run, from_names(run.summary["truth"])
+    flown, truth = run, parameters_from_names(run.summary["truth"])
     if flight.recorded is not None:
         record = flight.recorded(run, random)
         with TemporaryDirectory() as folder:
@@ -140,9 +140,9 @@ def _tracked(spec: Mapping[str, Any], _random: Random, number: int, _compiled: b
         path = Path(folder) / "record.csv"
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(columns(vehicle))
+            writer.writerow(telemetry_columns(vehicle))
             writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in rows])
-        run = estimate(path, resolved({"name": "flight", "vehicle": vehicle}))
+        run = estimate(path, resolve_scenario({"name": "flight", "vehicle": vehicle}))
     spent_s = time.thread_time() - began
     true = flight.truth
     failed = []
@@ -192,8 +192,8 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
         scenario: as flown.
     """
     summary = run.summary
-    error = from_names(summary["estimates"]) - truth
-    deviation = from_names(summary["standard_deviations"])
+    error = parameters_from_names(summary["estimates"]) - truth
+    deviation = parameters_from_names(summary["standard_deviations"])
     known = np.isfinite(error) & (deviation > 0.0)
     sigmas = np.where(known, error / np.where(known, deviation, 1.0), np.nan)
     covariance = np.array(summary["covariance"], dtype=float)[np.ix_(known, known)]

@@ -76,7 +76,7 @@ def flown(spec: dict[str, Any], settings: Sequence[str], number: int, after_s: f
     run, params = simulate(scenario), estimation_params(scenario).filter_params
     rates, velocities = _stacked(run, gyros(scenario)), _stacked(run, accelerometers(scenario))
     commands = np.vstack((np.zeros_like(run["command"][:1]), run["command"]))
-    state, entry, cycles = joint.initial(params), None, []
+    state, entry, cycles = joint.initial_state(params), None, []
     for row, time_s in enumerate(run.time_s.tolist()):
         told = Told(time_s, time_s, commands[row], commands[row + 1], np.zeros(6))
         done = joint.step(state, rates[row], velocities[row], told, params)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.display.run import Run
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.runners.recorded import estimate
@@ -147,7 +147,7 @@ def flown(case: Case, seconds: float, folder: Path, **detector: float) -> Run:
         case.mapped(by)
     vehicle = _changed(load_vehicle("air_bearing").model_dump(mode="json"), case.vehicle)
     settings: Data = {"name": "ablation", "vehicle": vehicle, "detector": {"kind": "thrust_factors", **detector}}
-    return estimate(path, resolved(settings), record_map=RecordMap.model_validate(by))
+    return estimate(path, resolve_scenario(settings), record_map=RecordMap.model_validate(by))
 
 
 def line(name: str, case: Case, seconds: float) -> str:

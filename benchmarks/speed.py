@@ -209,7 +209,7 @@ def campaign_cases() -> list[dict[str, Any]]:
     """Measures processor time of a campaign's case, compiled, with a new body each, ms: median and largest."""
     from massprop_drake.inputs.campaign_file import load_campaign  # noqa: PLC0415
     from massprop_drake.studies.campaign.campaign_flight import Flights  # noqa: PLC0415
-    from massprop_drake.studies.campaign.plan import planned  # noqa: PLC0415
+    from massprop_drake.studies.campaign.plan import plan_cases  # noqa: PLC0415
 
     rows = []
     for base, (title, target) in CAMPAIGNS.items():
@@ -218,7 +218,7 @@ def campaign_cases() -> list[dict[str, Any]]:
         setup = {"base": campaign.base.model_dump(mode="json"), "campaign": "speed", "times_s": [], "keep": "none"}
         flights = Flights({**setup, "folder": "", "token": None})
         each_ms = []
-        for case in planned(campaign):
+        for case in plan_cases(campaign):
             began = time.process_time()
             flights.fly({**case._asdict(), "keep": False})
             each_ms.append(1e3 * (time.process_time() - began))

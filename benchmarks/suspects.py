@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_drake import Run, design, load_scenario, simulate
-from massprop_drake.studies.design.verification import named_s
+from massprop_drake.studies.design.verification import fly_until_named_s
 
 BEFORE = ("small_satellite_maneuver", "lander_maneuver", "cubesat_leak", "orbiter_maneuver")
 SHORTER = ["estimation.filter=joint", "detector.kind=hypotheses", "failures=[]", "duration_s=40"]
@@ -37,7 +37,7 @@ def measured(run: Run, number: int) -> dict[str, object]:
     failing = names[int(random.integers(len(names)))]
     made = design(vehicle, suspects=names, force=f"{100 * share:.3g}%", known=run)
     (size, *_) = [pair.force for pair in made.pairs if pair.jet == failing]
-    named = named_s(made, failing, size, number, vehicle)
+    named = fly_until_named_s(made, failing, size, number, vehicle)
     return {
         "vehicle": vehicle.name,
         "group": names,

@@ -28,7 +28,7 @@ class Diagram(framework.Diagram):  # type: ignore[misc]
         return f"<Diagram '{self.get_name()}' of {parts}: {self.num_input_ports()} in, {self.num_output_ports()} out>"
 
 
-def built(builder: DiagramBuilder, name: str) -> Diagram:
+def build_diagram(builder: DiagramBuilder, name: str) -> Diagram:
     """Builds a diagram under a name."""
     return Diagram(builder, name)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake.diagrams._wiring import ONSETS, built
+from massprop_drake.diagrams._wiring import ONSETS, build_diagram
 from massprop_drake.inputs import pilot_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
@@ -41,14 +41,14 @@ def build(scenario: Scenario) -> Diagram:
     control, compiled = pilot_params.phase_space_params(scenario), scenario.execution.compiled
     builder = DiagramBuilder()
 
-    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(pilot_params.windows(scenario)))
+    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(pilot_params.controller_windows(scenario)))
     reference = builder.AddNamedSystem(
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate, compiled=compiled)
     )
     controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, compiled=compiled))
     selection = builder.AddNamedSystem(
         "jet_selection",
-        JetSelection(**pilot_params.selection(scenario), compiled=compiled),
+        JetSelection(**pilot_params.jet_selection_arguments(scenario), compiled=compiled),
     )
 
     for system in (reference, controller):
@@ -82,4 +82,4 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportOutput(controller.GetOutputPort("request"), "request")
     builder.ExportOutput(selection.GetOutputPort("counts"), "selection_counts")
     builder.ExportOutput(selection.GetOutputPort("out_of_use"), "out_of_use")
-    return built(builder, "autopilot")
+    return build_diagram(builder, "autopilot")

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.diagrams._wiring import (
     ONSETS,
-    built,
+    build_diagram,
     connect_engine_commands,
     connect_estimation,
     connect_wheels,
@@ -59,7 +59,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
 
     if scenario.jet_schedule:
-        table, _ = params.commands(scenario)
+        table, _ = params.scheduled_jet_commands(scenario)
         period_s = scenario.vehicle_data.sample_period_s
         schedule = builder.AddNamedSystem("jet_schedule", JetSchedule(table, period_s=period_s))
         builder.Connect(schedule.GetOutputPort("command"), pilot.GetInputPort("prescribed"))
@@ -75,4 +75,4 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     wheels = connect_wheels(builder, body, pilot, scenario)
     engines = connect_engine_commands(builder, body, scenario)
     export_outputs(builder, (body, pilot, estimators, *wheels, *engines))
-    return built(builder, "closed_loop")
+    return build_diagram(builder, "closed_loop")

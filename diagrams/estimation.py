@@ -28,7 +28,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
 
 from massprop_drake.diagrams._wiring import Diagram, export_outputs
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation.detector import Detector
@@ -110,7 +110,7 @@ class MassPropertyEstimator(Diagram):
     """
 
     def __init__(self, vehicle: Vehicle | Scenario, name: str = "estimation", *, findings: bool = True):
-        scenario = vehicle if isinstance(vehicle, Scenario) else resolved({"vehicle": vehicle})
+        scenario = vehicle if isinstance(vehicle, Scenario) else resolve_scenario({"vehicle": vehicle})
         builder = DiagramBuilder()
         _add_parts(builder, scenario, findings=findings)
         super().__init__(builder, name)
@@ -130,11 +130,11 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),
-            jets=params.jets(scenario),
+            jets=params.known_jets(scenario),
             gyros=_packages(params.gyros(scenario)),
             accelerometers=_packages(params.accelerometers(scenario)),
-            tracked={sensor.name: len(sensor.columns) for sensor in params.read_besides(scenario)},
-            weighs=params.weighs(scenario),
+            tracked={sensor.name: len(sensor.columns) for sensor in params.non_inertial_sensors(scenario)},
+            weighs=params.mass_is_observable(scenario),
             known=params.known_parameters(scenario),
             within=scenario.vehicle_data.has_on_times,
         )
@@ -243,7 +243,10 @@ def _add_detector(
     detector = builder.AddNamedSystem(
         "failure_detector",
         FailureDetector(
-            method, params.detector_params(scenario), jets=params.jets(scenario), compiled=scenario.execution.compiled
+            method,
+            params.detector_params(scenario),
+            jets=params.known_jets(scenario),
+            compiled=scenario.execution.compiled,
         ),
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
@@ -273,7 +276,7 @@ def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
     monitor = builder.AddNamedSystem(
         "findings_monitor",
         FindingsMonitor(
-            FlightMonitor(scenario.vehicle_data, params.read(scenario), layouts),
+            FlightMonitor(scenario.vehicle_data, params.vector_sensor_names(scenario), layouts),
             reports={name: layout.size for name, layout in layouts.items()},
             period_s=scenario.vehicle_data.sample_period_s,
         ),

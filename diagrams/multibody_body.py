@@ -8,21 +8,21 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from massprop_drake.inputs import true_params
-from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
+from massprop_drake.inputs.model_file import attribute_errors_to, model_joints, model_kind
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import JointMove, JointStart, MultibodyBlock
 from massprop_drake.systems.multibody.multibody_vehicle import MultibodyVehicle
 from massprop_drake.systems.multibody.plants import (
-    body_of,
+    find_body,
+    find_joint,
     floating_base,
-    joint_named,
-    parsed_plant,
+    parse_plant,
+    require_joint_limits,
     require_motion,
-    require_within,
 )
 
 
-def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
+def build_body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
     """Makes the multibody plant of a scenario's block, with the ports of a rigid one.
 
     Args:
@@ -32,8 +32,8 @@ def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
     Raises:
         InputError: when Drake cannot make a plant of its model, or body and joints that it names are not in it.
     """
-    plant = _checked(block)
-    with blamed("plant"):
+    plant = _parse_checked_plant(block)
+    with attribute_errors_to("plant"):
         return MultibodyVehicle(
             plant,
             block.body,
@@ -47,19 +47,19 @@ def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
         )
 
 
-def _checked(block: MultibodyBlock) -> MultibodyPlant:
+def _parse_checked_plant(block: MultibodyBlock) -> MultibodyPlant:
     """Makes the plant of a block, and checks that everything that the block names exists in it."""
-    with blamed("plant.model"):
-        plant = parsed_plant(block.model, model_kind(block.model))
-    with blamed("plant.body"):
-        floating_base(plant, body_of(plant, block.body))
+    with attribute_errors_to("plant.model"):
+        plant = parse_plant(block.model, model_kind(block.model))
+    with attribute_errors_to("plant.body"):
+        floating_base(plant, find_body(plant, block.body))
     entries: dict[str, Sequence[JointStart | JointMove]] = {"joints": block.joints, "moves": block.moves}
     for name, index, entry in ((name, *numbered) for name, of in entries.items() for numbered in enumerate(of)):
-        with blamed(f"plant.{name}[{index}].joint"):
-            joint = joint_named(plant, entry.joint)
-        with blamed(f"plant.{name}[{index}].position"):
-            require_within(joint, entry.position)
-    with blamed("plant.model"):
+        with attribute_errors_to(f"plant.{name}[{index}].joint"):
+            joint = find_joint(plant, entry.joint)
+        with attribute_errors_to(f"plant.{name}[{index}].position"):
+            require_joint_limits(joint, entry.position)
+    with attribute_errors_to("plant.model"):
         require_motion(plant)
     return plant
 
@@ -68,7 +68,7 @@ def require_model(scenario: Scenario) -> None:
     """Checks that a scenario's multibody plant, if it has one, can be flown.
 
     Raises:
-        InputError: as `body`.
+        InputError: as `build_body`.
     """
     if isinstance(scenario.plant, MultibodyBlock):
-        body(scenario.plant)
+        build_body(scenario.plant)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from massprop_drake.diagrams import estimation, vehicle
 from massprop_drake.diagrams._wiring import (
     ONSETS,
-    built,
+    build_diagram,
     connect_engine_commands,
     connect_estimation,
     connect_wheels,
@@ -32,7 +32,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     the same names.
     """
     builder = DiagramBuilder()
-    commands, onsets_s = params.commands(scenario)
+    commands, onsets_s = params.scheduled_jet_commands(scenario)
     schedule = builder.AddNamedSystem(
         "jet_schedule", JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s)
     )
@@ -48,4 +48,4 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     wheels = connect_wheels(builder, body, schedule, scenario)
     engines = connect_engine_commands(builder, body, scenario)
     export_outputs(builder, (body, schedule, estimators, *wheels, *engines))
-    return built(builder, "open_loop")
+    return build_diagram(builder, "open_loop")

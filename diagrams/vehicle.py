@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, build_diagram, export_outputs
 from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import PlantBlock
@@ -62,7 +62,11 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle, pieces, tanks = scenario.vehicle_data, pilot_params.pieces(scenario), true_params.true_tanks(scenario)
+    vehicle, pieces, tanks = (
+        scenario.vehicle_data,
+        pilot_params.max_pieces_per_sample(scenario),
+        true_params.true_tanks(scenario),
+    )
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
@@ -82,10 +86,10 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             compiled=scenario.execution.compiled,
         ),
     )
-    body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s, pieces) if body is None else body)
+    body = builder.AddSystem(_make_body(scenario, jets.lag_time_constants_s, pieces) if body is None else body)
     stepped = true_params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
-    pushed = _with_others(builder, scenario, jets, body, pieces if stepped else 1)
+    pushed = _add_other_forces(builder, scenario, jets, body, pieces if stepped else 1)
     if jets.HasOutputPort("drained") and body.HasInputPort("drained"):
         builder.Connect(jets.GetOutputPort("drained"), body.GetInputPort("drained"))
     if vehicle.motion == "planar":
@@ -95,7 +99,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 
     sensors: list[System] = []
     for package in vehicle.sensors:
-        sensor = builder.AddNamedSystem(package.name, _sensor(package, scenario))
+        sensor = builder.AddNamedSystem(package.name, _make_sensor(package, scenario))
         builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
         sensors.append(sensor)
@@ -111,23 +115,25 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         sensors.append(wheels)
 
     followed: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
-    for tracker in (*(_tracker(seen, scenario) for seen in followed), *trackers):
+    for tracker in (*(_make_tracker(seen, scenario) for seen in followed), *trackers):
         builder.AddSystem(tracker)
         for name in ("body_state", "structure"):
             builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
         builder.ExportOutput(tracker.GetOutputPort("reading"), tracker.get_name())
         sensors.append(tracker)
 
-    _connect_chance(builder, scenario, jets, [*pushed, *sensors, body])
+    _connect_noise_and_seed(builder, scenario, jets, [*pushed, *sensors, body])
     for port in map(body.get_input_port, range(body.num_input_ports())):
         if port.get_name() not in (wrench, "seed", "wheels", "drained"):
             builder.ExportInput(port, port.get_name())
     export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
-    return built(builder, "vehicle")
+    return build_diagram(builder, "vehicle")
 
 
-def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body: System, pieces: int) -> list[System]:
+def _add_other_forces(
+    builder: DiagramBuilder, scenario: Scenario, jets: System, body: System, pieces: int
+) -> list[System]:
     """Adds engines and a disturbance between jets and body; returns the systems added.
 
     Args:
@@ -166,9 +172,13 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
     return pushed
 
 
-def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
+def _connect_noise_and_seed(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
     """Connects the noise source to noisy systems, and the seed to those that draw random numbers."""
-    quiet = {one.name for one in scenario.vehicle_data.sensors if not true_params.undrawn_model(scenario, one).noisy}
+    quiet = {
+        one.name
+        for one in scenario.vehicle_data.sensors
+        if not true_params.sensor_model_before_draws(scenario, one).noisy
+    }
     noisy = [system for system in others if system.get_name() not in quiet and system.HasInputPort("noise")]
     drawn = [system for system in others if system.HasInputPort("seed")]
     if scenario.plant.thrust_dispersion or any(failure.kind == "intermittent" for failure in scenario.failures):
@@ -186,14 +196,14 @@ def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, o
             builder.Connect(seed.get_output_port(), system.GetInputPort("seed"))
 
 
-def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
+def _make_body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
     """Makes the body that a scenario flies; lags and pieces are those of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody_body  # noqa: PLC0415 (loads Drake's multibody library)
 
-        return multibody_body.body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
+        return multibody_body.build_body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
     return RigidBodyPlant(
-        true_params.undrawn_properties(scenario),
+        true_params.properties_before_draws(scenario),
         time_step=true_params.time_step(scenario),
         lag_time_constants_s=lag_time_constants_s,
         pieces=pieces,
@@ -208,14 +218,14 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: i
     )
 
 
-def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> System:
+def _make_tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> System:
     if isinstance(sensor, PoseSensor):
         return PoseTracker(sensor.name, true_params.pose_model(scenario, sensor))
     return VelocityTracker(sensor.name, position=np.array(sensor.position), noise_std=sensor.noise_std)
 
 
-def _sensor(package: SensorPackage, scenario: Scenario) -> System:
-    model, draws = true_params.undrawn_model(scenario, package), true_params.sensor_draws(scenario, package)
+def _make_sensor(package: SensorPackage, scenario: Scenario) -> System:
+    model, draws = true_params.sensor_model_before_draws(scenario, package), true_params.sensor_draws(scenario, package)
     chance: dict[str, Any] = {"seed": scenario.seed, "compiled": scenario.execution.compiled}
     if draws.marks or draws.tones:
         chance["draws"] = draws

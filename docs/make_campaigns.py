@@ -24,9 +24,9 @@ from massprop_drake.inputs.model import digest
 from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.studies.campaign import merit, statistics, store
 from massprop_drake.studies.campaign.campaign import Campaign
-from massprop_drake.studies.campaign.counts import Row, flown
+from massprop_drake.studies.campaign.counts import Row, select_flown
 from massprop_drake.studies.campaign.plan import PlannedCase
-from massprop_drake.studies.campaign.reading import told_apart
+from massprop_drake.studies.campaign.reading import find_varying_keys
 from massprop_drake.studies.campaign.statistics import Figure
 
 PAGES = Path(__file__).parent / "campaigns"
@@ -88,7 +88,7 @@ def error_median(names: Sequence[str], suffix: str, *, relative: bool = True) ->
     """The measure of `_error` over cases."""
 
     def measured(rows: Sequence[Row]) -> Figure:
-        errors = [_error(row, names, suffix, relative=relative) for row in flown(rows)]
+        errors = [_error(row, names, suffix, relative=relative) for row in select_flown(rows)]
         return median([error for error in errors if math.isfinite(error)])
 
     return measured
@@ -190,7 +190,7 @@ def formatted(
 
 def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
     """Makes a table of how the failures of each group ended."""
-    found = [[one["outcome"] for row in flown(group.rows) for one in row["injected"]] for group in groups]
+    found = [[one["outcome"] for row in select_flown(group.rows) for one in row["injected"]] for group in groups]
     counts = [[each.count(outcome) for outcome in _OUTCOMES] for each in found]
     return counts_table(headings, [group.labels for group in groups], counts)
 
@@ -218,7 +218,7 @@ def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase])
         return failure.get("force")
 
     found = []
-    for row in flown(rows):
+    for row in select_flown(rows):
         sizes = [*map(size, given[row["case_id"]]), *[None] * len(row["injected"])]  # payloads come last
         injected = [{**one, "size": each} for one, each in zip(row["injected"], sizes, strict=False)]
         found.append({**row, "injected": injected})
@@ -227,7 +227,7 @@ def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase])
 
 def by_failure(group: Group, force: str) -> list[Group]:
     """Failures by kind and size; in each row that is returned, those of one kind and size are left."""
-    ones = [one for row in flown(group.rows) for one in row["injected"]]
+    ones = [one for row in select_flown(group.rows) for one in row["injected"]]
     binned = len({one["size"] for one in ones} - {None}) > _FEW
 
     def label(one: Mapping[str, Any]) -> tuple[float, str, str]:
@@ -248,7 +248,7 @@ def by_failure(group: Group, force: str) -> list[Group]:
 
 def by_order(group: Group) -> list[Group]:
     """Failures by their order in the flight."""
-    most = max((len(row["injected"]) for row in flown(group.rows)), default=0)
+    most = max((len(row["injected"]) for row in select_flown(group.rows)), default=0)
     return [
         Group((*group.labels, str(place + 1)), _only(group.rows, lambda index, _, place=place: index == place))  # type: ignore[misc]
         for place in range(most)
@@ -259,7 +259,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
     """Cases with some of their failures alone; those that have none left are left out."""
     kept = [
         {**row, "injected": [one for index, one in enumerate(row["injected"]) if wanted(index, one)]}
-        for row in flown(rows)
+        for row in select_flown(rows)
     ]
     return [row for row in kept if row["injected"]]
 
@@ -267,7 +267,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
 def outcome_matrix(rows: Sequence[Row], force: str) -> str:
     """Makes a table of every jet's failures, where each case is a jet and a failure of its own; else nothing."""
     cells: dict[tuple[str, str], str] = {}
-    for row in flown(rows):
+    for row in select_flown(rows):
         if len(row["injected"]) != 1:
             return ""
         (given,) = row["injected"]
@@ -312,7 +312,7 @@ def results(folder: Path) -> tuple[Campaign, str]:
     good, spec = sized(rows, campaign, cases), campaign.spec
     units = spec.base.vehicle_data.unit_names
     swept = {case.cell: case.swept for case in cases}
-    keys, values = told_apart(list(swept.values()))
+    keys, values = find_varying_keys(list(swept.values()))
     headings, labels = [f"`{key}`" for key in keys], dict(zip(swept, values, strict=True))
     cell = {case.case_id: case.cell for case in cases}
     groups = [Group(label, [row for row in good if cell[row["case_id"]] == number]) for number, label in labels.items()]

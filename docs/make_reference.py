@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from massprop_drake.inputs.campaign_file import campaign_keys
-from massprop_drake.inputs.model import Key, keys
+from massprop_drake.inputs.model import Key, list_keys
 from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -26,8 +26,8 @@ from massprop_drake.systems.views import JETS, PORTS, elements
 
 DOCS = Path(__file__).parent
 KEYS: dict[str, Callable[[], list[Key]]] = {
-    "vehicle.md": partial(keys, Vehicle),
-    "scenario.md": partial(keys, Scenario),
+    "vehicle.md": partial(list_keys, Vehicle),
+    "scenario.md": partial(list_keys, Scenario),
     "campaign.md": campaign_keys,
     "records.md": map_keys,
 }
@@ -270,7 +270,7 @@ def tables() -> dict[str, str]:
 
 def all_defaults() -> dict[str, str]:
     """The defaults of a vehicle's and a scenario's keys, as they are written."""
-    return {key.name: _default(key) for key in (*keys(Vehicle), *keys(Scenario))}
+    return {key.name: _default(key) for key in (*list_keys(Vehicle), *list_keys(Scenario))}
 
 
 def pages() -> list[Path]:

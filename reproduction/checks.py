@@ -212,7 +212,7 @@ def _rotation() -> rotation_filter.RotationParams:
 def momentum(_: int) -> dict[str, Array]:
     """Relative change of the angular momentum in inertial axes over 50 s of tumbling without jets."""
     properties = orbiter().nominal
-    body = rigid_body.body_of(properties)
+    body = rigid_body.motion_constants(properties)
     state = rigid_body.initial_state(properties.mass)
     state[rigid_body.RATE] = np.radians([0.5, -0.4, 0.3])
     before = rigid_body.angular_momentum(state, properties)

@@ -51,7 +51,7 @@ def reproduce(
     with Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
         results = rerun(entries, out, lambda done, total: progress(done / total), force=force)
     if as_json:
-        show.as_json(as_data(results))
+        show.print_json(as_data(results))
     elif not quiet:
         _print(results, out)
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.results.exchange import recover, stage
-from massprop_drake.studies.processes import ctrl_c_held
+from massprop_drake.studies.processes import defer_ctrl_c
 from reproduction.cases import Case
 from reproduction.claims import Phase, Signals
 
@@ -135,7 +135,7 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(WORKERS, len(batch)), mp_context=context, initializer=_start_worker)
     try:
-        with ctrl_c_held():  # also in the workers, which inherit it while they load
+        with defer_ctrl_c():  # also in the workers, which inherit it while they load
             futures = {pool.submit(_run_one, *work): work for work in batch}
         for future in as_completed(futures):
             case, seed, _ = futures[future]

@@ -12,7 +12,7 @@ from joint_probe import PERIOD, TRUTH, small_params, some_sample, unread
 from massprop_drake.maths.estimation.faults.declarations import Declaration
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
-from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, fault_probabilities, update_verdicts
 from massprop_drake.maths.estimation.joint import disturbance_states
 from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
@@ -129,7 +129,7 @@ class Flown:
 
     def probability(self, jet: int, after: int = -1) -> float:
         """Posterior probability that a jet has failed, after a sample."""
-        return float(odds(self.trees[after], self.params.joint).jets[jet])
+        return float(fault_probabilities(self.trees[after], self.params.joint).jets[jet])
 
 
 def commands_of(count: int, seed: int = 2, idle: tuple[int, ...] = ()) -> Array:
@@ -194,7 +194,7 @@ def follow(flown: Flown, tree: Tree, verdicts: Verdicts, state: JointState, firs
     for sample in flown.samples[first:]:
         after, report = step(state, sample, params.joint)
         tree = advance(tree, JointEvidence(state, after, report, sample, False), params)
-        verdicts, more = judged(verdicts, tree, params)
+        verdicts, more = update_verdicts(verdicts, tree, params)
         said += [(sample.time_s, one) for one in more]
         state = tree.next_state(params)
         trees.append(tree)

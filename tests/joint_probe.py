@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapse
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 PERIOD = 0.1  # s
 INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
@@ -34,7 +34,7 @@ _FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1
 
 def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
     """`ticks.elapsed` of commands that are levels."""
-    before, coming = (None if one is None else Commanded(one, levels_alone(one.size)) for one in levels)
+    before, coming = (None if one is None else Commanded(one, level_onsets(one.size)) for one in levels)
     assert before is not None
     return ticks.elapsed(clock, stamp_s, (before, coming), pace)
 

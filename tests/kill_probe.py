@@ -148,7 +148,9 @@ class Prober:
             self.faults.append(f"{told}: the earlier run is gone")
         for folder in sorted(here.glob("K*")):
             found = manifest.read(folder)
-            strange = [one for one in manifest.foreign(folder, found) if tidy or not one.startswith(".massprop-")]
+            strange = [
+                one for one in manifest.foreign_entries(folder, found) if tidy or not one.startswith(".massprop-")
+            ]
             missing = [] if found is None else [entry for entry in found.files if not (folder / entry).exists()]
             if found is None or missing or (strange and (tidy or name != "view")):
                 self.faults.append(f"{told}: {folder.name} is not whole: {strange} {missing}")

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Judgment
 from massprop_drake.maths.estimation.faults.declarations import Mode
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, History, Odds, own_row, status_row
+from massprop_drake.maths.estimation.faults.fault_report import (
+    HYPOTHESIS_REPORT,
+    History,
+    Odds,
+    hypothesis_report_row,
+    status_row,
+)
 from massprop_drake.maths.estimation.joint.hypotheses import Score
 
 Array = NDArray[np.float64]
@@ -61,7 +67,7 @@ def detector(told: Callable[[int], tuple[Odds, History | None]]) -> Detector:
         unknown = np.full(params, np.nan)
         status = status_row((), now, True, 0.0)
         after = state._replace(samples=state.samples + 1)
-        return Judgment(after, NO_ADAPTATION, status, unknown, unknown, own=own_row((), now, past))
+        return Judgment(after, NO_ADAPTATION, status, unknown, unknown, own=hypothesis_report_row((), now, past))
 
     return Detector(
         made_for="joint",

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.inputs.params import estimation_params
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.vehicle_parts import Surroundings
 from massprop_drake.maths.estimation.pose import delays, pose_hypotheses
@@ -22,7 +22,7 @@ from massprop_drake.maths.estimation.pose.pose_layout import (
     Poses,
     make_parts,
 )
-from massprop_drake.maths.estimation.pose.pose_start import begun
+from massprop_drake.maths.estimation.pose.pose_start import initialize_bank
 from massprop_drake.maths.linear_algebra import Array
 
 JETS = 4
@@ -195,7 +195,7 @@ def again(vehicle: Vehicle, **changed: Any) -> Vehicle:
 
 def params_of(vehicle: Vehicle, **settings: Any) -> PoseParams:
     """Parameters of its estimator with hypotheses."""
-    scenario = resolved({"name": "flight", "vehicle": vehicle} | settings)
+    scenario = resolve_scenario({"name": "flight", "vehicle": vehicle} | settings)
     made: PoseParams = estimation_params(scenario).filter_params.pose
     return made
 
@@ -265,14 +265,18 @@ def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts:
         turn = Rotation.from_euler("z", read[2]).as_matrix()
         seen = PoseReadings(np.append(read[:2], 0.0)[None], turn[None], none, none, none)
         if tried is None:
-            first = begun(seen, params)
-            many = [pose_hypotheses.begun(one, 0.0, params) for one in delays.split(first, params)] if parts else []
-            tried = delays.gathered(many, params) if parts else pose_hypotheses.begun(first, 0.0, params)
+            first = initialize_bank(seen, params)
+            many = (
+                [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in delays.split_by_delay(first, params)]
+                if parts
+                else []
+            )
+            tried = delays.join_delays(many, params) if parts else pose_hypotheses.begin_hypotheses(first, 0.0, params)
             continue
         since = max(row - 40, 0)
         lately = Commands(times_s[since : row + 1], commands[since : row + 1])
-        tried, _ = delays.advanced(tried, lately, (times_s[row - 1], times_s[row]), seen, params)
-        tried, found = delays.judged(tried, times_s[row], PoseRules(), params)
+        tried, _ = delays.advance_over_delays(tried, lately, (times_s[row - 1], times_s[row]), seen, params)
+        tried, found = delays.name_failure_over_delays(tried, times_s[row], PoseRules(), params)
         if found is not None:
             named.append((times_s[row], found))
     assert tried is not None

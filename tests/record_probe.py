@@ -15,12 +15,12 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document
-from massprop_drake.records.mapped_rows import MappedTable, table
-from massprop_drake.records.mapping import mapped
+from massprop_drake.records.mapped_rows import MappedTable, make_table
+from massprop_drake.records.mapping import apply_map
 from massprop_drake.records.recording import open_recording
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def flown(vehicle: Vehicle, seed: int, rows: int = 400, longest: int = 6) -> Fli
 
 def as_map(text: str) -> RecordMap:
     document = Document(text, "map.yaml")
-    return validated(RecordMap, document.data, document)
+    return validate_data(RecordMap, document.data, document)
 
 
 def telemetry(path: Path, text: str, vehicle: Vehicle) -> dict[str, Array]:
@@ -98,7 +98,7 @@ def telemetry(path: Path, text: str, vehicle: Vehicle) -> dict[str, Array]:
 
 def made_of(path: Path, text: str, vehicle: Vehicle) -> MappedTable:
     by = as_map(text)
-    return table(mapped(open_recording(path, by), by, vehicle, "map.yaml"), vehicle.gyros[0].name)
+    return make_table(apply_map(open_recording(path, by), by, vehicle, "map.yaml"), vehicle.gyros[0].name)
 
 
 def write_csv(path: Path, columns: dict[str, Any], delimiter: str = ",") -> Path:

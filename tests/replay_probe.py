@@ -15,8 +15,8 @@ from massprop_drake import Scenario
 from massprop_drake.diagrams import replay
 from massprop_drake.inputs import params
 from massprop_drake.records.reader import Reader
-from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json, state_groups
-from massprop_drake.runners.recorded import by_sensor
+from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, groups_to_json, state_groups
+from massprop_drake.runners.recorded import split_by_sensor
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     gyro = params.gyro(scenario).name if vehicle.gyros else None
     reader = Reader(telemetry, vehicle, gyro=gyro, after=None, stream=None)
     for number, rows in enumerate(reader):
-        readings = {**rows.readings, **by_sensor(rows, vehicle)}
+        readings = {**rows.readings, **split_by_sensor(rows, vehicle)}
         own = source.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         last = source.extend(own, rows.time_s, readings, rows.commands, rows.outside_wrench, rows.onsets_s)
         if number == 0:
@@ -63,5 +63,5 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     reader.close()
     context = simulator.get_context()
     logs = {name: np.array(sink.FindLog(context).data().T) for name, sink in sinks.items()}
-    states = for_json(state_groups(diagram.GetSubsystemByName("estimation"), context))
+    states = groups_to_json(state_groups(diagram.GetSubsystemByName("estimation"), context))
     return Opinion(estimation_signals(scenario, logs), states, logs["covariance"][-1].reshape(10, 10))

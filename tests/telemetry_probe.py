@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records.rows import columns
+from massprop_drake.records.rows import telemetry_columns
 
 PERIOD_S = 0.1  # of the toy vehicle
 
 
 def toy_vehicle(data: dict[str, Any], **changes: Any) -> Vehicle:
     """The toy vehicle with some fields replaced."""
-    return validated(Vehicle, {**data, **changes})
+    return validate_data(Vehicle, {**data, **changes})
 
 
 class Log:
@@ -27,7 +27,7 @@ class Log:
     """
 
     def __init__(self, vehicle: Vehicle, n_rows: int = 60, start_s: float = 0.0):
-        self.header = columns(vehicle)
+        self.header = telemetry_columns(vehicle)
         period = vehicle.sample_period_s
         n_jets = len(vehicle.jets)
         commands = np.zeros((n_rows, n_jets))

@@ -18,7 +18,7 @@ from massprop_drake.inputs.yaml import Document
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.campaign_flight import Flights
-from massprop_drake.studies.campaign.plan import design, planned
+from massprop_drake.studies.campaign.plan import plan_cases, sample_coordinates
 
 PAGES = {"every_jet"}  # that the repository keeps
 
@@ -55,7 +55,7 @@ def _flown(spec: Any, cases: Any) -> list[dict[str, Any]]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("tiny")
     spec = campaign_from(Document(CAMPAIGN, "tiny.yaml"), Path())
-    cases = planned(spec)
+    cases = plan_cases(spec)
     store.write_text(path / store.BASE, yaml_text(spec.base))
     store.write_text(path / store.FILE, yaml_text(spec.file))
     store.write_plan(path, cases, {})
@@ -102,7 +102,7 @@ def test_the_table_of_results_names_each_campaign_and_how_many_flights_it_has() 
     assert all(int(flown) <= int(of) for _, _, flown, of in rows)
     for name in ("every_jet", "healthy_maneuver"):  # reading all takes long
         spec = load_campaign(name)
-        flights = len(design(spec)) * math.prod(len(values) for values in spec.file.sweep.values())
+        flights = len(sample_coordinates(spec)) * math.prod(len(values) for values in spec.file.sweep.values())
         assert [of for _, each, _, of in rows if each == name] == [str(flights)]
 
 

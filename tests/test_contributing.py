@@ -15,7 +15,7 @@ from conftest import REPOSITORY
 
 from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.display import motion_plots
-from massprop_drake.display.figures import drawn
+from massprop_drake.display.figures import draw_plot
 from massprop_drake.display.plot_source import source
 from massprop_drake.inputs import model, params
 from massprop_drake.maths.estimation import filter as filter_module
@@ -41,7 +41,7 @@ def test_its_figure_is_drawn(short_run: Run) -> None:
     (function,) = (code for code in PYTHON if "-> Plot" in code)
     scope = dict(vars(motion_plots))
     exec(compile(function, "CONTRIBUTING.md", "exec"), scope)
-    figure = drawn(scope["attitude_error"](source(short_run)))
+    figure = draw_plot(scope["attitude_error"](source(short_run)))
     line = figure.axes[1].lines[0].get_ydata()
     np.testing.assert_allclose(line, np.degrees(short_run["attitude_error"][:, 1]), rtol=1e-12)
 

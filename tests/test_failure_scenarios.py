@@ -14,7 +14,7 @@ from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.display.run import Run
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.results.summarize import looked_back_on
+from massprop_drake.results.summarize import add_batch_analysis
 
 DEGREE = np.pi / 180.0
 ONSET_S = 50.0  # of the failures, after the sample maneuver
@@ -162,7 +162,7 @@ def test_a_leak_known_to_its_cluster_takes_out_the_jets_that_cannot_be_told_apar
 def test_what_a_detector_of_the_thesis_sees_late_is_no_fault_of_the_record(name: str) -> None:
     """It states when it has seen a failure or a jump, up to a second after it: nothing else is wrong before."""
     run = flown(name, *(["seed=1", "duration_s=60"] if name == "stuck_off_11" else []))
-    consistency = looked_back_on(run.results, run.scenario, run.signals).consistency
+    consistency = add_batch_analysis(run.results, run.scenario, run.signals).consistency
     assert (consistency.verdict, list(consistency.diagnoses)) == ("consistent", [])
 
 

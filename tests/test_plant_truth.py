@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import FirstOrderLowPassFilter, LogVectorOutput
 
 from massprop_drake import Run, Scenario, Vehicle, simulate
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.maths.attitude import conjugate, multiply, rotation_matrix, to_rotation_vector
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
@@ -69,7 +69,7 @@ def prescribed(orbiter: Vehicle, commands: Array) -> Callable[..., Run]:
 
     @cache
     def run(**plant: Any) -> Run:
-        return simulate(resolved({**data, "plant": {"depletion": False, **plant}}), look_back=False)
+        return simulate(resolve_scenario({**data, "plant": {"depletion": False, **plant}}), look_back=False)
 
     return run
 
@@ -175,7 +175,9 @@ def toy(toy_data: dict[str, Any], **plant: Any) -> Scenario:
     """
     toy_data["mass_properties"]["inertia"] = [[100.0, 0.0, 0.0], [0.0, 120.0, 0.0], [0.0, 0.0, 140.0]]
     pulse = {"jet": "J1", "start_s": 0.2, "end_s": 0.5}
-    return resolved({**PLANT_ALONE, "vehicle": toy_data, "duration_s": 0.8, "jet_schedule": [pulse], "plant": plant})
+    return resolve_scenario(
+        {**PLANT_ALONE, "vehicle": toy_data, "duration_s": 0.8, "jet_schedule": [pulse], "plant": plant}
+    )
 
 
 STEPS_DONE = np.array([0, 0, 0, 1, 2, 3, 3, 3, 3])  # whole samples of thrust before each row

@@ -14,7 +14,7 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.inputs.campaign_file import campaign_from, campaign_keys
-from massprop_drake.inputs.model import Key, keys
+from massprop_drake.inputs.model import Key, list_keys
 from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -55,8 +55,8 @@ def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("name", "found"),
     [
-        ("vehicle.md", keys(Vehicle)),
-        ("scenario.md", keys(Scenario)),
+        ("vehicle.md", list_keys(Vehicle)),
+        ("scenario.md", list_keys(Scenario)),
         ("campaign.md", campaign_keys()),
         ("records.md", map_keys()),
     ],
@@ -66,7 +66,7 @@ def test_page_has_every_key_once(name: str, found: list[Key]) -> None:
     named = [key.name for key in found if not key.name.startswith("vehicle.")]  # on a page of its own
     if name == "scenario.md":  # parts that move inside stand on the same page, with the same keys
         theirs = {key for key in found if key.name.startswith("moving[]")}
-        assert theirs <= set(keys(Vehicle))
+        assert theirs <= set(list_keys(Vehicle))
         named = sorted(set(named) - {key.name for key in theirs})
     rows, headings = shown_keys(page)
     assert sorted(set(rows)) == sorted(rows)

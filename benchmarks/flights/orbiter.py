@@ -12,7 +12,7 @@ from flights.flight import STATED_LAG, Flight, Random, failure, setting, thrusts
 from flights.records import RECORDED
 from massprop_drake import load_scenario, simulate
 from massprop_drake.maths.estimation.faults.priors import LEAST_LEAK, Priors
-from massprop_drake.maths.mass_properties import perturbed
+from massprop_drake.maths.mass_properties import perturb_body
 
 _LOOP = ("execution.engine=loop", f"plant.lag_factor={STATED_LAG}")
 _AFTER_S = 48.0  # when something happens, at the soonest
@@ -46,7 +46,7 @@ def _commanded() -> list[str]:
 
 def _drawn(random: Random, mass: float, shift: float, moments: float, turn: float) -> str:
     """Draws a true body: relative 1-sigma of mass and second moments, ft, and rad."""
-    body = perturbed(
+    body = perturb_body(
         _vehicle().nominal,
         mass_factor=float(np.exp(mass * random.standard_normal())),
         shift=shift * random.standard_normal(3),

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from flights.flight import AXES, STATED_LAG, Array, Flight, Random, failure, thrusts, truth
-from massprop_drake.maths.mass_properties import MassProperties, perturbed
+from massprop_drake.maths.mass_properties import MassProperties, perturb_body
 
 # what happens when: from, to, and the end of the flight, s
 _SPANS: Mapping[str, tuple[float, float, float]] = {
@@ -48,7 +48,7 @@ def draw_vehicle(random: Random) -> Drawn:
     second = mass * half**2 / 3.0 * np.exp(random.uniform(-0.3, 0.3, 3))
     center = 0.1 * half * random.standard_normal(3)
     body = MassProperties(mass, center, np.diag(second.sum() - second))
-    nominal = perturbed(
+    nominal = perturb_body(
         body,
         mass_factor=1.0,
         shift=np.zeros(3),
@@ -200,7 +200,7 @@ def vehicle(random: Random, number: int, *, happens: str, span: str = "late", wi
         within: whether jets open and close within samples, by pulses and without an autopilot.
     """
     ship = draw_vehicle(np.random.default_rng([number]))
-    true = perturbed(
+    true = perturb_body(
         ship.nominal,
         mass_factor=float(np.exp(0.3 * random.standard_normal())),
         shift=0.1 * _arm(ship) * random.standard_normal(3),

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from massprop_drake import InputError, design, load_scenario, load_vehicle, simulate
-from massprop_drake.display.figures import drawn
+from massprop_drake.display.figures import draw_plot
 from massprop_drake.studies.design.pictures import firings
 from massprop_drake.studies.design.saving import save, verdict
 
@@ -45,4 +45,4 @@ wanted = {"mass": "1%", "inertia": "1%"}
 orbiter = design(load_vehicle("orbiter"), wanted, limits={"rate": "1 deg/s"})
 print(f"{orbiter.propellant:.2f} slug in {orbiter.duration_s:.1f} s")
 
-drawn(firings(found, servicer)).savefig(out / "design.png")
+draw_plot(firings(found, servicer)).savefig(out / "design.png")

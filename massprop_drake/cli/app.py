@@ -72,9 +72,9 @@ def list_everything(as_json: Json = False) -> None:
         "campaigns": {name: campaign_description(name) for name in bundled_campaigns()},
     }
     if as_json:
-        show.as_json(found)
+        show.print_json(found)
     else:
-        show.listing(found)
+        show.print_listing(found)
 
 
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
@@ -100,20 +100,20 @@ def run(
     """Simulates a scenario and estimates the vehicle's mass properties in it."""
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
-    from massprop_drake.inputs.yaml import files_read
-    from massprop_drake.results.folder import reserved
+    from massprop_drake.inputs.yaml import collect_files_read
+    from massprop_drake.results.folder import reserve_place
 
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     chosen += ["execution={engine: loop, compiled: true}"] if compiled else []
-    with files_read() as files:
-        case = sources.recovered(scenario, chosen)
+    with collect_files_read() as files:
+        case = sources.load_recovered_scenario(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
-    reads = sources.reads([scenario], files)
-    place = context.with_resource(reserved(out or Path("runs") / case.name, force=force, reads=reads))
+    reads = sources.command_inputs([scenario], files)
+    place = context.with_resource(reserve_place(out or Path("runs") / case.name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
-    save = sources.saving(place, pictures=figures, report=report, replay=view)
+    save = sources.make_run_saver(place, pictures=figures, report=report, replay=view)
 
     from massprop_drake.runners.guaranteed import with_intervals
     from massprop_drake.runners.simulate import simulate
@@ -125,17 +125,17 @@ def run(
         watch = Live(case, speed)
         note(f"the run is shown at {watch.address}")
     with (
-        sources.compiling(case, quiet=quiet),
+        sources.report_compilation(case, quiet=quiet),
         Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress,
     ):
         result = simulate(case, progress=progress, watch=watch, folder=place.path.parent, keep=save)
         if intervals:
-            result = sources.extended(with_intervals, result, save)
+            result = sources.extend_or_save(with_intervals, result, save)
     folder = save(result)
     if as_json:
-        show.as_json(result.summary)
+        show.print_json(result.summary)
     elif not quiet:
-        show.simulated(result.results, case.vehicle_data, folder)
+        show.print_simulation(result.results, case.vehicle_data, folder)
 
 
 @app.command(epilog="Example: `massprop foretell small_satellite_maneuver --leak 0.02`")
@@ -155,12 +155,12 @@ def foretell(
     from massprop_drake.cli import show, sources
     from massprop_drake.runners import foretelling
 
-    case = sources.recovered(scenario, overrides or [])
+    case = sources.load_recovered_scenario(scenario, overrides or [])
     found = foretelling.foretell(case, nominal=nominal, share=leak, since_s=since)
     if as_json:
-        show.as_json(foretelling.as_data(found))
+        show.print_json(foretelling.as_data(found))
     else:
-        show.foretold(found, case.vehicle_data)
+        show.print_forecast(found, case.vehicle_data)
 
 
 @app.command(epilog="Example: `massprop design servicer --target mass=1% --target inertia=0.5% --limit rate=1deg/s`")
@@ -170,7 +170,7 @@ def design(
         str,
         typer.Argument(
             help="A bundled vehicle or a YAML file of one; or a scenario, for its settings and its plant.",
-            autocompletion=completion.named("vehicle"),
+            autocompletion=completion.make_completer("vehicle"),
         ),
     ],
     target: Annotated[
@@ -210,21 +210,21 @@ def design(
 ) -> None:
     """Designs the firings that make mass properties known, or tell which jet fails, with least propellant."""
     from massprop_drake.cli import show, sources
-    from massprop_drake.inputs.yaml import files_read
-    from massprop_drake.results.folder import reserved
+    from massprop_drake.inputs.yaml import collect_files_read
+    from massprop_drake.results.folder import reserve_place
     from massprop_drake.studies.design import designing, saving
 
-    with files_read() as files:
-        case = sources.vehicle_or_scenario(vehicle, overrides or [])
+    with collect_files_read() as files:
+        case = sources.load_vehicle_or_scenario(vehicle, overrides or [])
     name = getattr(case, "vehicle_data", case).name
-    reads = sources.reads([vehicle, known], files)
-    place = context.with_resource(reserved(out or Path("runs") / f"{name}_design", force=replace, reads=reads))
+    reads = sources.command_inputs([vehicle, known], files)
+    place = context.with_resource(reserve_place(out or Path("runs") / f"{name}_design", force=replace, reads=reads))
     made = designing.design(
         case,
-        sources.assigned(target or [], "--target"),
+        sources.parse_assignments(target or [], "--target"),
         suspects=suspect or [],
         force=fault,
-        limits=sources.assigned(limit or [], "--limit"),
+        limits=sources.parse_assignments(limit or [], "--limit"),
         without=without or [],
         spare=spare,
         margin=margin,
@@ -234,9 +234,9 @@ def design(
     )
     saving.save(made, place, draw=figures, report=report)
     if as_json:
-        show.as_json(saving.as_data(made))
+        show.print_json(saving.as_data(made))
     elif not quiet:
-        show.designed(saving.verdict(made), saving.firings(made), place.shown)
+        show.print_design(saving.verdict(made), saving.firings(made), place.shown)
 
 
 class StartChoice(StrEnum):
@@ -263,14 +263,15 @@ def estimate(
     vehicle: Annotated[
         str | None,
         typer.Option(
-            help="A bundled vehicle or a YAML file; settings by default.", autocompletion=completion.named("vehicle")
+            help="A bundled vehicle or a YAML file; settings by default.",
+            autocompletion=completion.make_completer("vehicle"),
         ),
     ] = None,
     like: Annotated[
         str | None,
         typer.Option(
             help="A run's folder or a scenario, for the vehicle and every setting.",
-            autocompletion=completion.named("scenario"),
+            autocompletion=completion.make_completer("scenario"),
         ),
     ] = None,
     start: Annotated[
@@ -298,9 +299,9 @@ def estimate(
     """Estimates mass properties and finds failed jets from recorded telemetry."""
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
-    from massprop_drake.inputs.yaml import files_read
+    from massprop_drake.inputs.yaml import collect_files_read
     from massprop_drake.records.rows import scenario_name
-    from massprop_drake.results.folder import reserved
+    from massprop_drake.results.folder import reserve_place
     from massprop_drake.results.run_content import read_summary
     from massprop_drake.runners.simulated_beside import beside, require_comparable
 
@@ -311,22 +312,22 @@ def estimate(
     if against is not None:
         read_summary(against)
         like = like or (None if vehicle or resume_from else str(against))
-    with files_read() as files:
-        case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
+    with collect_files_read() as files:
+        case = sources.scenario_for_record(name, vehicle, like, resume_from, chosen)
     if against is not None:
         require_comparable(case, against)  # before the work
-    reads = sources.reads([*records, record_map, vehicle, like, resume_from, against], files)
-    place = context.with_resource(reserved(out or Path("runs") / name, force=force, reads=reads))
+    reads = sources.command_inputs([*records, record_map, vehicle, like, resume_from, against], files)
+    place = context.with_resource(reserve_place(out or Path("runs") / name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
-    save = sources.saving(place, pictures=figures, report=report, replay=view)
+    save = sources.make_run_saver(place, pictures=figures, report=report, replay=view)
 
     from massprop_drake.runners.guaranteed import with_intervals
     from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)
     with (
-        sources.compiling(case, quiet=quiet),
+        sources.report_compilation(case, quiet=quiet),
         Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress,
     ):
         result = estimate_record(
@@ -334,22 +335,22 @@ def estimate(
             case,
             resume_from=resume_from,
             progress=progress,
-            declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
-            said=(lambda event: show.told(event, case.vehicle_data)) if live else None,
+            declared=(lambda entry: show.print_detection(entry, case.vehicle_data)) if live else None,
+            said=(lambda event: show.print_event(event, case.vehicle_data)) if live else None,
             folder=place.path.parent,
             record_map=record_map,
             keep=save,
         )
         if against is not None:
             more = partial(beside, folder=against, spool_folder=place.path.parent)
-            result = sources.extended(more, result, save)
+            result = sources.extend_or_save(more, result, save)
         if intervals:
-            result = sources.extended(with_intervals, result, save)
+            result = sources.extend_or_save(with_intervals, result, save)
         folder = save(result)
     if as_json:
-        show.as_json(result.summary)
+        show.print_json(result.summary)
     elif not quiet:
-        show.estimated(result.results, case.vehicle_data, folder)
+        show.print_estimation(result.results, case.vehicle_data, folder)
 
 
 @app.command("map", epilog="Example: `massprop map flight.csv --vehicle my_vehicle.yaml --out flight_map.yaml`")
@@ -377,7 +378,7 @@ def map_record(
 
     how = records.How(force=force, as_json=as_json, quiet=quiet)
     if make_vehicle is not None:
-        records.make_vehicle(record, make_vehicle, mass, records.moments(inertia), how)
+        records.make_vehicle(record, make_vehicle, mass, records.parse_moments(inertia), how)
         return
     if vehicle is None:
         raise InputError("whose record is it? Give --vehicle, or --make-vehicle for a PX4 log")
@@ -387,12 +388,15 @@ def map_record(
         records.propose_map(record, load_vehicle(vehicle), out, how._replace(reads=(vehicle,)))
 
 
-_Folder = Annotated[Path, typer.Argument(help="A run's folder.", autocompletion=completion.runs)]
+_Folder = Annotated[Path, typer.Argument(help="A run's folder.", autocompletion=completion.complete_run_folders)]
 
 
 @app.command("compare", epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")
 def compare_runs(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one vehicle.", autocompletion=completion.runs)],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of runs of one vehicle.", autocompletion=completion.complete_run_folders),
+    ],
     out: Annotated[Path | None, typer.Option(help="Page to write; default runs/comparison.html.")] = None,
     force: Force = False,
     as_json: Json = False,
@@ -403,7 +407,7 @@ def compare_runs(
 
     found, vehicle, target = pages.compare(runs, out, force=force)
     if as_json:
-        show.as_json({name: show.as_compared(results) for name, results in found})
+        show.print_json({name: show.comparison_data(results) for name, results in found})
     elif not quiet:
         pages.print_comparison(found, vehicle, target)
 
@@ -420,7 +424,7 @@ def view_run(
     """Writes a run in three dimensions as one HTML file that plays without a network."""
     from massprop_drake.cli import pages
 
-    _tell(pages.write(pages.REPLAY, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
+    _report_written_file(pages.write(pages.REPLAY, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
 
 
 @app.command("report", epilog="Example: `massprop report runs/stuck_on_29`")
@@ -435,7 +439,7 @@ def report_run(
     """Writes the report of a run again, from what is in its folder."""
     from massprop_drake.cli import pages
 
-    _tell(pages.write(pages.REPORT, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
+    _report_written_file(pages.write(pages.REPORT, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
 
 
 @app.command("export", epilog="Example: `massprop export runs/leak_named --to mcap --out leak.mcap`")
@@ -447,7 +451,7 @@ def export_run(
         typer.Option(
             metavar="mcap|rerun",
             help="mcap: for Foxglove and PlotJuggler; rerun: for Rerun. Each needs the extra of its name.",
-            autocompletion=completion.formats,
+            autocompletion=completion.complete_formats,
         ),
     ],
     out: Annotated[
@@ -479,23 +483,23 @@ def export_run(
             raise InputError("--live: writes no file; give --out without it")
         address = exports.play(folder, asked, port, speed, quiet=quiet)
         if as_json:
-            show.as_json(address)
+            show.print_json(address)
         return
     written = exports.write(folder, out, asked, context.obj.watch)
     if as_json:
-        show.as_json(written._asdict())
+        show.print_json(written._asdict())
     elif not quiet:
         say(f"{written.file}: {written.bytes / 1e6:.3g} MB, {len(written.signals)} signals, {written.rows} samples")
         for line in written.notes:
             say(f"  {line}")
 
 
-def _tell(target: Path, as_json: bool, quiet: bool) -> None:
+def _report_written_file(target: Path, as_json: bool, quiet: bool) -> None:
     """Reports which file was written."""
     from massprop_drake.cli import show
 
     if as_json:
-        show.as_json(str(target))
+        show.print_json(str(target))
     elif not quiet:
         say(target)
 
@@ -516,7 +520,7 @@ def graph(
         typer.Argument(
             help="Names as `massprop list` shows; default all. Of your own MODULE:FUNCTION or FILE.py:FUNCTION, which "
             "takes nothing and returns a Diagram, a DiagramBuilder or a System.",
-            autocompletion=completion.diagrams,
+            autocompletion=completion.complete_diagrams,
         ),
     ] = None,
     like: Annotated[
@@ -524,7 +528,7 @@ def graph(
         typer.Option(
             metavar="SCENARIO",
             help="Draw them as they are for this scenario, a name, file or run's folder.",
-            autocompletion=completion.named("scenario"),
+            autocompletion=completion.make_completer("scenario"),
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("runs/graphs"),
@@ -535,9 +539,9 @@ def graph(
     """Exports graphs of diagrams as DOT and SVG, ours and your own."""
     from massprop_drake.cli import graphing, show
 
-    written, drawn = graphing.write(graphing.diagrams(diagrams, like), out, force=force)
+    written, drawn = graphing.write(graphing.find_diagram_builders(diagrams, like), out, force=force)
     if as_json:
-        show.as_json([str(path) for path in written])
+        show.print_json([str(path) for path in written])
     elif not quiet:
         for path in written:
             say(path)
@@ -552,7 +556,9 @@ def check(
     ] = None,
     vehicle: Annotated[
         str | None,
-        typer.Option(help="The vehicle whose telemetry it should be.", autocompletion=completion.named("vehicle")),
+        typer.Option(
+            help="The vehicle whose telemetry it should be.", autocompletion=completion.make_completer("vehicle")
+        ),
     ] = None,
     schema: Annotated[Schema | None, typer.Option(help="Show every key of a kind of file instead.")] = None,
     pairs: Annotated[int, typer.Option(min=0, help="Of a vehicle: so many pairs of jets that look alike.")] = 5,
@@ -569,16 +575,16 @@ def check(
     if schema is not None:
         shown = checks.keys_of(schema)
         if as_json:
-            show.as_json([key._asdict() for key in shown])
+            show.print_json([key._asdict() for key in shown])
         else:
-            show.schema(shown)
+            show.print_schema(shown)
         return
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle, scenario, campaign or map")
     whose = None if vehicle is None else load_vehicle(vehicle)
     said = checks.check(files, whose, pairs, report=not quiet)
     if as_json:
-        show.as_json(said.findings)
+        show.print_json(said.findings)
     else:
         for line in said.problems if quiet else said.lines:
             (note if quiet else say)(line)

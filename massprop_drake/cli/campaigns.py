@@ -33,7 +33,8 @@ _COMPARISON = "campaigns"  # kind of page
 Source = Annotated[
     str,
     typer.Argument(
-        help="A bundled campaign, a YAML file, or a campaign's folder.", autocompletion=completion.named("campaign")
+        help="A bundled campaign, a YAML file, or a campaign's folder.",
+        autocompletion=completion.make_completer("campaign"),
     ),
 ]
 Folder = Annotated[Path, typer.Argument(help="A campaign's folder.")]
@@ -52,13 +53,13 @@ def plan(
     """Draws every case of a campaign and writes them down, without flying any."""
     from massprop_drake.cli import show
 
-    chosen = _loaded(campaign, overrides)
-    target = _target(chosen, out)
+    chosen = _load_campaign(campaign, overrides)
+    target = _output_folder(chosen, out)
     planned = chosen.plan(target, force=force)
-    _advise(chosen, quiet=quiet)
+    _print_advice(chosen, quiet=quiet)
     cases = planned.planned()
     if as_json:
-        show.as_json([case._asdict() for case in cases])
+        show.print_json([case._asdict() for case in cases])
     elif not quiet:
         cells = len({case.cell for case in cases})
         drawn = ", ".join(quantity.label for quantity in chosen.spec.quantities) or "nothing"
@@ -89,12 +90,12 @@ def run(
     """Flies the cases of a campaign that have not been flown yet."""
     from massprop_drake.cli.progress import Progress
     from massprop_drake.results.folder import require_files
-    from massprop_drake.studies.processes import apart
+    from massprop_drake.studies.processes import call_in_process
 
     if workers is not None and scheduler is not None:
         raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
-    chosen = _loaded(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
-    target = _target(chosen, out)
+    chosen = _load_campaign(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
+    target = _output_folder(chosen, out)
     if report and not only and not force and target.is_dir():
         require_files(target, [_PAGE, _SUMMARY])
     context.obj.watch(
@@ -102,11 +103,11 @@ def run(
         f"the report is saved in {target}/",
         f"cases flown so far are kept in {target}/; the same command with --resume goes on from there",
     )
-    _advise(chosen, quiet=quiet)
+    _print_advice(chosen, quiet=quiet)
     if chosen.spec.base.execution.compiled and not quiet and scheduler is None:
-        from massprop_drake.maths.kernels import has_compiler, have_been_compiled
+        from massprop_drake.maths.kernels import has_cached_kernels, has_compiler
 
-        if has_compiler() and not have_been_compiled():
+        if has_compiler() and not has_cached_kernels():
             note("kernels are compiled by each worker for its first case, which takes a minute or two, once")
     shown = not (as_json or quiet)
     with Progress(f"flying {chosen.spec.file.name}", 1.0, shown=shown) as progress:
@@ -121,12 +122,14 @@ def run(
             dashboard=(lambda address: note(f"Dask's dashboard is at {address}")) if shown else None,
         )
     if only:
-        _say_kept(flown, only, as_json=as_json, quiet=quiet)
+        _print_kept_cases(flown, only, as_json=as_json, quiet=quiet)
     else:
-        from massprop_drake.studies.campaign.conclusion import concluded
+        from massprop_drake.studies.campaign.conclusion import make_conclusion
 
-        said = apart(concluded, target, with_page=report)  # thousands of rows leave this process's memory as it is
-        _conclude(said, target, force=force, as_json=as_json, quiet=quiet)
+        said = call_in_process(
+            make_conclusion, target, with_page=report
+        )  # thousands of rows leave this process's memory as it is
+        _report_conclusion(said, target, force=force, as_json=as_json, quiet=quiet)
 
 
 @app.command(epilog="Example: `massprop campaign status runs/healthy`")
@@ -139,9 +142,13 @@ def status(folder: Folder, as_json: Json = False) -> None:
     found = Campaign.load(folder).status()
     if as_json:
         cells = [{"settings": dict(settings), **one._asdict()} for _, settings, one in found.cells]
-        show.as_json({**found.counts._asdict(), "cells": cells})
+        show.print_json({**found.counts._asdict(), "cells": cells})
     else:
-        for sentence in (counts.progress(found.counts), counts.not_run(found.counts), *counts.endings(found)):
+        for sentence in (
+            counts.progress(found.counts),
+            counts.failed_to_run_text(found.counts),
+            *counts.outcome_sentences(found),
+        ):
             if sentence:
                 say(sentence)
 
@@ -149,9 +156,9 @@ def status(folder: Folder, as_json: Json = False) -> None:
 @app.command(epilog="Example: `massprop campaign report runs/healthy`")
 def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Quiet = False) -> None:
     """Writes the report of a campaign again from the cases flown so far, and judges its gates."""
-    from massprop_drake.studies.campaign.conclusion import concluded
+    from massprop_drake.studies.campaign.conclusion import make_conclusion
 
-    _conclude(concluded(folder, with_page=True), folder, force=force, as_json=as_json, quiet=quiet)
+    _report_conclusion(make_conclusion(folder, with_page=True), folder, force=force, as_json=as_json, quiet=quiet)
 
 
 @app.command(epilog="Example: `massprop campaign compare runs/cglr runs/cusum --out cglr_cusum.html`")
@@ -172,35 +179,35 @@ def compare(
     require_file(out, _COMPARISON, force=force, reads=folders)
     write_page(out, comparison.page(folders), _COMPARISON, force=force, reads=folders)
     if as_json:
-        show.as_json(comparison.summary(folders))
+        show.print_json(comparison.summary(folders))
     elif not quiet:
-        show.compared(comparison.summary(folders))
+        show.print_differences(comparison.summary(folders))
         say(f"comparison: {out}")
 
 
-def _loaded(campaign: str, overrides: list[str] | None) -> Campaign:
+def _load_campaign(campaign: str, overrides: list[str] | None) -> Campaign:
     from massprop_drake.studies.campaign.campaign import Campaign
 
     return Campaign.load(campaign, overrides or ())
 
 
-def _target(chosen: Campaign, out: Path | None) -> Path:
+def _output_folder(chosen: Campaign, out: Path | None) -> Path:
     return out or chosen.folder or Path("runs") / chosen.spec.file.name
 
 
-def _advise(chosen: Campaign, *, quiet: bool) -> None:
+def _print_advice(chosen: Campaign, *, quiet: bool) -> None:
     for advice in () if quiet else chosen.advice():
         note(f"warning: {advice}")
 
 
-def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
+def _print_kept_cases(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
     """Prints the folders of cases flown by `--only`; exits with a status if any failed to run."""
     from massprop_drake.cli import show
 
     kept = {number: flown.case_folder(number) for number in only}
     failed = [number for number, path in kept.items() if not path.is_dir()]
     if as_json:
-        show.as_json({str(number): None if number in failed else str(path) for number, path in kept.items()})
+        show.print_json({str(number): None if number in failed else str(path) for number, path in kept.items()})
     for number, path in kept.items():
         if number in failed:
             note(f"case {number} failed to run: {flown.reason(number)}")
@@ -210,7 +217,7 @@ def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -
         raise typer.Exit(NOT_ALL_RAN)
 
 
-def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
+def _report_conclusion(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     """Writes the report, prints its verdict, and exits with a status if a case failed to run or a gate fails."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import write_files
@@ -220,9 +227,9 @@ def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quie
         files = {_SUMMARY: show.json_text(found).encode(), _PAGE: said.page.encode()}
         write_files(folder, files, force=force)
     if as_json:
-        show.as_json(found)
+        show.print_json(found)
     elif not quiet:
-        show.verdict(said.verdict)
+        show.print_verdict(said.verdict)
         if said.page is not None:
             say(f"report: {folder / _PAGE}")
     if found["failed_to_run"]:

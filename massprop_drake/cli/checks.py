@@ -17,10 +17,10 @@ from massprop_drake.inputs.campaign_file import (
     campaign_keys,
     load_campaign,
 )
-from massprop_drake.inputs.kinds import kind_of
-from massprop_drake.inputs.model import Key, keys, validated
+from massprop_drake.inputs.kinds import file_kind
+from massprop_drake.inputs.model import Key, list_keys, validate_data
 from massprop_drake.inputs.record_map import RecordMap, map_keys
-from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, read_text
 from massprop_drake.records.recording import require_table
@@ -31,8 +31,8 @@ _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
 
 KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
-    Schema.vehicle: partial(keys, Vehicle),
-    Schema.scenario: partial(keys, Scenario),
+    Schema.vehicle: partial(list_keys, Vehicle),
+    Schema.scenario: partial(list_keys, Scenario),
     Schema.campaign: campaign_keys,
     Schema.map: map_keys,
 }
@@ -69,13 +69,13 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
     said = Checked([], [], [])
     for name in names:
         try:
-            good = checked(name, whose)
+            good = read_checked_file(name, whose)
         except InputError as error:
             said.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
             said.problems.extend(error.problems)
             said.lines.extend(error.problems)
             continue
-        about = good.words if isinstance(good, Described) else show.about(good)
+        about = good.words if isinstance(good, Described) else show.describe_input(good)
         doubts = list(map(str, good.doubts))
         said.findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
         said.lines.extend([f"{name}: ok: {about}", *(f"{name}: warning: {doubt}" for doubt in doubts)])
@@ -99,31 +99,31 @@ class Described(NamedTuple):
     doubts: Sequence[str] = ()
 
 
-def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
+def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
     """Reads and validates a file; returns its content, telemetry and maps in words; raises InputError for a bad one."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
-        return Described(show.about_telemetry(found, whose), found["notes"])
+        return Described(show.describe_telemetry(found, whose), found["notes"])
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
-        return _with_model(load_scenario(name), name)
+        return _require_flyable(load_scenario(name), name)
     if name in bundled_campaigns():
         return load_campaign(name)
     require_table(name)
     document = Document(read_text(Path(name)), name)
-    kind = kind_of(document.data)
+    kind = file_kind(document.data)
     if kind == "vehicle":
-        return validated(Vehicle, document.data, document)
+        return validate_data(Vehicle, document.data, document)
     if "commands" in document.data and "sensors" in document.data:
-        return Described(show.about_map(validated(RecordMap, document.data, document)))
+        return Described(show.describe_map(validate_data(RecordMap, document.data, document)))
     if kind == "campaign":
         return campaign_from(document, Path(name).parent)
-    return _with_model(resolved(document.data, document, Path(name).parent), name)
+    return _require_flyable(resolve_scenario(document.data, document, Path(name).parent), name)
 
 
-def _with_model(scenario: Scenario, name: str) -> Scenario:
+def _require_flyable(scenario: Scenario, name: str) -> Scenario:
     """Checks that Drake can fly a scenario's multibody model, if it has one, and returns the scenario."""
     if scenario.plant.kind == "multibody":
         from massprop_drake.diagrams.multibody_body import require_model  # noqa: PLC0415 (loads Drake's multibody library)

@@ -7,34 +7,34 @@ from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
-from massprop_drake.inputs.kinds import Kind, bundled
+from massprop_drake.inputs.kinds import Kind, bundled_files
 
 _FILES = {"scenario": (".yaml", ".yml"), "vehicle": (".yaml", ".yml"), "campaign": (".yaml", ".yml")}
 
 
-def named(kind: Kind) -> Callable[[str], list[str]]:
+def make_completer(kind: Kind) -> Callable[[str], list[str]]:
     """Makes a function that offers bundled names of a kind, files and folders that begin as written."""
 
     def offered(incomplete: str) -> list[str]:
-        return [name for name in bundled(kind) if name.startswith(incomplete)] + _paths(incomplete, _FILES[kind])
+        return [name for name in bundled_files(kind) if name.startswith(incomplete)] + _paths(incomplete, _FILES[kind])
 
     return offered
 
 
-def diagrams(incomplete: str) -> list[str]:
+def complete_diagrams(incomplete: str) -> list[str]:
     """Offers the names of diagrams; they are the modules in their folder, and importing one would load Drake."""
     package = find_spec("massprop_drake.diagrams")
     names = [] if package is None else [found.name for found in iter_modules(package.submodule_search_locations)]
     return [name for name in names if name.startswith(incomplete) and not name.startswith("_")]
 
 
-def formats(incomplete: str) -> list[str]:
+def complete_formats(incomplete: str) -> list[str]:
     """Offers the formats to export to."""
     return [name for name in ("mcap", "rerun") if name.startswith(incomplete)]
 
 
-def runs(incomplete: str) -> list[str]:
-    """Offers folders of runs, here and in `runs`, and folders on the way to others."""
+def complete_run_folders(incomplete: str) -> list[str]:
+    """Offers folders of runs, here and in `complete_run_folders`, and folders on the way to others."""
     beside = Path(incomplete or ".") if incomplete.endswith("/") or not incomplete else Path(incomplete).parent
     places = {beside, Path(), Path("runs")}
     found = {str(path.parent) for place in places for path in place.glob("*/summary.json")}

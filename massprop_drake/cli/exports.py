@@ -61,7 +61,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
     Raises:
         InputError: when there is no such run or format, or the file cannot be written.
     """
-    chosen, epoch_s = export.chosen(asked.to), seconds(asked.epoch)
+    chosen, epoch_s = export.find_format(asked.to), parse_epoch(asked.epoch)
     read_summary(folder)
     name = f"run.{chosen.ending}"
     target = out or folder / name
@@ -93,8 +93,8 @@ def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, 
     Raises:
         InputError: when there is no such run or format, or no viewer.
     """
-    export.chosen(asked.to)
-    epoch_s = seconds(asked.epoch)
+    export.find_format(asked.to)
+    epoch_s = parse_epoch(asked.epoch)
     read_summary(folder)
     replay = export.Replay(Run.load(folder), asked.to, port=port, speed=speed, epoch_s=epoch_s)
     if not quiet:
@@ -107,7 +107,7 @@ def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, 
     return replay.address
 
 
-def seconds(epoch: str | None) -> float | None:
+def parse_epoch(epoch: str | None) -> float | None:
     """Parses a time since 1970 from an option: seconds, or a date with or without a time of day, in UTC by default."""
     if epoch is None:
         return None

@@ -22,7 +22,7 @@ from massprop_drake.errors import InputError, logged_by_drake, suggestion
 _OURS = str(Path(massprop_drake.__file__).parent)
 
 
-def is_named(word: str) -> bool:
+def is_function_name(word: str) -> bool:
     """Tests whether a word names a function, `module:function`."""
     return ":" in word
 
@@ -34,7 +34,7 @@ def file_stem(target: str) -> str:
 
 
 @contextlib.contextmanager
-def guarded(target: str) -> Iterator[None]:
+def guard_user_code(target: str) -> Iterator[None]:
     """Converts any error of the user's code into one message; what it prints goes to the error stream.
 
     Args:
@@ -54,7 +54,7 @@ def guarded(target: str) -> Iterator[None]:
         except BaseException as error:  # Drake ends the process where a demand is not met, and logs why
             said = error.msg if isinstance(error, SyntaxError) else str(error)
             words = " ".join("; ".join([*logged, said]).split()) or "no message"
-            raise InputError(f"{target}: {type(error).__name__}: {words}{_place(error)}") from None
+            raise InputError(f"{target}: {type(error).__name__}: {words}{_error_location(error)}") from None
     for line in logged:
         note(line)
 
@@ -71,15 +71,15 @@ def call(target: str) -> Any:
     where, _, name = target.rpartition(":")
     if not where.strip(".") or not name:
         raise InputError(f"{target}: give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build")
-    function = _function(_module(where, target), name, target)
-    with guarded(target):
+    function = _find_function(_import_module(where, target), name, target)
+    with guard_user_code(target):
         return function()
 
 
-def _module(where: str, target: str) -> ModuleType:
+def _import_module(where: str, target: str) -> ModuleType:
     """Imports the module of a name or a file."""
     if not (where.endswith(".py") or os.sep in where):
-        with _found_from(Path.cwd()), guarded(target):
+        with _search_folder_first(Path.cwd()), guard_user_code(target):
             try:
                 return importlib.import_module(where)
             except ModuleNotFoundError as error:
@@ -95,13 +95,13 @@ def _module(where: str, target: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise InputError(f"{target}: {where} is no Python file")
     module = importlib.util.module_from_spec(spec)
-    with _found_from(path.resolve().parent), guarded(target):
+    with _search_folder_first(path.resolve().parent), guard_user_code(target):
         spec.loader.exec_module(module)
     return module
 
 
 @contextlib.contextmanager
-def _found_from(folder: Path) -> Iterator[None]:
+def _search_folder_first(folder: Path) -> Iterator[None]:
     """Makes Python search a folder for modules first."""
     sys.path.insert(0, str(folder))
     try:
@@ -111,7 +111,7 @@ def _found_from(folder: Path) -> Iterator[None]:
             sys.path.remove(str(folder))
 
 
-def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
+def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
     """Returns a function of a module that can be called without arguments."""
     function = getattr(module, name, None)
     if not callable(function):
@@ -131,20 +131,20 @@ def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
     return made
 
 
-def _place(error: BaseException) -> str:
+def _error_location(error: BaseException) -> str:
     """Formats file and line of the user's code at which an error arose, in parentheses; empty if there are none."""
     if isinstance(error, SyntaxError) and error.filename:
-        return f" ({_shown(error.filename)}, line {error.lineno})"
+        return f" ({_shortened_path(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not _is_installed(frame.filename)]
-    return f" ({_shown(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+    return f" ({_shortened_path(own[-1].filename)}, line {own[-1].lineno})" if own else ""
 
 
 def _is_installed(filename: str) -> bool:
     return filename.startswith(("<", _OURS, sys.prefix, sys.base_prefix)) or "site-packages" in Path(filename).parts
 
 
-def _shown(filename: str) -> str:
+def _shortened_path(filename: str) -> str:
     """Shortens a path that lies below the current folder to one relative to it."""
     path, here = Path(filename), Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)

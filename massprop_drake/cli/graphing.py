@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from massprop_drake.cli import functions
-from massprop_drake.cli.sources import recovered
+from massprop_drake.cli.sources import load_recovered_scenario
 from massprop_drake.display import graphs
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.results.folder import require_files, require_no_run, write_files
 
 
-def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
+def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
     """Finds diagrams to draw: functions that build them, by the names of their files.
 
     Args:
@@ -24,10 +24,10 @@ def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callabl
     Raises:
         InputError: when one is not there, or two would have one name.
     """
-    case = None if like is None else recovered(like, [])
+    case = None if like is None else load_recovered_scenario(like, [])
     found: dict[str, Callable[[], Any]] = {}
     for name in dict.fromkeys(names or graphs.names_for(case)):
-        own = functions.is_named(name)
+        own = functions.is_function_name(name)
         if not own and name not in graphs.DIAGRAMS:
             if name.endswith(".py"):
                 raise InputError(f"'{name}' is a file; say which of its functions builds the diagram: {name}:build")
@@ -37,14 +37,14 @@ def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callabl
         stem = functions.file_stem(name) if own else name
         if stem in found:
             raise InputError(f"{name}: its files would be called {stem}, as those of another; draw it apart")
-        found[stem] = partial(_built_by, name) if own else partial(graphs.build, name, case)
+        found[stem] = partial(_build_user_diagram, name) if own else partial(graphs.build, name, case)
     return found
 
 
-def _built_by(target: str) -> Any:
+def _build_user_diagram(target: str) -> Any:
     """Returns the diagram that a function of the user's own makes."""
     made = functions.call(target)
-    with functions.guarded(target):
+    with functions.guard_user_code(target):
         return graphs.as_diagram(made, target)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
 
-from massprop_drake.cli.streams import Stream, guarded, note
+from massprop_drake.cli.streams import Stream, guard_streams, note
 from massprop_drake.errors import InputError, in_words, require_text
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.studies import threads
@@ -47,18 +47,18 @@ class SavedWork:
             written: what to say once it is another file than now.
             otherwise: what to say until then.
         """
-        self._file, self._before, self._written, self._otherwise = file, _identity(file), written, otherwise
+        self._file, self._before, self._written, self._otherwise = file, _file_identity(file), written, otherwise
 
     @property
     def saved(self) -> bool:
         """True if the file has been written since."""
-        return self._file is not None and _identity(self._file) != self._before
+        return self._file is not None and _file_identity(self._file) != self._before
 
     def __str__(self) -> str:
         return self._written if self.saved else self._otherwise
 
 
-def _identity(file: Path) -> tuple[int, ...] | None:
+def _file_identity(file: Path) -> tuple[int, ...] | None:
     try:
         found = os.stat(file)
     except OSError:
@@ -66,40 +66,40 @@ def _identity(file: Path) -> tuple[int, ...] | None:
     return found.st_dev, found.st_ino, found.st_mtime_ns
 
 
-def _massprop() -> Any:
+def _load_massprop() -> Any:
     """Loads the commands of `massprop`."""
     from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
 
     return app
 
 
-def main(load: Callable[[], Any] = _massprop, name: str = "massprop") -> None:
+def main(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> None:
     """Runs a command line and ends the process.
 
     Args:
         load: loads the commands, a `typer.Typer`.
         name: of the program, shown in its help.
     """
-    os.environ.update(threads.unless_chosen(os.environ))  # before numpy is loaded
+    os.environ.update(threads.default_blas_threads(os.environ))  # before numpy is loaded
     status = run(load, name)
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the command has ended: its status stands
     sys.exit(status)
 
 
-def run(load: Callable[[], Any] = _massprop, name: str = "massprop") -> int:
+def run(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int:
     """Runs the command line that `sys.argv` holds and returns its exit status; any error is one message."""
     kept = SavedWork()
-    with guarded() as output, _interruptible() as received, _warnings_in_a_line():
+    with guard_streams() as output, _raise_on_signals() as received, _print_short_warnings():
         try:
             try:
-                status = _command(kept, load, name)
+                status = _run_command(kept, load, name)
                 output.flush()
             except Exception as error:  # the last line of defense: say it
                 if received:  # which the code that it met turned into an error of its own
                     raise Interrupted from error
-                status = _failed(error, kept)
-            status = _printed(output, kept, status)
+                status = _report_error(error, kept)
+            status = _report_unprinted(output, kept, status)
         except Interrupted:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             word = "interrupted" if received[0] == signal.SIGINT else f"ended by {signal.Signals(received[0]).name}"
@@ -108,7 +108,7 @@ def run(load: Callable[[], Any] = _massprop, name: str = "massprop") -> int:
     return status
 
 
-def _command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
+def _run_command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
@@ -116,7 +116,7 @@ def _command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
     return load()(prog_name=name, standalone_mode=False, obj=kept) or 0
 
 
-def _failed(error: Any, kept: SavedWork) -> int:
+def _report_error(error: Any, kept: SavedWork) -> int:
     """Reports an error, and what is saved nevertheless; returns the exit status."""
     saved = f"; {kept}" if kept.saved else ""
     if isinstance(error, InputError):
@@ -134,7 +134,7 @@ def _failed(error: Any, kept: SavedWork) -> int:
     return 1
 
 
-def _printed(output: Stream, kept: SavedWork, status: int) -> int:
+def _report_unprinted(output: Stream, kept: SavedWork, status: int) -> int:
     """Reports, if a result could not be printed, that and what is saved; returns the exit status."""
     if output.failure is None:
         return status
@@ -148,7 +148,7 @@ def _printed(output: Stream, kept: SavedWork, status: int) -> int:
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[list[int]]:
+def _raise_on_signals() -> Iterator[list[int]]:
     """Converts signals to end into an exception, so that everything is tidied up; a second one ends at once.
 
     Code that the exception meets can swallow it, a destructor for one: it is raised again until it is on its way.
@@ -189,7 +189,7 @@ def _interruptible() -> Iterator[list[int]]:
 
 
 @contextlib.contextmanager
-def _warnings_in_a_line() -> Iterator[None]:
+def _print_short_warnings() -> Iterator[None]:
     """Shows warnings as messages of the command line: those of old names once each, others with their place."""
     said: set[str] = set()
 

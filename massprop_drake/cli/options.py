@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from massprop_drake.cli.completion import named
+from massprop_drake.cli.completion import make_completer
 
 Flight = Annotated[
     str,
     typer.Argument(
-        help="A bundled scenario, a YAML file, or an earlier run's folder.", autocompletion=named("scenario")
+        help="A bundled scenario, a YAML file, or an earlier run's folder.", autocompletion=make_completer("scenario")
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]

@@ -57,16 +57,16 @@ def write(
 
     shown = Run.load(folder)
     if alone:
-        write_page(target, _page(name, shown, None), kind, force=force, reads=[folder])
+        write_page(target, _page_html(name, shown, None), kind, force=force, reads=[folder])
         return target
-    pages = {name: _page(name, shown, folder).encode()}
+    pages = {name: _page_html(name, shown, folder).encode()}
     if name == REPLAY and (force or is_ours(folder, REPORT)):
-        pages[REPORT] = _page(REPORT, shown, None, replay=REPLAY).encode()
+        pages[REPORT] = _page_html(REPORT, shown, None, replay=REPLAY).encode()
     write_files(folder, pages, force=force, found=None if written is None else written.id)
     return target
 
 
-def _page(name: str, run: Run, folder: Path | None, replay: str | None = None) -> str:
+def _page_html(name: str, run: Run, folder: Path | None, replay: str | None = None) -> str:
     if name == REPLAY:
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
@@ -115,6 +115,6 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
 
 def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
     """Prints the table of runs side by side, the findings of each, and where the page is."""
-    show.side_by_side(found, vehicle)
-    show.found_by_each(found, vehicle)
+    show.print_side_by_side(found, vehicle)
+    show.print_run_findings(found, vehicle)
     say(f"plots:       {target}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from massprop_drake.cli.streams import visible
+from massprop_drake.cli.streams import escape_unprintable
 
 AFTER_S = 2.0  # shorter work shows no bar
 
@@ -44,7 +44,7 @@ class Progress:
             console = Console(stderr=True)
             self._bar = progress.Progress(title, *others, console=console, transient=True)
             self._bar.start()
-            self._task = self._bar.add_task(visible(self._title, console.encoding), total=self._total)
+            self._task = self._bar.add_task(escape_unprintable(self._title, console.encoding), total=self._total)
         self._bar.update(self._task, completed=reached)
 
     def __exit__(self, *_: object) -> None:

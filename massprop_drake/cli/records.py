@@ -12,13 +12,13 @@ from massprop_drake.cli import show
 from massprop_drake.cli.streams import note, say
 from massprop_drake.cli.terminal import Terminal
 from massprop_drake.errors import InputError, moment
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import channels, mapped_rows, mapping
-from massprop_drake.records.proposal import ROWS, Proposal, propose
-from massprop_drake.records.px4 import vehicle_of
+from massprop_drake.records.proposal import ROWS, Proposal, make_proposal
+from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.reader import Reader
 from massprop_drake.records.recording import open_recording
 from massprop_drake.records.topics import Recording
@@ -42,11 +42,11 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
     Raises:
         InputError: when something could not be found, or the record cannot be what the map says.
     """
-    reads = [*_files_of(record), *how.reads]
+    reads = [*_files_with_record(record), *how.reads]
     if out is not None:
         require_file(out, "map", force=how.force, reads=reads)
     recording = open_recording(record, None, ROWS)
-    found = propose(recording, vehicle)
+    found = make_proposal(recording, vehicle)
     text = _map_text(found, record, vehicle)
     if out is not None:
         write_file(out, text.encode(), "map", force=how.force, reads=reads)
@@ -56,9 +56,9 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
     understood = None
     if not found.lacking:
         document = Document(text, "the proposed map")
-        by = validated(RecordMap, document.data, document)
-        understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, document.source)
-    _shown(found, understood, how, recording)
+        by = validate_data(RecordMap, document.data, document)
+        understood = mapping.apply_map(open_recording(record, by, ROWS), by, vehicle, document.source)
+    _print_map(found, understood, how, recording)
     if found.lacking:
         raise InputError(*(f"{recording.source}: {one}" for one in found.lacking))
 
@@ -67,8 +67,8 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
-    understood = mapping.mapped(recording, by, vehicle, str(file))
-    _shown(Proposal(by.model_dump(mode="json"), [], [], []), understood, how, recording)
+    understood = mapping.apply_map(recording, by, vehicle, str(file))
+    _print_map(Proposal(by.model_dump(mode="json"), [], [], []), understood, how, recording)
 
 
 def make_vehicle(
@@ -79,30 +79,30 @@ def make_vehicle(
     Raises:
         InputError: when the record is no ULog, or says too little.
     """
-    reads = _files_of(record)
+    reads = _files_with_record(record)
     require_file(target, "vehicle", force=how.force, reads=reads)
     recording = open_recording(record)
     if recording.kind != "ulog":
         raise InputError(f"{record}: has no parameters of a vehicle, which a ULog (.ulg) has")
-    made = vehicle_of(recording, target.stem, mass, inertia)
+    made = vehicle_from_log(recording, target.stem, mass, inertia)
     lines = [f"# Made of {Path(record).name}. What the log does not say:"]
     for one in made.assumed:
         lines += _comment(one)
     text = "\n".join(lines) + "\n" + to_yaml(made.data)
     write_file(target, text.encode(), "vehicle", force=how.force, reads=reads)
     if how.as_json:
-        show.as_json({"vehicle": str(target), "assumed": made.assumed})
+        show.print_json({"vehicle": str(target), "assumed": made.assumed})
     elif not how.quiet:
         say(f"{target}: {len(made.data['jets'])} thrusters; what is assumed stands at its beginning")
 
 
-def _files_of(record: str) -> list[str]:
+def _files_with_record(record: str) -> list[str]:
     """Returns files that are read with a record: of a bag also those beside the database."""
     beside = Path(record).parent / "metadata.yaml"
     return [record, f"{record}-wal", f"{record}-shm", *([str(beside)] if beside.is_file() else [])]
 
 
-def moments(text: str | None) -> tuple[float, float, float] | None:
+def parse_moments(text: str | None) -> tuple[float, float, float] | None:
     """Parses principal moments from an option, such as 0.3,0.3,0.5."""
     if text is None:
         return None
@@ -141,15 +141,15 @@ def _comment(text: str) -> list[str]:
     )
 
 
-def _shown(found: Proposal, understood: channels.Mapped | None, how: How, recording: Recording) -> None:
+def _print_map(found: Proposal, understood: channels.Mapped | None, how: How, recording: Recording) -> None:
     """Prints a map's first rows, or all of it as JSON, and notes on the record."""
-    rows = [] if understood is None else mapped_rows.preview(understood)
+    rows = [] if understood is None else mapped_rows.preview_rows(understood)
     of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
     notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
     if how.as_json:
         said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
-        show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
+        show.print_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet:
         if understood is not None:
             Terminal(120).print(_table(understood, rows))
@@ -163,9 +163,11 @@ def _refusals(understood: channels.Mapped) -> list[str]:
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
         reader = Reader(
-            mapped_rows.table(understood, gyro, own_times=mapped_rows.comes_faster(understood)), vehicle, gyro=gyro
+            mapped_rows.make_table(understood, gyro, own_times=mapped_rows.is_oversampled(understood)),
+            vehicle,
+            gyro=gyro,
         )
-        reader.own_times = mapped_rows.comes_faster(understood)
+        reader.own_times = mapped_rows.is_oversampled(understood)
         for _ in reader:
             pass
     except InputError as error:
@@ -184,7 +186,7 @@ def _table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
             if any(value is not None for value in values):
                 unit = _unit(understood, channel, component)
                 table.add_row(f"{name} {component}{unit}", *("-" if one is None else f"{one:.5g}" for one in values))
-    table.add_row("jets open", *(_open(row["jets"]) for row in rows))
+    table.add_row("jets open", *(_open_jets_text(row["jets"]) for row in rows))
     return table
 
 
@@ -198,7 +200,7 @@ def _unit(understood: channels.Mapped, channel: channels.Channel, component: str
     return " " + by_kind.get(channel.kind, f"{length}/s" if integrates else f"{length}/s^2")
 
 
-def _open(jets: dict[str, float | None]) -> str:
+def _open_jets_text(jets: dict[str, float | None]) -> str:
     """Returns the jets that are open, with their share where it is not all of the row."""
     shown = []
     for name, share in jets.items():

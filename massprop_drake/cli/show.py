@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from massprop_drake.cli.streams import say, visible
+from massprop_drake.cli.streams import escape_unprintable, say
 from massprop_drake.cli.terminal import Terminal, print_table
 from massprop_drake.errors import moment
 from massprop_drake.inputs.campaign_file import CampaignSpec
@@ -41,12 +41,12 @@ def json_text(content: Any) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def as_json(content: Any) -> None:
+def print_json(content: Any) -> None:
     """Prints JSON alone on standard output."""
     sys.stdout.write(json_text(content))
 
 
-def foretold(found: Forecast, vehicle: Vehicle) -> None:
+def print_forecast(found: Forecast, vehicle: Vehicle) -> None:
     """Prints a forecast: a table of the parameters, and one of the jets."""
     console, rows = Terminal(), []
     before, after = found.deviations[0], found.deviations[-1]
@@ -68,7 +68,7 @@ def foretold(found: Forecast, vehicle: Vehicle) -> None:
     print_table(console, f"a jet that leaks from {found.fails_s:g} s on is told, in the mean", headings, jets)
 
 
-def designed(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, float, float]], folder: Path) -> None:
+def print_design(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, float, float]], folder: Path) -> None:
     """Prints a design: what it makes known, and what is fired.
 
     Args:
@@ -84,7 +84,7 @@ def designed(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, fl
     console.say(f"written to {folder}/; fly it with: massprop run {folder}")
 
 
-def listing(found: Mapping[str, Mapping[str, str]]) -> None:
+def print_listing(found: Mapping[str, Mapping[str, str]]) -> None:
     """Prints what is bundled, a line each; a narrow terminal has each description below its name.
 
     Args:
@@ -106,7 +106,7 @@ def listing(found: Mapping[str, Mapping[str, str]]) -> None:
         console.print(table)
 
 
-def schema(found: Iterable[Key]) -> None:
+def print_schema(found: Iterable[Key]) -> None:
     """Prints the keys that a file may have."""
     table = Table(box=None, header_style="bold")
     for heading in Key._fields:
@@ -119,18 +119,18 @@ def schema(found: Iterable[Key]) -> None:
 # -------------------------------------------------------------------------------------------- runs
 
 
-def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
+def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints the table of ten parameters, a summary of the run, and where its files are."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     _print_parameters(console, title, results, vehicle, truth=True)
     console.say(_consistency(results.consistency))
-    _say_doubts(console, results)
+    _print_doubts(console, results)
     autopilot = results.autopilot
     console.say(
         f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
         "of propellant",
-        *_shortfalls(autopilot),
+        *_infeasible_text(autopilot),
     )
     for jets, words in (
         (autopilot.jets_out_of_use, "out of use"),
@@ -138,13 +138,13 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     ):
         if jets:
             console.say(f"             {words}: {', '.join(jets)}")
-    _say_found(console, results, vehicle)
+    _print_detector_report(console, results, vehicle)
     _print_intervals(console, results, vehicle)
-    console.say(f"speed:       {_factor(results.timing.real_time_factor)} times real time")
-    _files(console, folder)
+    console.say(f"speed:       {_speed_text(results.timing.real_time_factor)} times real time")
+    _print_files(console, folder)
 
 
-def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
+def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints estimates from a record: the ten parameters, derived quantities, warnings, failures and files."""
     console = Terminal(120)
     quality = results.data_quality or {}
@@ -155,21 +155,21 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
-    _say_doubts(console, results)
+    _print_doubts(console, results)
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
     )
     console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
-    _say_found(console, results, vehicle)
+    _print_detector_report(console, results, vehicle)
     if results.against is not None:
         _print_against(console, results.against)
     _print_intervals(console, results, vehicle)
-    console.say(f"speed:       {_factor(quality['rows'] / results.timing.wall_s)} rows a second")
-    _files(console, folder)
+    console.say(f"speed:       {_speed_text(quality['rows'] / results.timing.wall_s)} rows a second")
+    _print_files(console, folder)
 
 
-def _factor(value: float) -> str:
+def _speed_text(value: float) -> str:
     """Formats a speed as a whole number, to two digits where it is below ten."""
     return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
 
@@ -202,7 +202,7 @@ def _print_against(console: Terminal, found: Against) -> None:
             console.say(f"             by itself as good as the first: {', '.join(found.causes[0].alike)}")
 
 
-def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
+def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
     """Returns the ten parameters of a run as `massprop compare --json` gives them; None for unknown ones."""
 
     def known(value: float) -> float | None:
@@ -218,7 +218,7 @@ def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
     }
 
 
-def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
+def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
     """Prints the ten parameters of several runs beside each other.
 
     Args:
@@ -229,26 +229,26 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     headings, spare = ["parameter", "unit"], []
     for name, results in runs:
         what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
-        headings += [f"{visible(Path(name).name)}\n{column}" for column in (what, "1-sigma %")]
+        headings += [f"{escape_unprintable(Path(name).name)}\n{column}" for column in (what, "1-sigma %")]
         spare.append(headings[-1])
     rows = [
-        [symbol, unit, *(cell for _, results in runs for cell in _compared(results.parameters[index], results))]
+        [symbol, unit, *(cell for _, results in runs for cell in _error_and_sigma(results.parameters[index], results))]
         for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True))
     ]
     print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
-def found_by_each(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
+def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
     """Prints a line for each run: its duration, whether it is consistent, and its findings."""
     from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:
         what = "; ".join(in_words(one, vehicle.unit_names) for one in results.detections) or "no failure"
         verdict = results.consistency.verdict or "not judged"
-        say(f"{visible(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
+        say(f"{escape_unprintable(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
 
 
-def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
+def _error_and_sigma(one: Parameter, results: Summary) -> tuple[str, str]:
     """Formats error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
     if math.isnan(one.estimate):
         return "not observable", "-"
@@ -259,15 +259,15 @@ def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
     return what, "-" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.5f}"
 
 
-def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
+def print_detection(entry: DetectionRecord, vehicle: Vehicle) -> None:
     """Prints a detection at once, while rows come in."""
-    say(_detected(entry, vehicle))
+    say(_detection_text(entry, vehicle))
 
 
-def told(event: EventRecord, vehicle: Vehicle) -> None:
+def print_event(event: EventRecord, vehicle: Vehicle) -> None:
     """Prints an event at once, while rows come in, unless it is a new detection."""
     if event.kind not in _DETECTIONS:
-        say(_told(event, vehicle))
+        say(_event_text(event, vehicle))
 
 
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
@@ -290,7 +290,7 @@ def _consistency(found: Consistency) -> str:
     return f"consistency: {found.verdict}; {found.in_words()}"
 
 
-def _say_doubts(console: Terminal, results: Summary) -> None:
+def _print_doubts(console: Terminal, results: Summary) -> None:
     """Explains why estimates are not to be relied on, and which."""
     from massprop_drake.results.identified import in_words  # noqa: PLC0415 (slow to load)
 
@@ -304,7 +304,7 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
         console.say(("impossible:", "bold red"), f"  {results.impossible}")
 
 
-def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
+def _infeasible_text(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
     missed = autopilot.lp_infeasible
     return ["; ", (f"{missed} requests beyond the jets' reach, met as far as they go", "bold yellow")] if missed else []
 
@@ -322,18 +322,18 @@ _BESIDE = (
 _MOST_SUSPECTED = 5  # suspicions that are printed
 
 
-def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
+def _print_detector_report(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
     """Describes what the detector found, what it suspected, and what it could not have found."""
     from massprop_drake.results.unconfirmed import NOTHING_TESTED, in_words  # noqa: PLC0415 (slow to load)
 
     for entry in results.detections:
-        console.say(_detected(entry, vehicle))
+        console.say(_detection_text(entry, vehicle))
     untested = any(group.reason == NOTHING_TESTED for group in results.untested)
     if not results.detections:
         console.say(f"detected:    {'nothing, since no sample was tested' if untested else 'no failure'}")
     for event in results.events:
         if event.kind in _BESIDE:
-            console.say(_told(event, vehicle))
+            console.say(_event_text(event, vehicle))
     probable = results.fault_probability and results.fault_probability.in_words(vehicle.unit_names)
     if probable:
         console.say(f"probable:    {probable}")
@@ -351,21 +351,21 @@ def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
         console.say(f"untested:    {', '.join(group.jets)}: {group.reason}")
 
 
-def _told(event: EventRecord, vehicle: Vehicle) -> str:
+def _event_text(event: EventRecord, vehicle: Vehicle) -> str:
     from massprop_drake.results.events import in_words  # noqa: PLC0415 (slow to load)
 
     return f"event:       {event.time_s:.2f} s: {in_words(event, vehicle.unit_names)}"
 
 
-def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
-    from massprop_drake.results.detections import in_words, remarks, since  # noqa: PLC0415 (slow to load)
+def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
+    from massprop_drake.results.detections import in_words, onset_in_words, remarks  # noqa: PLC0415 (slow to load)
 
-    when = f"declared at {entry.time_s:.2f} s, {since(entry)}"
+    when = f"declared at {entry.time_s:.2f} s, {onset_in_words(entry)}"
     what = in_words(entry, vehicle.unit_names, whole=True)
     return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 
-def _files(console: Terminal, folder: Path) -> None:
+def _print_files(console: Terminal, folder: Path) -> None:
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
     figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []
@@ -376,7 +376,7 @@ def _files(console: Terminal, folder: Path) -> None:
 # ------------------------------------------------------------------------------------------- files
 
 
-def about(good: Vehicle | Scenario | CampaignSpec) -> str:
+def describe_input(good: Vehicle | Scenario | CampaignSpec) -> str:
     """Describes a good vehicle, scenario or campaign in a line."""
     if isinstance(good, CampaignSpec):
         cells = math.prod(len(values) for values in good.file.sweep.values())
@@ -390,14 +390,14 @@ def about(good: Vehicle | Scenario | CampaignSpec) -> str:
     return f"vehicle '{good.name}', {len(good.jets)} jets, {sensors}, units {good.units}"
 
 
-def about_map(by: RecordMap) -> str:
+def describe_map(by: RecordMap) -> str:
     """Describes a good map of a record in a line."""
     sensors = ", ".join(f"{sensor.kind} '{name}'" for name, sensor in by.sensors.items())
     jets = "all jets" if by.commands.jets is None else f"{len(by.commands.jets)} jets"
     return f"map of a record, {sensors}, commands of {jets}"
 
 
-def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
+def describe_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
     """Describes a readable record in a line.
 
     Args:
@@ -485,14 +485,14 @@ def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
 _GOOD_STYLES = {True: "green", False: "bold red", None: ""}
 
 
-def verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
+def print_verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
     """Prints the sentences that a report begins with, each a `text` and whether it is `good`."""
     console = Terminal()
     for sentence in sentences:
         console.say((sentence["text"], _GOOD_STYLES[sentence["good"]]))
 
 
-def compared(found: Mapping[str, Any]) -> None:
+def print_differences(found: Mapping[str, Any]) -> None:
     """Prints differences between campaigns and their baseline, in pairs of cases.
 
     Args:

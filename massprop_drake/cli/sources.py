@@ -11,7 +11,7 @@ from pathlib import Path
 from massprop_drake.cli.streams import note
 from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError, in_words
-from massprop_drake.inputs.kinds import kind_of
+from massprop_drake.inputs.kinds import file_kind
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
@@ -23,12 +23,12 @@ from massprop_drake.results.folder import Place
 
 
 @contextlib.contextmanager
-def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
+def report_compilation(case: Scenario, *, quiet: bool) -> Iterator[None]:
     """Reports that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
     if not case.execution.compiled:
         yield
         return
-    with _logged(quiet=quiet):
+    with _print_log_messages(quiet=quiet):
         found = compiler()
         yield
     if found.spent_s and not quiet:
@@ -36,7 +36,7 @@ def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _logged(*, quiet: bool) -> Iterator[None]:
+def _print_log_messages(*, quiet: bool) -> Iterator[None]:
     """Prints what the package logs, a line each; if quiet, nothing."""
     logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _Noted()
     logger.addHandler(handler)
@@ -51,7 +51,7 @@ class _Noted(logging.Handler):
         note(record.getMessage())
 
 
-def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Callable[[Run], Path]:
+def make_run_saver(place: Place, *, pictures: bool, report: bool, replay: bool) -> Callable[[Run], Path]:
     """Makes a function that saves a run in a place and returns the run's folder.
 
     While an error is handled, that one is told; after an interruption figures and pages, which take a while, are left
@@ -75,7 +75,7 @@ def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Calla
     return save
 
 
-def extended(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
+def extend_or_save(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
     """Adds something to a run; where that fails, saves the run with the reason before the error goes on."""
     try:
         return add(run)
@@ -91,7 +91,7 @@ def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
         note(f"warning: {doubt}")
 
 
-def case_of_a_record(
+def scenario_for_record(
     name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
 ) -> Scenario:
     """Finds the vehicle and the settings to estimate with."""
@@ -102,10 +102,10 @@ def case_of_a_record(
     source = like or resume_from
     if source is None:
         raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
-    return recovered(source, overrides)
+    return load_recovered_scenario(source, overrides)
 
 
-def reads(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
+def command_inputs(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
     """Returns files and folders that a command reads: its arguments, and those that these name.
 
     Args:
@@ -117,7 +117,7 @@ def reads(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Pat
     return given + [one for one in files if one.parent not in given]  # of a run's folder the folder stands for them
 
 
-def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
+def load_recovered_scenario(scenario: str | Path, overrides: list[str]) -> Scenario:
     """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
     if scenario not in bundled_scenarios():
         path = Path(scenario)
@@ -130,17 +130,17 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
     return load_scenario(scenario, overrides)
 
 
-def vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scenario:
+def load_vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scenario:
     """Loads a vehicle, or a scenario; fields that are set make a scenario of a vehicle."""
     path = Path(name)
     own = exists(path) and name not in bundled_vehicles()
     is_run = own and exists(path / "scenario.yaml")
-    if name in bundled_scenarios() or is_run or (own and kind_of(Document(read_text(path), name).data) != "vehicle"):
-        return recovered(name, overrides)
+    if name in bundled_scenarios() or is_run or (own and file_kind(Document(read_text(path), name).data) != "vehicle"):
+        return load_recovered_scenario(name, overrides)
     return vehicle_scenario(name, name, overrides) if overrides else load_vehicle(name)
 
 
-def assigned(words: Iterable[str], option: str) -> dict[str, str]:
+def parse_assignments(words: Iterable[str], option: str) -> dict[str, str]:
     """Reads `NAME=VALUE` words; raises InputError for one that is none, or a name that comes twice."""
     found: dict[str, str] = {}
     for word in words:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
 
-def visible(content: object, encoding: str = "utf-8") -> str:
+def escape_unprintable(content: object, encoding: str = "utf-8") -> str:
     r"""Replaces characters that a terminal would obey, or cannot show, by printable ones.
 
     All text that is not the program's own passes here on its way to a terminal. Control characters, ends of lines
@@ -36,7 +36,7 @@ def note(line: object) -> None:
 
 
 def _print_line(stream: TextIO, line: object) -> None:
-    stream.write(visible(line, stream.encoding or "utf-8") + "\n")
+    stream.write(escape_unprintable(line, stream.encoding or "utf-8") + "\n")
     stream.flush()
 
 
@@ -79,7 +79,7 @@ class Stream:
 
 
 @contextlib.contextmanager
-def guarded() -> Iterator[Stream]:
+def guard_streams() -> Iterator[Stream]:
     """Replaces the standard streams by ones that never raise, and yields standard output.
 
     A stream that was closed is empty when it is read and fails when it is written to; no file opened later takes
@@ -87,7 +87,8 @@ def guarded() -> Iterator[Stream]:
     """
     before = sys.stdin, sys.stdout, sys.stderr
     stdin, stdout, stderr = (
-        stream or _closed(number, mode) for number, (stream, mode) in enumerate(zip(before, "rww", strict=True))
+        stream or _replace_closed_stream(number, mode)
+        for number, (stream, mode) in enumerate(zip(before, "rww", strict=True))
     )
     output = Stream(stdout)
     sys.stdin, sys.stdout, sys.stderr = stdin, cast(TextIO, output), cast(TextIO, Stream(stderr))
@@ -97,7 +98,7 @@ def guarded() -> Iterator[Stream]:
         sys.stdin, sys.stdout, sys.stderr = before
 
 
-def _closed(descriptor: int, mode: str) -> TextIO:
+def _replace_closed_stream(descriptor: int, mode: str) -> TextIO:
     """Makes a stream in the place of one that was closed before the program began."""
     _redirect(descriptor, os.O_RDONLY)
     return cast(TextIO, open(descriptor, mode, encoding="utf-8", closefd=False))

@@ -14,7 +14,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from massprop_drake.cli.streams import visible
+from massprop_drake.cli.streams import escape_unprintable
 
 ABOUT = ("parameter", "signal", "cause", "unit", "")  # headings of what a row is about
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
@@ -34,7 +34,7 @@ class Terminal(Console):
 
     def render_str(self, text: str, *, style: str | Style = "", **_: Any) -> Text:
         """Makes the text of a `str` that is to be printed; rich calls it for lines, titles and cells."""
-        return Text(visible(text, self.encoding), style=style)
+        return Text(escape_unprintable(text, self.encoding), style=style)
 
     def words(self, *parts: str | tuple[str, str]) -> Text:
         """Joins parts of a line; one with a style is a pair."""
@@ -49,7 +49,7 @@ class Terminal(Console):
             return
         label = _LABEL.match(line.plain)
         indent = label.end() if label else 0
-        for number, piece in enumerate(line.divide(_breaks(line.plain, self.width, indent))):
+        for number, piece in enumerate(line.divide(_line_starts(line.plain, self.width, indent))):
             piece.rstrip()
             self.print(Text(" " * indent if number else "") + piece, soft_wrap=True)
 
@@ -58,7 +58,7 @@ _LABEL = re.compile(r"(?:[a-z]+:)?\s+")  # what a line begins with, `detected:  
 _WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
 
 
-def _breaks(text: str, width: int, indent: int) -> list[int]:
+def _line_starts(text: str, width: int, indent: int) -> list[int]:
     """Finds places at which a line longer than the terminal's width is broken: where lines begin, but the first."""
     begins, room = [0], width
     for word in _WORD.finditer(text, indent):
@@ -112,13 +112,15 @@ def print_table(
             break
     if width > console.width and sys.stdout.isatty():
         shown = [[row[place] for place in kept] for row in every if row is not None]
-        _print_listed(console, title, [headings[place] for place in kept], shown)
+        _print_as_list(console, title, [headings[place] for place in kept], shown)
         return
     console.width = max(console.width, width)
     console.print(table)
 
 
-def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]) -> None:
+def _print_as_list(
+    console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]
+) -> None:
     """Prints a table cell by cell: the subject of a row, with its unit, and below it a line for each other cell."""
     console.say((title, "italic"))
     named = [heading.replace("\n", " ") for heading in headings]

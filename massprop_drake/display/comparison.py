@@ -43,21 +43,21 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
         runs: of one vehicle, each with a name.
     """
     shown = [(name, run.shown()) for name, run in runs]
-    sources = _alike([(name, plots.source(run)) for name, run in shown])
+    sources = _comparable_sources([(name, plots.source(run)) for name, run in shown])
     longest = max((source.time_s for _, source in sources), key=lambda time_s: float(time_s[-1]))
-    drawn = [interactive.drawn(plot) for plot in overlaid(sources)]
+    drawn = [interactive.plotly_figure(plot) for plot in overlay_plots(sources)]
     content = {
         "title": " and ".join(name for name, _ in runs),
         "names": [name for name, _ in runs],
         "parameters": _parameters(runs),
-        "found": [_found(run) for _, run in runs],
+        "found": [_findings_text(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
         "from_zero": any(one.time_s[0] != run.time_s[0] for (_, one), (_, run) in zip(sources, shown, strict=True)),
     }
     return templates.page(
         _HERE / "comparison.html",
         content,
-        data={"time": interactive.times(longest), **interactive.packed(drawn), "jumps": []},
+        data={"time": interactive.round_times(longest), **interactive.pack_figures(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=interactive.scripts(),
         needs=interactive.NEEDS,
@@ -82,7 +82,7 @@ class _Blind(Mapping[str, Array]):
         return sum(1 for _ in self)
 
 
-def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
+def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
     """Prepares the runs' sources for plots over each other, with common kinds of signals and times.
 
     Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
@@ -96,27 +96,27 @@ def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
     return [(name, source) for (name, _), source in zip(runs, sources, strict=True)]
 
 
-def overlaid(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
+def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
     """Makes the plots that all runs have, with the marks of all: a run has one color throughout.
 
     Args:
         runs: each with a name.
     """
-    available = [plots.available(source) for _, source in runs]
+    available = [plots.available_plots(source) for _, source in runs]
     names = [name for name in _OVERLAID if all(name in each for each in available)]
     made = {name: [each[name](source) for each, (_, source) in zip(available, runs, strict=True)] for name in names}
     called = [name for name, _ in runs]
-    return [_laid_over(each, called) for each in made.values() if len({len(plot.panels) for plot in each}) == 1]
+    return [_overlay_plot(each, called) for each in made.values() if len({len(plot.panels) for plot in each}) == 1]
 
 
-def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
+def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
     longest = max(same, key=lambda plot: float(plot.time_s[-1]))
     panels = []
     for parts in zip(*(plot.panels for plot in same), strict=True):
         marks: list[Mark] = []
         for number, (panel, name) in enumerate(zip(parts, names, strict=True)):
             color = COLORS[number % len(COLORS)]
-            marks += [mark for mark in (_of_run(mark, color, name) for mark in panel.marks) if mark is not None]
+            marks += [mark for mark in (_recolor_mark(mark, color, name) for mark in panel.marks) if mark is not None]
         panels.append(parts[0]._replace(marks=tuple(marks), scale=_scale(parts), limits=_limits(parts)))
     windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in same))
     moments = tuple(dict.fromkeys(moment for plot in same for moment in plot.moments))
@@ -125,7 +125,7 @@ def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
     return longest._replace(panels=tuple(panels), windows=windows, moments=moments, meaning=meaning)
 
 
-def _of_run(mark: Mark, color: str, name: str) -> Mark | None:
+def _recolor_mark(mark: Mark, color: str, name: str) -> Mark | None:
     """Recolors a mark of a plot in the color of its run; None for a mark that all runs share."""
     match mark:
         case Line() | Points():
@@ -149,7 +149,7 @@ def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
     return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
 
 
-def _found(run: RunContent) -> tuple[str, str, str]:
+def _findings_text(run: RunContent) -> tuple[str, str, str]:
     """Describes the duration of a run, whether its innovations are consistent, and its findings."""
     results = run.results
     declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)

@@ -22,7 +22,7 @@ from massprop_drake.display.spec import (
 from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, TRUTH_COLOR
 from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.signals import AXES
-from massprop_drake.results.fault_probabilities import LEAST_SHOWN, rounded
+from massprop_drake.results.fault_probabilities import LEAST_SHOWN, format_probability
 
 if TYPE_CHECKING:
     pass
@@ -50,17 +50,19 @@ def likelihoods(run: Source) -> Plot:
         declared |= (run.signals["known_force_variance"] > 0.0).any(axis=0)
     said = run.signals["detector_event"][:, 0] == Code.DECLARED  # what is off has no known force
     declared[run.signals["suspected_jet"][said, 0].astype(int)] = True
-    panels = [_highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared)]
+    panels = [_highest_panel(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared)]
     if run.clustered:
         groups, found = [f"cluster {number}" for number in numbers], np.isin(numbers, clusters[declared])
-        panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
+        panels.append(_highest_panel(run.time_s[tested], of_clusters, groups, "of the clusters", found))
     leads = run.scenario.detector.kind == "thrust_factors"
     title = "Lead of each jet's failure over no failure, nats" if leads else "Likelihood arguments of a failed jet"
     others = any(isinstance(mark, Whiskers) for panel in panels for mark in panel.marks)
     return plot(run, "likelihoods", title, panels, meaning="gray: the range of the others" if others else "")
 
 
-def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]) -> Panel:
+def _highest_panel(
+    time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]
+) -> Panel:
     """Plots statistics of many candidates: declared ones and the highest by name, others as a range in gray.
 
     What was declared is drawn last, and so on top. All are there to be read.
@@ -95,11 +97,13 @@ def fault_probabilities(run: Source) -> Plot:
         marks.append(Whiskers(run.time_s, low, high, BAND_COLOR, f"range of {len(rest)} others"))
     marks += [Points(run.time_s, of_jets[:, jet], BAND_COLOR, names[jet], drawn=False, group="jets") for jet in rest]
     for jet, color in zip(order, COLORS[:_NAMED], strict=False):
-        marks.append(Line(run.time_s, of_jets[:, jet], color, f"{names[jet]}, {_at_end(of_jets[:, jet])}", steps=True))
+        marks.append(
+            Line(run.time_s, of_jets[:, jet], color, f"{names[jet]}, {_final_value_text(of_jets[:, jet])}", steps=True)
+        )
     others = []
     for name, color in (("none", TRUTH_COLOR), ("unknown", FAILED_COLOR)):
         values = run.signals[f"{name}_probability"][:, 0]
-        others.append(Line(run.time_s, values, color, f"{name}, {_at_end(values)}", steps=True))
+        others.append(Line(run.time_s, values, color, f"{name}, {_final_value_text(values)}", steps=True))
     limits = (-0.02, 1.02)
     panels = [Panel("jet has failed", "", tuple(marks), limits=limits)] if marks else []
     panels.append(Panel("nothing, or unknown", "", tuple(others), limits=limits))
@@ -107,8 +111,8 @@ def fault_probabilities(run: Source) -> Plot:
     return plot(run, "fault_probabilities", "Probability of faults", panels, meaning=meaning)
 
 
-def _at_end(values: Array) -> str:
-    return f"at the end {rounded(float(values[-1]))}"
+def _final_value_text(values: Array) -> str:
+    return f"at the end {format_probability(float(values[-1]))}"
 
 
 def margins(run: Source) -> Plot:

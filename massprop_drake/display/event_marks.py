@@ -27,7 +27,7 @@ class Mark(NamedTuple):
     text: str
 
 
-def failures(scenario: Scenario, end_s: float) -> list[Mark]:
+def failure_marks(scenario: Scenario, end_s: float) -> list[Mark]:
     """Lists the jets that truly fail before a time, s."""
     vehicle = scenario.vehicle_data
     return [
@@ -42,7 +42,7 @@ def failures(scenario: Scenario, end_s: float) -> list[Mark]:
     ]
 
 
-def found(run: RunContent) -> list[Mark]:
+def detection_marks(run: RunContent) -> list[Mark]:
     """Lists the jets, or whole clusters, that the detector declared failed, and jumps, which have no jets."""
     vehicle, marks = run.scenario.vehicle_data, []
     for entry in run.results.detections:
@@ -57,7 +57,7 @@ def found(run: RunContent) -> list[Mark]:
     return marks
 
 
-def commanded(scenario: Scenario, time_s: float) -> str:
+def describe_command(scenario: Scenario, time_s: float) -> str:
     """Names what the hand controllers ask for at a time, such as 'RHC +x'; 'hold' while both are in detent."""
     windows = [window for window in scenario.maneuver if window.start_s <= time_s < window.end_s]
     if not windows:

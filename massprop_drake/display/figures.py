@@ -92,10 +92,10 @@ class _Figures(Mapping[str, Figure]):
 
     def __init__(self, source: Source):
         self._source = source
-        self._plots = plots.available(source)
+        self._plots = plots.available_plots(source)
 
     def __getitem__(self, name: str) -> Figure:
-        return drawn(self._plots[name](self._source))
+        return draw_plot(self._plots[name](self._source))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._plots)
@@ -104,12 +104,12 @@ class _Figures(Mapping[str, Figure]):
         return len(self._plots)
 
 
-def _figure(describe: Callable[[Source], Plot]) -> Callable[[Plots], Figure]:
+def _make_plot_method(describe: Callable[[Source], Plot]) -> Callable[[Plots], Figure]:
     """Makes a method of `Plots` that draws what a function describes; it has that function's name and docstring."""
 
     @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
     def draw(self: Plots) -> Figure:
-        return drawn(describe(self.source))
+        return draw_plot(describe(self.source))
 
     return draw
 
@@ -143,49 +143,49 @@ class Plots:
         if failed:
             raise failed[0]
 
-    rates = _figure(motion_plots.rates)
-    velocities = _figure(motion_plots.velocities)
-    gyro_readings = _figure(motion_plots.gyro_readings)
-    rates_estimated = _figure(motion_plots.rates_estimated)
-    thrust_factors = _figure(filter_plots.thrust_factors)
-    surroundings = _figure(filter_plots.surroundings)
-    positions = _figure(motion_plots.positions)
-    own_signals = _figure(plots.own_signals)
-    accelerometer_velocities = _figure(motion_plots.accelerometer_velocities)
-    against_positions = _figure(motion_plots.against_positions)
-    against_attitudes = _figure(motion_plots.against_attitudes)
-    against_rates = _figure(motion_plots.against_rates)
-    against_velocities = _figure(motion_plots.against_velocities)
-    attitude_error = _figure(motion_plots.attitude_error)
-    phase_plane = _figure(motion_plots.phase_plane)
-    clusters = _figure(motion_plots.clusters)
-    innovations = _figure(filter_plots.innovations)
-    mass_innovations = _figure(filter_plots.mass_innovations)
-    propellant = _figure(motion_plots.propellant)
-    torques = _figure(motion_plots.torques)
-    forces = _figure(motion_plots.forces)
-    jets = _figure(motion_plots.jets)
-    inverse_inertia_diagonal = _figure(filter_plots.inverse_inertia_diagonal)
-    inverse_inertia_products = _figure(filter_plots.inverse_inertia_products)
-    center_of_mass = _figure(filter_plots.center_of_mass)
-    mass_reciprocal = _figure(filter_plots.mass_reciprocal)
-    consistency = _figure(filter_plots.consistency)
-    likelihoods = _figure(detector_plots.likelihoods)
-    fault_probabilities = _figure(detector_plots.fault_probabilities)
-    margins = _figure(detector_plots.margins)
-    failure_magnitude = _figure(detector_plots.failure_magnitude)
-    detection_timeline = _figure(detector_plots.detection_timeline)
+    rates = _make_plot_method(motion_plots.rates)
+    velocities = _make_plot_method(motion_plots.velocities)
+    gyro_readings = _make_plot_method(motion_plots.gyro_readings)
+    rates_estimated = _make_plot_method(motion_plots.rates_estimated)
+    thrust_factors = _make_plot_method(filter_plots.thrust_factors)
+    surroundings = _make_plot_method(filter_plots.surroundings)
+    positions = _make_plot_method(motion_plots.positions)
+    own_signals = _make_plot_method(plots.own_signals)
+    accelerometer_velocities = _make_plot_method(motion_plots.accelerometer_velocities)
+    against_positions = _make_plot_method(motion_plots.against_positions)
+    against_attitudes = _make_plot_method(motion_plots.against_attitudes)
+    against_rates = _make_plot_method(motion_plots.against_rates)
+    against_velocities = _make_plot_method(motion_plots.against_velocities)
+    attitude_error = _make_plot_method(motion_plots.attitude_error)
+    phase_plane = _make_plot_method(motion_plots.phase_plane)
+    clusters = _make_plot_method(motion_plots.clusters)
+    innovations = _make_plot_method(filter_plots.innovations)
+    mass_innovations = _make_plot_method(filter_plots.mass_innovations)
+    propellant = _make_plot_method(motion_plots.propellant)
+    torques = _make_plot_method(motion_plots.torques)
+    forces = _make_plot_method(motion_plots.forces)
+    jets = _make_plot_method(motion_plots.jets)
+    inverse_inertia_diagonal = _make_plot_method(filter_plots.inverse_inertia_diagonal)
+    inverse_inertia_products = _make_plot_method(filter_plots.inverse_inertia_products)
+    center_of_mass = _make_plot_method(filter_plots.center_of_mass)
+    mass_reciprocal = _make_plot_method(filter_plots.mass_reciprocal)
+    consistency = _make_plot_method(filter_plots.consistency)
+    likelihoods = _make_plot_method(detector_plots.likelihoods)
+    fault_probabilities = _make_plot_method(detector_plots.fault_probabilities)
+    margins = _make_plot_method(detector_plots.margins)
+    failure_magnitude = _make_plot_method(detector_plots.failure_magnitude)
+    detection_timeline = _make_plot_method(detector_plots.detection_timeline)
 
 
 # ----------------------------------------------------------------------------------------- figures
 
 
-def drawn(plot: Plot) -> Figure:
+def draw_plot(plot: Plot) -> Figure:
     """Draws a plot: its panels over the time one above the other, each with its key above it; others in a row."""
-    return _row(plot) if plot.panels[0].over else _column(plot)
+    return _draw_row(plot) if plot.panels[0].over else _draw_column(plot)
 
 
-def _row(plot: Plot) -> Figure:
+def _draw_row(plot: Plot) -> Figure:
     """Draws panels beside each other, with the key of the first above them all."""
     keys = _key_rows(plot.panels[0])
     total = _TITLE + _GAP + _KEY * len(keys) + _SQUARE + _BOTTOM + _SAID
@@ -208,12 +208,12 @@ def _row(plot: Plot) -> Figure:
     return figure
 
 
-def _column(plot: Plot) -> Figure:
+def _draw_column(plot: Plot) -> Figure:
     """Draws panels over the same time one above the other."""
     keys = [_key_rows(panel) for panel in plot.panels]
-    left = _left(plot.panels)
+    left = _left_margin(plot.panels)
     width = _WIDTH - left - _RIGHT
-    levels = _levels(plot.windows, float(plot.time_s[-1] - plot.time_s[0]) / width)
+    levels = _window_levels(plot.windows, float(plot.time_s[-1] - plot.time_s[0]) / width)
     names = _WINDOW_STEP * (max(levels, default=-1) + 1)  # height of the windows' names
     spaces = [_GAP + _KEY * len(rows) for rows in keys]  # above each panel
     spaces[0] += names
@@ -264,7 +264,7 @@ def _height(panel: Panel) -> float:
     return _PANEL if len(panel.rows) <= _FEW_ROWS else max(_PANEL, _ROW * len(panel.rows))
 
 
-def _left(panels: Sequence[Panel]) -> float:
+def _left_margin(panels: Sequence[Panel]) -> float:
     """Returns the width left of the panels that their vertical axes need for numbers or names, inches.
 
     It is at most half of the figure: longer names are cut.
@@ -276,10 +276,10 @@ def _left(panels: Sequence[Panel]) -> float:
 def _draw_panel(axes: Axes, panel: Panel) -> None:
     match panel.scale:
         case SymmetricLog(small, large):
-            symmetric_log(axes, small, large)
+            set_symmetric_log(axes, small, large)
         case "log":
             axes.set_yscale("log")
-            _mark_plainly(axes)
+            _mark_powers_of_ten(axes)
         case "linear":
             axes.locator_params(axis="y", nbins=_MARKS)
     if panel.limits is not None:
@@ -357,7 +357,7 @@ def _draw_times(axes: Axes, plot: Plot) -> None:
             axes.add_collection(rules, autolim=False)
 
 
-def _levels(windows: Sequence[ShadedWindow], seconds_per_inch: float) -> list[int]:
+def _window_levels(windows: Sequence[ShadedWindow], seconds_per_inch: float) -> list[int]:
     """Stacks the windows' names: each goes to the lowest level with room beside those before it."""
     ends: list[float] = []  # of the names at each level, s
     levels = []
@@ -374,7 +374,7 @@ def _label_window(axes: Axes, window: ShadedWindow, level: int) -> None:
     axes.text(window.start_s, above, window.text, transform=transform, fontsize=WINDOW_SIZE, color="#555555")
 
 
-def symmetric_log(axes: Axes, small: float, large: float) -> None:
+def set_symmetric_log(axes: Axes, small: float, large: float) -> None:
     """Makes a vertical axis linear up to a small value and logarithmic beyond, with few marks.
 
     Args:
@@ -388,10 +388,10 @@ def symmetric_log(axes: Axes, small: float, large: float) -> None:
     marks = [10.0**power for power in range(first, last + 1, step)]
     axes.set_yscale("symlog", linthresh=10.0**first, linscale=0.8)
     axes.set_yticks([*(-mark for mark in reversed(marks)), 0.0, *marks])
-    _mark_plainly(axes)
+    _mark_powers_of_ten(axes)
 
 
-def _mark_plainly(axes: Axes) -> None:
+def _mark_powers_of_ten(axes: Axes) -> None:
     """Marks powers of ten alone, as plain numbers."""
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -21,8 +21,8 @@ from massprop_drake.display.spec import (
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, THIN_LINE
 from massprop_drake.inputs import params
-from massprop_drake.maths.signals import AXES, SYMBOLS, is_own, mass_property_units
-from massprop_drake.results.consistency import ruled
+from massprop_drake.maths.signals import AXES, SYMBOLS, is_user_signal, mass_property_units
+from massprop_drake.results.consistency import is_mean_dominated
 
 if TYPE_CHECKING:
     pass
@@ -63,18 +63,18 @@ def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -
     Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
     """
     panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
-    return plot(run, name, f"{title}: {what}", [panel(run, element) for element in estimated(run, elements)])
+    return plot(run, name, f"{title}: {what}", [panel(run, element) for element in estimated_elements(run, elements)])
 
 
 def other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
     """Returns estimates of a parameter by systems of the user's own, by the system's name, with their colors."""
-    names = [name for name in run.signals if is_own(name) and name.endswith(".estimate")]
+    names = [name for name in run.signals if is_user_signal(name) and name.endswith(".estimate")]
     found = {name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)}
     there = {name: values[:, element] for name, values in found.items() if np.isfinite(values[:, element]).any()}
     return {name: (values, COLORS[3 + number % 3]) for number, (name, values) in enumerate(there.items())}
 
 
-def estimated(run: Source, elements: tuple[int, ...]) -> list[int]:
+def estimated_elements(run: Source, elements: tuple[int, ...]) -> list[int]:
     """Selects the parameters that are estimated, and neither fixed nor of no effect in a plane."""
     known = params.known_parameters(run.scenario)
     return [element for element in elements if not known[element]]
@@ -90,7 +90,7 @@ def thrust_factors(run: Source) -> Plot:
             Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g}"),
             Line(run.time_s, value, COLORS[jet % 3], f"factor, at the end {value[-1]:.3g}"),
         )
-        panels.append(Panel(name, "", marks, limits=_last_half(value, band)))
+        panels.append(Panel(name, "", marks, limits=_estimate_limits(value, band)))
     title = "Thrust factors: acceleration by each jet over nominal"
     return plot(run, "thrust_factors", title, panels)
 
@@ -110,7 +110,7 @@ def surroundings(run: Source) -> Plot:
             Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g} {unit}"),
             Line(run.time_s, value, COLORS[number % 3], f"estimate, at the end {value[-1]:.3g} {unit}"),
         )
-        panels.append(Panel(label, unit, marks, limits=_last_half(value, band)))
+        panels.append(Panel(label, unit, marks, limits=_estimate_limits(value, band)))
     meaning = "drag over mass, angular drag over inertia; turning: angular acceleration that goes with the heading"
     return plot(run, "surroundings", "Delay of commands, and surroundings", panels, meaning=meaning)
 
@@ -131,7 +131,7 @@ def _error(run: Source, element: int) -> Panel:
         (
             Band(run.time_s, -band, band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
             Line(run.time_s, error, COLORS[element % 3], f"error, at the end {error[-1]:.3g} {unit}"),
-            *_beside(run, others, unit, 3),
+            *_other_lines(run, others, unit, 3),
         ),
         scale=SymmetricLog(float(band[-1]), float(np.nanmax(np.abs([error, band])))),
     )
@@ -148,13 +148,13 @@ def _estimate(run: Source, element: int) -> Panel:
         (
             Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
             Line(run.time_s, value, COLORS[element % 3], f"estimate, at the end {value[-1]:.5g} {unit}"),
-            *_beside(run, other_estimates(run, element), unit, 5),
+            *_other_lines(run, other_estimates(run, element), unit, 5),
         ),
-        limits=_last_half(value, band),
+        limits=_estimate_limits(value, band),
     )
 
 
-def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
+def _other_lines(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
     """Makes lines of estimates or errors of the user's own systems, by name, each with its color."""
     return [
         Line(run.time_s, values, color, f"{name}, at the end {values[-1]:.{digits}g} {unit}", width=THIN_LINE)
@@ -162,7 +162,7 @@ def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, dig
     ]
 
 
-def _last_half(value: Array, band: Array) -> tuple[float, float]:
+def _estimate_limits(value: Array, band: Array) -> tuple[float, float]:
     """Computes limits that show an estimate, and its band over the last half; the first band may be huge."""
     half = value.size // 2
     low = min(float(value.min()), float((value - band)[half:].min()))
@@ -212,8 +212,8 @@ def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str)
         if np.isfinite(band).any():  # not in runs made before it was logged
             label = "3 sigma by the filter's own covariance" if axis == 0 else ""
             marks.insert(0, Whiskers(time_s, -band, band, BAND_COLOR, label))
-        limit = _reach(value, band)
-        marks += _beyond_edges(time_s, value, limit, COLORS[axis])
+        limit = _innovation_range(value, band)
+        marks += _edge_triangles(time_s, value, limit, COLORS[axis])
         limits = (-limit, limit) if limit > 0.0 else None
         panels.append(Panel(letter, unit, tuple(marks), limits=limits, most=True))
     return plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filtered]} at the samples used", panels)
@@ -224,7 +224,7 @@ _ROOM = 1.5  # that is left around
 _EDGE, _EDGE_SIZE = 0.94, 5.0  # where a value beyond the limits stands, of them, and the size of its triangle, points
 
 
-def _reach(values: Array, band: Array) -> float:
+def _innovation_range(values: Array, band: Array) -> float:
     """Computes the range of an axis that shows the usual band, and 3 sigma of the values by their median; 0: none.
 
     Half of the values may be anywhere beyond. A median is a value that is there, the lower one of two, so that a page
@@ -238,7 +238,7 @@ def _reach(values: Array, band: Array) -> float:
     return _ROOM * max(found, default=0.0)
 
 
-def _beyond_edges(time_s: Array, values: Array, limit: float, color: str) -> list[Mark]:
+def _edge_triangles(time_s: Array, values: Array, limit: float, color: str) -> list[Mark]:
     """Makes triangles at the edges for the values beyond them; for a zoomed part of the time a page makes its own."""
     high, low = values > limit, values < -limit
     count = int(high.sum() + low.sum())
@@ -261,6 +261,6 @@ def _mean_nis(run: Source, name: str, nis: Array) -> str:
         of = "all"
     if mean is None:
         return "NIS, no sample used"
-    if within is None or not ruled(mean, within):
+    if within is None or not is_mean_dominated(mean, within):
         return f"NIS, mean {mean:.2f} of {of} samples{'' if means is None else ' used'}"
     return f"NIS, mean {within:.2f} ({mean:.4g} with those beyond 99 %)"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.display import event_marks, instruments, interactive, motion, solids, templates
 from massprop_drake.display.links import Links
-from massprop_drake.display.plot_source import failing as truly_failing
+from massprop_drake.display.plot_source import failing_jets as truly_failing
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -29,7 +29,7 @@ from massprop_drake.display.style import (
 )
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
-from massprop_drake.maths.attitude import propagated
+from massprop_drake.maths.attitude import propagate_attitude
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.maths.signals import JOINTS
 from massprop_drake.results.detections import in_words
@@ -67,8 +67,8 @@ def write_replay(run: RunContent, path: str | Path, *, force: bool = False) -> P
 def replay_html(run: RunContent) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
-    page, stage = scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
-    return flight_page(run.scenario, page, _flight(run, stage))
+    page, stage = build_scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
+    return flight_page(run.scenario, page, _flight_data(run, stage))
 
 
 def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, live: bool = False) -> str:
@@ -77,7 +77,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
     Args:
         scenario: that is flown.
         scene_page: Meshcat's page with the vehicle.
-        data: as `described` begins it.
+        data: as `scenario_page_data` begins it.
         live: whether the rows come from the server of the page.
     """
     library, orders = _scripts(scene_page)
@@ -121,7 +121,7 @@ def _scripts(page: str) -> list[str]:
     return [text for text in reader.texts if text]
 
 
-def scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:
+def build_scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:
     """Builds Meshcat's page with the vehicle, free of texts of the user's; returns the HTML and its stage.
 
     Args:
@@ -147,7 +147,7 @@ PLACE = "position"  # and one more, where it is known: of the center of mass in 
 LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
 
-def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[str, Any]:
+def scenario_page_data(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[str, Any]:
     """Collects the replay page's data that a scenario determines: scene, columns, limits and colors."""
     vehicle = scenario.vehicle_data
     return {
@@ -177,20 +177,20 @@ def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[s
     }
 
 
-def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
+def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     """Collects the replay page's data of a finished run: rows by sample, jets by state, texts and events.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
     attitude is turned on between two rows.
     """
     scenario, time_s = run.scenario, np.asarray(run.time_s)
-    failed, found = event_marks.failures(scenario, float(time_s[-1])), event_marks.found(run)
+    failed, found = event_marks.failure_marks(scenario, float(time_s[-1])), event_marks.detection_marks(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
     levels = _levels(run)
     lists = {
-        **motion.plumes(levels, asked, truly_failing(time_s, scenario)),
-        "failed": _marked(run, failed),
-        "found": _marked(run, found),
+        **motion.classify_plumes(levels, asked, truly_failing(time_s, scenario)),
+        "failed": _marked_jets(run, failed),
+        "found": _marked_jets(run, found),
     }
     estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
     columns = {
@@ -201,7 +201,7 @@ def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
         "deviation": deviation,
         **instruments.columns(run),
     }
-    told = described(scenario, stage, truth="truth" in run.signals)
+    told = scenario_page_data(scenario, stage, truth="truth" in run.signals)
     if (place := _positions(run)) is not None:
         told["columns"].append(PLACE)
         columns[PLACE] = place
@@ -210,10 +210,10 @@ def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     return {
         **told,
         "live": False,
-        "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in told["columns"]), strict=True)],
+        "rows": [list(row) for row in zip(*(_to_lists(columns[name]) for name in told["columns"]), strict=True)],
         "lists": {
             **{name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
-            "sizes": [sizes(scenario, *row) for row in zip(levels, lists["given"], lists["untold"], strict=True)],
+            "sizes": [plume_sizes(scenario, *row) for row in zip(levels, lists["given"], lists["untold"], strict=True)],
         },
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
         "moments": narration(scenario, float(time_s[0]), failed, found),
@@ -221,13 +221,13 @@ def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     }
 
 
-def sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
+def plume_sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
     """Lists plume lengths relative to full thrust: of jets with regular thrust, then of those that fire uncommanded.
 
     Args:
         scenario: of the vehicle.
         levels: thrust over full thrust, shape (n_jets,).
-        given, untold: see `motion.plumes`, shape (n_jets,).
+        given, untold: see `motion.classify_plumes`, shape (n_jets,).
     """
     scales = solids.plume_scales(scenario.vehicle_data, levels)
     return [round(scale, 3) for scale in (*scales[given].tolist(), *scales[untold].tolist())]
@@ -254,14 +254,14 @@ def _joints(run: RunContent) -> Array:
     return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
 
-def _listed(values: Array) -> list[Any]:
+def _to_lists(values: Array) -> list[Any]:
     """Converts rows to lists of numbers, or numbers where there is one in a row; None for what is not finite."""
-    flat = interactive.numbers(values.ravel(), digits=DIGITS)
+    flat = interactive.rounded_numbers(values.ravel(), digits=DIGITS)
     width = values.shape[1]
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
 
-def _marked(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
+def _marked_jets(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
     """Mask of the jets that are marked at each sample, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
@@ -288,7 +288,7 @@ def narration(
     return [
         {
             "at": edge,
-            "command": event_marks.commanded(scenario, edge),
+            "command": event_marks.describe_command(scenario, edge),
             "failed": texts(failed, edge),
             "found": texts(found, edge),
         }
@@ -334,10 +334,10 @@ def _attitudes(run: RunContent) -> Array:
         return np.asarray(run["attitude"])
     if "attitude_estimate" in run.signals:
         return np.asarray(run["attitude_estimate"])
-    rate = np.nan_to_num(motion.read(run.scenario, run.signals))
+    rate = np.nan_to_num(motion.onboard_rate(run.scenario, run.signals))
     attitudes = np.empty((rate.shape[0], 4))
     attitudes[0] = (1.0, 0.0, 0.0, 0.0)
     for row, (before, after) in enumerate(pairwise(rate)):
         mean = 0.5 * (before + after)
-        attitudes[row + 1] = propagated(attitudes[row], mean, run.scenario.vehicle_data.sample_period_s)
+        attitudes[row + 1] = propagate_attitude(attitudes[row], mean, run.scenario.vehicle_data.sample_period_s)
     return attitudes

@@ -128,7 +128,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     lines: list[str] = []
     for connections, group in itertools.groupby(text.splitlines(), key=lambda line: " -> " in line):
         block = list(group)
-        lines.extend(sorted(_labeled(block, text)) if connections else block)
+        lines.extend(sorted(_label_arrows(block, text)) if connections else block)
     return "\n".join(lines) + "\n"
 
 
@@ -150,7 +150,7 @@ def overview_text(diagram: Diagram) -> str:
         own = to.get_input_port(to_port).get_name()
         carried.setdefault(ends, []).append(own if name in _SAY_NOTHING else name)
     lines = [
-        f"digraph {_quoted(diagram.get_name())} {{",
+        f"digraph {_quote(diagram.get_name())} {{",
         f"rankdir=LR; nodesep=0.35; ranksep=0.5; {_FONT}",
         'node [shape=box, style="rounded,filled", fillcolor="#eef2f7", color="#5a6675", fontsize=14]; '
         'edge [fontsize=12, color="#33475b", fontcolor="#33475b"];',
@@ -159,16 +159,16 @@ def overview_text(diagram: Diagram) -> str:
         kind = type(system).__name__
         what = "" if kind == "Diagram" else f'<BR/><FONT POINT-SIZE="12">{kind}</FONT>'
         name = system.get_name()
-        lines.append(f"{_quoted(name)} [label=<<B>{html.escape(name)}</B>{what}>];")
+        lines.append(f"{_quote(name)} [label=<<B>{html.escape(name)}</B>{what}>];")
     for (source, to), signals in sorted(carried.items()):
         shown = sorted(set(signals))
         more = len(shown) - _SIGNALS
         said = shown if more <= 0 else [*shown[: _SIGNALS - 1], f"and {more + 1} more"]
-        lines.append(f"{_quoted(source)} -> {_quoted(to)} [label={_quoted(_BREAK.join(said))}];")
+        lines.append(f"{_quote(source)} -> {_quote(to)} [label={_quote(_BREAK.join(said))}];")
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """Quotes text for Graphviz as a name or a label."""
     return '"' + text.replace('"', r"\"") + '"'
 
@@ -179,7 +179,7 @@ _NODE = re.compile(r"^(\w+) \[shape=none,[^\n]*label=<\n(.*?)^>\];", re.DOTALL |
 _PORT = re.compile(r'PORT="([uy]?\d+)"[^>]*>([^<]*)</TD>')
 
 
-def _labeled(connections: list[str], text: str) -> list[str]:
+def _label_arrows(connections: list[str], text: str) -> list[str]:
     """Labels arrows between systems with the signal they carry, which has the name of the port it leaves."""
     ports = {(node, port): name for node, inside in _NODE.findall(text) for port, name in _PORT.findall(inside)}
     labeled = []
@@ -198,7 +198,7 @@ def svg_text(dot: str) -> str | None:
     if program is None:
         return None
     done = subprocess.run([program, "-Tsvg"], input=dot, capture_output=True, text=True, check=True)
-    return framed(done.stdout, dot)
+    return widen_frames(done.stdout, dot)
 
 
 _MARGIN = 4.0  # points between a wire and the frame around it
@@ -208,7 +208,7 @@ _FRAME = re.compile(r'(class="cluster">\s*<title>(cluster\d+diagram)</title>\s*<
 _SHEET = re.compile(r'class="graph"[^>]*>\s*<title>[^<]*</title>\s*<polygon[^>]*points="([^"]+)')
 
 
-def framed(svg: str, dot: str) -> str:
+def widen_frames(svg: str, dot: str) -> str:
     """Widens the frame of each diagram of a graph until the wires inside it are within, as far as the sheet goes.
 
     Graphviz makes frames around systems, and leads wires around these.
@@ -224,11 +224,11 @@ def framed(svg: str, dot: str) -> str:
     wires: dict[str, list[tuple[float, float]]] = {}
     for source, to, path in _WIRE.findall(svg):
         for diagram in set(around.get(source, ())) & set(around.get(to, ())):
-            wires.setdefault(diagram, []).extend(_points(path))
-    most = _box(_points(sheet[1]), -_MARGIN)
+            wires.setdefault(diagram, []).extend(_parse_points(path))
+    most = _box(_parse_points(sheet[1]), -_MARGIN)
 
     def widened(match: re.Match[str]) -> str:
-        own = _box(_points(match[3]), 0.0)
+        own = _box(_parse_points(match[3]), 0.0)
         reach = _box(wires[match[2]], _MARGIN) if match[2] in wires else own
         left, low = (max(min(own[k], reach[k]), most[k]) for k in (0, 1))
         right, high = (min(max(own[k], reach[k]), most[k]) for k in (2, 3))
@@ -251,7 +251,7 @@ def _diagrams_around(dot: str) -> dict[str, list[str]]:
     return found
 
 
-def _points(text: str) -> list[tuple[float, float]]:
+def _parse_points(text: str) -> list[tuple[float, float]]:
     """Reads the points of a polygon or a path."""
     return [(float(x), float(y)) for x, y in re.findall(r"(-?[\d.]+)[ ,](-?[\d.]+)", text)]
 

@@ -27,8 +27,8 @@ def columns(run: RunContent) -> dict[str, Array]:
     """Returns the instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
 
     Returns:
-        `rate`: true or else as read, deg/s; `nis`: of the rotation filter at the samples that it used; `apart`: see
-        `apart`.
+        `rate`: true or else as read, deg/s; `nis`: of the rotation filter at the samples that it used;
+        `package_deviation`: see `package_deviation`.
     """
     scenario = run.scenario
     rate = motion.rate(scenario, run.signals)
@@ -36,7 +36,7 @@ def columns(run: RunContent) -> dict[str, Array]:
     return {
         "rate": np.degrees(rate),
         "nis": np.where(used, np.asarray(run["rotation_nis"]), np.nan),
-        "apart": apart(scenario, np.asarray(run.time_s), run.signals)[:, None],
+        "apart": package_deviation(scenario, np.asarray(run.time_s), run.signals)[:, None],
     }
 
 
@@ -47,7 +47,7 @@ def limits(scenario: Scenario) -> dict[str, object]:
     return {"nis": NIS_LIMITS, "nis_window": NIS_WINDOW, "apart": APART_LIMITS if several else None}
 
 
-def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
+def package_deviation(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
     """Computes the largest deviation of packages from the median of their kind, in its 1-sigma, shape (n,).
 
     Compared are the changes of their readings over a sample; those of accelerometers with what their places make of
@@ -63,7 +63,7 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
     worst = np.full(time_s.size, np.nan)
     if time_s.size < 2 or not vehicle.gyros:
         return worst
-    rate = motion.read(scenario, signals)
+    rate = motion.onboard_rate(scenario, signals)
     gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
     middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
     velocities = []
@@ -71,13 +71,13 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
         arm = np.array(package.position)
         by_place = np.cross(turned, arm) + period * np.cross(middle, np.cross(middle, arm))
         velocities.append(np.diff(np.asarray(signals[package.name]), axis=0) - by_place)
-    sizes = [_from_median(gyros, vehicle.gyros), _from_median(velocities, vehicle.accelerometers)]
+    sizes = [_median_deviation(gyros, vehicle.gyros), _median_deviation(velocities, vehicle.accelerometers)]
     adjacent = np.diff(time_s) < 1.5 * period
     worst[1:] = np.where(adjacent, np.fmax(*sizes), np.nan)
     return worst
 
 
-def _from_median(changes: Sequence[Array], packages: Sequence[SensorPackage]) -> Array:
+def _median_deviation(changes: Sequence[Array], packages: Sequence[SensorPackage]) -> Array:
     """Computes the largest distance from the median over packages and axes, in 1-sigma of a change; NaN for one."""
     if len(packages) < 2:
         return np.full(changes[0].shape[0] if changes else 1, np.nan)

@@ -52,7 +52,7 @@ _BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
 
 
-def drawn(plot: Plot) -> Json:
+def plotly_figure(plot: Plot) -> Json:
     """Converts a plot to data for the page.
 
     Returns:
@@ -77,15 +77,15 @@ def drawn(plot: Plot) -> Json:
         scale = panel.scale
         if isinstance(scale, SymmetricLog):
             views[f"yaxis{suffix}"] = _LEAST * scale.small
-        for trace in _views(plot, marks) if isinstance(scale, SymmetricLog) else _traces(plot, marks, panel):
+        for trace in _log_axis_views(plot, marks) if isinstance(scale, SymmetricLog) else _traces(plot, marks, panel):
             if "meta" in trace:
                 trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
-        vertical = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        vertical = {**_vertical_axis(panel), "domain": [(top - height) / total, top / total]}
         if panel.over:
-            axes[f"xaxis{suffix}"] = _horizontal(panel.over, suffix)
+            axes[f"xaxis{suffix}"] = _horizontal_axis(panel.over, suffix)
             vertical["anchor"] = f"x{suffix}"
-            _run_over(traces[-len(marks) :], panel, panel.over, suffix)
+            _set_quantity_axis(traces[-len(marks) :], panel, panel.over, suffix)
         else:
             shapes += _shapes(plot, panel, suffix)
         axes[f"yaxis{suffix}"] = vertical
@@ -97,7 +97,7 @@ def drawn(plot: Plot) -> Json:
     if not plot.panels[-1].over:
         axes["xaxis"] = {
             "title": {"text": "time, s"},
-            "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
+            "range": [_round_number(plot.time_s[0]), _round_number(plot.time_s[-1])],
             "anchor": f"y{suffix}",  # of the lowest panel
         }
     layout = {
@@ -161,11 +161,11 @@ def _magnitude(value: float | None) -> float | None:
     return None if value is None else abs(value)
 
 
-def packed(figures: Sequence[Json]) -> Json:
+def pack_figures(figures: Sequence[Json]) -> Json:
     """Packs figures for a page: every list of numbers and every shape once.
 
     Args:
-        figures: as `drawn` makes them, which are changed.
+        figures: as `plotly_figure` makes them, which are changed.
 
     Returns:
         `lists`, `shapes`, and `plots` in which a shape is its number, and the values of a trace are the number of
@@ -181,7 +181,7 @@ def packed(figures: Sequence[Json]) -> Json:
     return {"lists": lists.found, "shapes": [json.loads(shape) for shape in shapes], "plots": list(figures)}
 
 
-def times(plot_time_s: Array) -> list[float]:
+def round_times(plot_time_s: Array) -> list[float]:
     """Rounds sample times for the page, s."""
     return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
 
@@ -208,17 +208,17 @@ def _key_height(panel: Panel) -> int:
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
-def _horizontal(over: Over, suffix: str) -> Json:
+def _horizontal_axis(over: Over, suffix: str) -> Json:
     """Describes the horizontal axis of a panel that is not over the time."""
     return {
-        "title": {"text": plain(over.axis_label), "font": {"size": 10}},
+        "title": {"text": escape_text(over.axis_label), "font": {"size": 10}},
         "range": list(over.limits),
         "anchor": f"y{suffix}",
         "exponentformat": "power",
     }
 
 
-def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
+def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
     """Assigns a panel's traces to the axis of its quantity, not of time; only the first, the path, has readings."""
     for trace in traces:
         trace["xaxis"] = f"x{suffix}"
@@ -230,13 +230,13 @@ def _label(panel: Panel, number: int) -> Json:
     """Writes the label of a vertical axis beside it, in a fixed place: plotly's titles move into the numbers."""
     suffix = "" if number == 1 else str(number)
     return {
-        "text": plain(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
+        "text": escape_text(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
         "xref": f"x{suffix if panel.over else ''} domain", "x": 0.0, "xshift": -_LABEL,
         "yref": f"y{suffix} domain", "y": 0.5,
     }  # fmt: skip
 
 
-def _vertical(panel: Panel) -> Json:
+def _vertical_axis(panel: Panel) -> Json:
     """Describes the vertical axis of a panel."""
     axis: Json = {"exponentformat": "power", "automargin": True, "nticks": 5}
     axis["type"] = "log" if panel.scale == "log" else "linear"
@@ -244,8 +244,8 @@ def _vertical(panel: Panel) -> Json:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
         axis["range"] = limits.tolist()
     if panel.rows:
-        names = [plain(row) for row in panel.rows]
-        axis["title"] = {"text": plain(panel.axis_label), "font": {"size": 10}}
+        names = [escape_text(row) for row in panel.rows]
+        axis["title"] = {"text": escape_text(panel.axis_label), "font": {"size": 10}}
         axis |= {"tickvals": list(range(len(names))), "ticktext": names, "tickfont": {"size": 9}}
         axis["range"] = [len(names) - 0.4, -0.6]
     return axis
@@ -272,7 +272,7 @@ def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
     return found
 
 
-def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
+def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
     """Makes a linear view and one of magnitudes, for plotly has no symmetric logarithmic axis."""
     linear, log = [], []
     for mark in marks:
@@ -295,11 +295,11 @@ def _line(plot: Plot, mark: Line) -> Json:
         "dash": "dash" if mark.dashed else "solid",
         "shape": _shape(mark.steps),
     }
-    content = {**_over(plot, mark.x), "y": numbers(mark.y), "mode": "lines", "line": style}
-    return _trace(mark.label, {**content, "meta": _read_as(mark.label)})
+    content = {**_trace_times(plot, mark.x), "y": rounded_numbers(mark.y), "mode": "lines", "line": style}
+    return _trace(mark.label, {**content, "meta": _reading_name(mark.label)})
 
 
-def _read_as(label: str, **more: Any) -> Json:
+def _reading_name(label: str, **more: Any) -> Json:
     """Makes the metadata that name a trace in readings: its label without its final value."""
     return {"label": label.partition(",")[0], **more}
 
@@ -308,10 +308,10 @@ def _points(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol != "dot":
         marker["symbol"] = _SYMBOLS[mark.symbol]
-    y = numbers(mark.y, digits=_DIGITS if mark.drawn else _DIGITS_READ)
-    content: Json = {"x": numbers(mark.x), "y": y, "mode": "markers", "marker": marker}
+    y = rounded_numbers(mark.y, digits=_DIGITS if mark.drawn else _DIGITS_READ)
+    content: Json = {"x": rounded_numbers(mark.x), "y": y, "mode": "markers", "marker": marker}
     if mark.symbol == "dot":
-        content["meta"] = _read_as(mark.label, **({"group": mark.group} if mark.group else {}))
+        content["meta"] = _reading_name(mark.label, **({"group": mark.group} if mark.group else {}))
     if not mark.drawn:
         content |= {"visible": False, "showlegend": False}
     if mark.symbol in ("up", "down"):
@@ -326,16 +326,16 @@ def _whiskers(mark: Whiskers) -> Json:
     gap = np.full(mark.x.shape, np.nan)
     x, y = (np.stack(parts, axis=1).ravel() for parts in ((mark.x, mark.x, gap), (mark.low, mark.high, gap)))
     style = {"color": mark.color, "width": mark.width * _PIXELS_PER_POINT}
-    return _trace(mark.label, {"x": numbers(x), "y": numbers(y), "mode": "lines", "line": style})
+    return _trace(mark.label, {"x": rounded_numbers(x), "y": rounded_numbers(y), "mode": "lines", "line": style})
 
 
 def _band(plot: Plot, mark: Band) -> list[Json]:
     """Makes two edges without lines, the upper one filled down to the lower."""
-    edge = {**_over(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
+    edge = {**_trace_times(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
-    low = _trace("", {**edge, "y": numbers(mark.low), "hoverinfo": "skip"})
-    high = {**edge, "y": numbers(mark.high), **face}
-    meta = {"meta": _read_as(mark.label, half=True)} if mark.label else {}  # read as half of what lies between
+    low = _trace("", {**edge, "y": rounded_numbers(mark.low), "hoverinfo": "skip"})
+    high = {**edge, "y": rounded_numbers(mark.high), **face}
+    meta = {"meta": _reading_name(mark.label, half=True)} if mark.label else {}  # read as half of what lies between
     return [low, _trace(mark.label, high | meta)]
 
 
@@ -343,40 +343,47 @@ def _bars(mark: Bars, rows: Sequence[str]) -> Json:
     gap = np.full(mark.begin.shape, np.nan)
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
-    names = [plain(row) for row in rows]
+    names = [escape_text(row) for row in rows]
     text = [name for row in np.round(mark.row).astype(int).tolist() for name in (names[row], names[row], "")]
     style = {"color": mark.color, "width": round(_BAR * mark.height, 1)}
-    bars: Json = {"x": numbers(x), "y": numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
+    bars: Json = {
+        "x": rounded_numbers(x),
+        "y": rounded_numbers(y),
+        "text": text,
+        "hoverinfo": "text+x",
+        "mode": "lines",
+        "line": style,
+    }
     if mark.label:
         bars["meta"] = {"label": mark.label, "bars": True}
     return _trace("", bars)
 
 
 def _trace(label: str, content: Json) -> Json:
-    base: Json = {"type": "scatter", "hoverinfo": "x+y+name", "name": plain(label), "showlegend": bool(label)}
+    base: Json = {"type": "scatter", "hoverinfo": "x+y+name", "name": escape_text(label), "showlegend": bool(label)}
     return {**base, **content}
 
 
-def plain(text: str) -> str:
+def escape_text(text: str) -> str:
     """Escapes HTML and dollar signs in a text, which plotly would take for markup and TeX."""
     return html.escape(text, quote=False).replace("$", "&#36;")
 
 
-def _over(plot: Plot, x: Array) -> Json:
+def _trace_times(plot: Plot, x: Array) -> Json:
     """Returns the horizontal values of a trace as plotly data; empty where they are the sample times."""
-    return {} if x is plot.time_s else {"x": numbers(x)}
+    return {} if x is plot.time_s else {"x": rounded_numbers(x)}
 
 
 def _shape(steps: bool) -> str:
     return "hv" if steps else "linear"
 
 
-def numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
+def rounded_numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
     """Returns plain numbers, rounded as plots need them; None for what is not finite."""
-    return [_rounded(value, digits) if math.isfinite(value) else None for value in values.tolist()]
+    return [_round_number(value, digits) if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _rounded(value: float, digits: int = _DIGITS) -> float:
+def _round_number(value: float, digits: int = _DIGITS) -> float:
     return float(f"{value:.{digits}g}")
 
 
@@ -401,13 +408,13 @@ def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
             case Zone():
                 face = {"fillcolor": mark.color, "opacity": mark.opacity, "line": {"width": 0}, "layer": "below"}
                 zone = {"type": "rect", **over_times, "y0": mark.low, "y1": mark.high, **face}
-                found.append({**zone, **_named(mark.label, suffix)})
+                found.append({**zone, **_legend_entry(mark.label, suffix)})
             case Level():
                 line = {"color": mark.color, "width": 1, "dash": "dash"}
                 level = {"type": "line", **over_times, "y0": mark.y, "y1": mark.y, "line": line}
-                found.append({**level, **_named(mark.label, suffix)})
+                found.append({**level, **_legend_entry(mark.label, suffix)})
     return found
 
 
-def _named(label: str, suffix: str) -> Json:
-    return {"name": plain(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}
+def _legend_entry(label: str, suffix: str) -> Json:
+    return {"name": escape_text(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion
-from massprop_drake.display.plot_source import failing as truly_failing
+from massprop_drake.display.plot_source import failing_jets as truly_failing
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -41,11 +41,11 @@ class Live:
         self._before: Moment | None = None
         self._said: list[str] = []
         self._news = threading.Condition()
-        failed = event_marks.failures(scenario, scenario.duration_s)
-        page, stage = flight3d.scene(scenario, truth=True)
+        failed = event_marks.failure_marks(scenario, scenario.duration_s)
+        page, stage = flight3d.build_scene(scenario, truth=True)
         self._links = stage.links
         data = {
-            **flight3d.described(scenario, stage, truth=True),
+            **flight3d.scenario_page_data(scenario, stage, truth=True),
             "live": True,
             "rows": [],
             "lists": {name: [] for name in (*flight3d.LISTS, "sizes")},
@@ -54,7 +54,7 @@ class Live:
             "events": [],
         }
         html = flight3d.flight_page(scenario, page, data, live=True).encode()
-        self._server = ThreadingHTTPServer(("localhost", 0), _handler(html, self))
+        self._server = ThreadingHTTPServer(("localhost", 0), _make_handler(html, self))
         self._server.daemon_threads = True
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
@@ -89,7 +89,7 @@ class Live:
         asked = np.nan_to_num(moment.command) > 0.0
         level = moment.thrust / self._full
         lists = {
-            **motion.plumes(level, asked, failing),
+            **motion.classify_plumes(level, asked, failing),
             "failed": failing,
             "found": moment.removed,
         }
@@ -104,10 +104,10 @@ class Live:
             np.array([self._apart(moment)]),
             *([self._links.poses(moment.joint_positions)] if self._links else []),
         )
-        listed = (interactive.numbers(value, digits=flight3d.DIGITS) for value in values)
+        listed = (interactive.rounded_numbers(value, digits=flight3d.DIGITS) for value in values)
         row = [one[0] if len(one) == 1 else one for one in listed]
         told: dict[str, Any] = {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}
-        told["sizes"] = flight3d.sizes(self._scenario, level, lists["given"], lists["untold"])
+        told["sizes"] = flight3d.plume_sizes(self._scenario, level, lists["given"], lists["untold"])
         return {"row": row, "lists": told}
 
     def _apart(self, moment: Moment) -> float:
@@ -116,10 +116,10 @@ class Live:
         both = (self._before, moment)
         names = self._scenario.vehicle_data.sensor_names()
         signals = {name: np.stack([one.readings[index] for one in both]) for index, name in enumerate(names)}
-        return float(instruments.apart(self._scenario, np.array([one.time_s for one in both]), signals)[-1])
+        return float(instruments.package_deviation(self._scenario, np.array([one.time_s for one in both]), signals)[-1])
 
 
-def _handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
+def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
     """Makes a handler that serves the page, and the rows as events that a browser takes as they come."""
 
     class Handler(BaseHTTPRequestHandler):

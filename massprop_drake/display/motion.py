@@ -23,16 +23,16 @@ def rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
     """
     if "rate" in signals:
         return np.asarray(signals["rate"])
-    return read(scenario, signals)
+    return onboard_rate(scenario, signals)
 
 
-def read(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
+def onboard_rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
     """Returns the angular rate known on board, rad/s, shape (n, 3): the reading of the gyro in use, or the estimate."""
     packages = params.gyros(scenario)
     return np.asarray(signals[packages[0].name if packages else "rate_estimate"])
 
 
-def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+def classify_plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
     """Classifies the plumes of jets: regular thrust, thrust of a failed jet uncommanded, commanded thrust missing.
 
     Args:

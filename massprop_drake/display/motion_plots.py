@@ -22,13 +22,13 @@ from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, THIN_
 from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.signals import AGAINST, AXES, SIGNALS, in_units
-from massprop_drake.results.against_followed import turned
+from massprop_drake.maths.signals import AGAINST, AXES, SIGNALS, fill_unit_template
+from massprop_drake.results.against_followed import rotation_differences
 
 if TYPE_CHECKING:
     pass
 
-from massprop_drake.display.plot_source import DEGREES, Source, failing, plot
+from massprop_drake.display.plot_source import DEGREES, Source, failing_jets, plot
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def phase_plane(run: Source) -> Plot:
     """
     law = pilot_params.phase_space_params(run.scenario)
     error = DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
-    rate = DEGREES * motion.read(run.scenario, run.signals)
+    rate = DEGREES * motion.onboard_rate(run.scenario, run.signals)
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
     deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
     panels = [
@@ -93,8 +93,8 @@ def _phase_panel(
     """Makes the path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by their use."""
     error, rate = path
     held = np.where(np.isnan(error), np.nan, rate)
-    wide = _beyond(error, 0.0)
-    high = _beyond(held, DEGREES * (law.hold_rate_limit + max(deadbands.values())))
+    wide = _symmetric_limit(error, 0.0)
+    high = _symmetric_limit(held, DEGREES * (law.hold_rate_limit + max(deadbands.values())))
     corner = DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else wide
     x = np.unique(np.clip([-wide, -corner, corner, wide], -wide, wide))
     wanted = np.array([DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / DEGREES])
@@ -110,7 +110,7 @@ def _phase_panel(
     return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
 
 
-def _beyond(values: Array, least: float) -> float:
+def _symmetric_limit(values: Array, least: float) -> float:
     """Computes half the width of a range around zero that holds all values with some margin."""
     return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
 
@@ -147,33 +147,33 @@ def accelerometer_velocities(run: Source) -> Plot:
 def against_rates(run: Source) -> Plot:
     """Plots the angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
     name = params.gyro(run.scenario).name
-    return _against(run, "against_rates", name, "Angular rate", "deg/s", DEGREES)
+    return _plot_against_simulation(run, "against_rates", name, "Angular rate", "deg/s", DEGREES)
 
 
 def against_velocities(run: Source) -> Plot:
     """Plots the integrated specific force as the accelerometer in use read it, and as a simulation has it."""
     name = params.accelerometers(run.scenario)[0].name
     unit = f"{run.vehicle.unit_names['length']}/s"
-    return _against(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
+    return _plot_against_simulation(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
 
 
 def against_positions(run: Source) -> Plot:
     """Plots the position of the first point that is followed, as read and as simulated with the same commands."""
     name = next(pose.name for pose in run.vehicle.poses if pose.position_std is not None)
-    return _against(run, "against_positions", name, "Position", run.vehicle.unit_names["length"], 1.0)
+    return _plot_against_simulation(run, "against_positions", name, "Position", run.vehicle.unit_names["length"], 1.0)
 
 
 def against_attitudes(run: Source) -> Plot:
     """Plots the rotation from the simulated attitude to the read one, of the first attitude that is read."""
     name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
-    left = DEGREES * turned(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
+    left = DEGREES * rotation_differences(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
     panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.turning]
     meaning = "from the attitude that the simulation has to the one that was read, body axes"
     title = "Attitude, beside a simulation of the same commands: difference"
     return plot(run, "against_attitudes", title, panels, meaning=meaning)
 
 
-def _against(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
+def _plot_against_simulation(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
     """Plots, for each axis that moves, what was read and simulated, and the difference."""
     read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
@@ -237,7 +237,7 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
     meaning = ""
     if "thrust" in run.signals:
         level = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1)
-        seen = motion.plumes(level, command, failing(run.time_s, run.scenario))
+        seen = motion.classify_plumes(level, command, failing_jets(run.time_s, run.scenario))
         marks.append(_bars(run, rows, seen["given"], 0.2, TRUTH_COLOR, "thrust"))
         marks.append(_bars(run, rows, seen["untold"], 0.2, FAILED_COLOR, "thrust untold"))
         meaning = "upper bar: commanded; lower bar: true thrust, orange: of a failed jet, untold"
@@ -294,7 +294,7 @@ def _vector(
 ) -> Plot:
     """Plots a vector signal, a panel for each of some axes."""
     values = scale * run.signals[signal]
-    unit = unit or in_units(SIGNALS[signal].unit, run.vehicle.unit_names)
+    unit = unit or fill_unit_template(SIGNALS[signal].unit, run.vehicle.unit_names)
     panels = [Panel(AXES[axis], unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),)) for axis in axes]
     return plot(run, name, title, panels)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import interactive, plots, templates
-from massprop_drake.display.plot_source import PROMPT_S, Source, armed_from
+from massprop_drake.display.plot_source import PROMPT_S, Source, first_tested_s
 from massprop_drake.errors import moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -17,8 +17,8 @@ from massprop_drake.results import detections, table, unconfirmed
 from massprop_drake.results import events as said
 from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
-from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
-from massprop_drake.results.fault_probabilities import rounded
+from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size_in_words
+from massprop_drake.results.fault_probabilities import format_probability
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identified import in_words
 from massprop_drake.results.summary import Summary
@@ -51,7 +51,7 @@ def summary_html(run: RunContent) -> str:
     content = {
         "title": f"{run.results.vehicle}: {run.results.scenario}",
         "verdict": _verdict(run),
-        "parameters": table.parameters(run.results, run.scenario.vehicle_data.unit_names),
+        "parameters": table.parameter_rows(run.results, run.scenario.vehicle_data.unit_names),
     }
     return templates.fragment(_HERE / "summary.html", content)
 
@@ -61,13 +61,15 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
     run = run.shown()
     results, scenario = run.results, run.scenario
     source = plots.source(run)
-    jumps, shown_by = _jumps(run)
+    jumps, shown_by = _times_to_visit(run)
     by_hypotheses = scenario.detector.kind == "hypotheses"
     described = {
-        "time": interactive.times(run.time_s),
-        **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
+        "time": interactive.round_times(run.time_s),
+        **interactive.pack_figures(
+            [interactive.plotly_figure(plot(source)) for plot in plots.available_plots(source).values()]
+        ),
         "jumps": jumps,
-        "failing": _failing(source) if jumps else None,
+        "failing": _failure_plot_name(source) if jumps else None,
     }
     units = scenario.vehicle_data.unit_names
     content = {
@@ -75,7 +77,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "summary": run.summary,
         "innovations": results.consistency.in_words(),
         "units": units,
-        "verdict": [*_verdict(run), *_armed(source, results)],
+        "verdict": [*_verdict(run), *_arming_sentences(source, results)],
         "parameters": table.parameter_sheets(results, units, truth=source.simulated),
         "bound": results.above_bound,
         "intervals": results.intervals and results.intervals.in_words(),
@@ -83,11 +85,11 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "contradicted": results.intervals is not None and results.intervals.contradicted,
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
-        "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
+        "injected": [_injected_row(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "probable": results.fault_probability and results.fault_probability.in_words(units),
-        "against": results.against and _against(results.against),
+        "against": results.against and _comparison_data(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
@@ -105,7 +107,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
     )
 
 
-def _lacking(results: Summary) -> Iterator[str]:
+def _missing_sentences(results: Summary) -> Iterator[str]:
     """Yields sentences on an early end of a run, and on parts of its output that could not be made."""
     if results.ended is not None:
         yield f"Ended early, at {moment(results.ended.time_s)} s: {results.ended.reason}."
@@ -116,7 +118,7 @@ def _lacking(results: Summary) -> Iterator[str]:
 def _verdict(run: RunContent) -> list[dict[str, Any]]:
     """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
     results = run.results
-    sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _lacking(results)]
+    sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _missing_sentences(results)]
 
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
@@ -140,9 +142,9 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
         say(False, f"Inconsistent, so that a 1-sigma may say too little: {reasons[0]}{more}.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
-    for good, text in _of_failures(results, run.scenario.vehicle_data.unit_names):
+    for good, text in _failure_sentences(results, run.scenario.vehicle_data.unit_names):
         say(good, text)
-    for text in _of_the_rest(results, run.scenario.vehicle_data.unit_names):
+    for text in _other_sentences(results, run.scenario.vehicle_data.unit_names):
         say(False, text)
     if results.unconfirmed:
         least = max(results.unconfirmed, key=lambda one: one.statistic)
@@ -150,12 +152,12 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
         say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
     if results.impossible:
         say(False, f"{results.impossible[0].upper()}{results.impossible[1:]}.")
-    for text in _of_the_record(results):
+    for text in _record_sentences(results):
         say(False, text)
     return sentences
 
 
-def _of_the_rest(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
+def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
     """Yields sentences of the verdict on findings besides jets and jumps."""
     false = [one for one in results.events if one.kind == "false_reading"]
     lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
@@ -169,7 +171,7 @@ def _of_the_rest(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
         yield "Something happened that no failed jet, no jump and no false reading explains."
 
 
-def _of_the_record(results: Summary) -> Iterator[str]:
+def _record_sentences(results: Summary) -> Iterator[str]:
     """Yields sentences of the verdict on a record: whether it is whole, and its warnings."""
     if results.completeness_detail:
         first, *others = results.completeness_detail
@@ -177,11 +179,11 @@ def _of_the_record(results: Summary) -> Iterator[str]:
     yield from (results.data_quality or {}).get("warnings", [])
 
 
-def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
+def _failure_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
     """Yields sentences of the verdict on failures: those declared, and those injected that were not found."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     for entry in declared[:_WHOLE]:
-        yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_when(entry, results)}."
+        yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_onset_text(entry, results)}."
     if declared[_WHOLE:]:
         yield False, f"Found as well: {'; '.join(detections.in_words(entry, units) for entry in declared[_WHOLE:])}."
     if not declared:
@@ -191,17 +193,17 @@ def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[b
         yield False, f"Not found as what it is: {', '.join(lost)}; see below."
 
 
-def _when(entry: DetectionRecord, results: Summary) -> str:
+def _onset_text(entry: DetectionRecord, results: Summary) -> str:
     """Formats onset and declaration time of a detection, and its probability at the end."""
     since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
     of_jets = {} if results.fault_probability is None else results.fault_probability.jets
     sure = of_jets.get(entry.jet or "")
-    return since if sure is None else f"{since}, with a probability {_of(sure.probability)}"
+    return since if sure is None else f"{since}, with a probability {_probability_text(sure.probability)}"
 
 
-def _of(probability: float) -> str:
+def _probability_text(probability: float) -> str:
     """Formats a probability to follow the word 'probability', such as 'of 0.97'."""
-    words = rounded(probability)
+    words = format_probability(probability)
     return words if words.startswith("above") else f"of {words}"
 
 
@@ -209,13 +211,13 @@ _WHOLE = 6  # declarations that have a sentence each
 _BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
 
 
-def _failing(source: Source) -> str | None:
+def _failure_plot_name(source: Source) -> str | None:
     """Returns the name of the plot that shows a failure best."""
-    shown = plots.available(source)
+    shown = plots.available_plots(source)
     return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
 
 
-def _jumps(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
+def _times_to_visit(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
     """Lists time windows for the page's links, each from before a failure or jump to after its declaration.
 
     Returns:
@@ -245,7 +247,7 @@ def _jumps(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
     return jumps, of_injected
 
 
-def _injected(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
+def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
     """Formats the outcome of an injected failure or jump."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
@@ -255,10 +257,10 @@ def _injected(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict
         before = sum(other.jet is None for other in (results.injected or ())[:number])
         jump = run.scenario.jumps[before]
         true = f"{-jump.mass if jump.kind == 'release' else jump.mass:+.4g} {units['mass']}"
-        found = "" if entry is None or entry.kind != JUMP else size(entry, units)
+        found = "" if entry is None or entry.kind != JUMP else size_in_words(entry, units)
     else:
         true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
-        found = "" if entry is None else size(entry, units)
+        found = "" if entry is None else size_in_words(entry, units)
     delay_s = None if one.declared_s is None or one.first_acted_s is None else one.declared_s - one.first_acted_s
     before = delay_s is not None and delay_s <= 0.0  # its jet was known to have failed when it acted again
     return {
@@ -273,11 +275,11 @@ def _injected(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict
     }
 
 
-def _armed(source: Source, results: Summary) -> list[dict[str, Any]]:
+def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
     """Writes sentences on a detector that is off, never tested a sample, or began to test late; else none."""
     if "tested" not in source.signals:
         return [{"good": None, "text": "No failure was looked for: the detector is off."}]
-    from_s = armed_from(source)
+    from_s = first_tested_s(source)
     if from_s is None:
         return [{"good": False, "text": "The detector was never armed: no sample was tested."}]
     if from_s - float(source.time_s[0]) <= PROMPT_S:
@@ -304,7 +306,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
         "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
-        "magnitude": size(entry, units),
+        "magnitude": size_in_words(entry, units),
         "sure": after if entry.statistic is None else f"{entry.statistic:.4g} {after}",
         "remarks": "; ".join(remarks(entry)),
     }
@@ -323,7 +325,7 @@ def _autopilot(run: RunContent) -> list[str]:
     return lines
 
 
-def _against(found: Against) -> dict[str, Any]:
+def _comparison_data(found: Against) -> dict[str, Any]:
     """Formats a record beside a simulation: residuals by signal, and possible causes."""
     return {
         "run": found.run,

@@ -77,7 +77,7 @@ def source(run: RunContent) -> Source:
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
 
-def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
+def failing_jets(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
     """Mask of the jets that truly fail during each sample, from its row to the next, shape (n, n_jets)."""
     vehicle = scenario.vehicle_data
     found = np.zeros((time_s.size, len(vehicle.jets)), dtype=bool)
@@ -88,7 +88,7 @@ def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
     return found
 
 
-def armed_from(run: Source) -> float | None:
+def first_tested_s(run: Source) -> float | None:
     """Returns when the detector tested a sample for the first time, s; None: it never did."""
     tested = run.where("tested")
     return float(run.time_s[tested[0]]) if tested.size else None
@@ -118,7 +118,7 @@ def _windows(run: Source) -> tuple[ShadedWindow, ...]:
     )
     if "tested" not in run.signals:
         return commanded
-    start_s, until_s = float(run.time_s[0]), armed_from(run)
+    start_s, until_s = float(run.time_s[0]), first_tested_s(run)
     end_s = float(run.time_s[-1]) if until_s is None else until_s
     return (ShadedWindow(start_s, end_s, "", armed=False), *commanded) if end_s - start_s > PROMPT_S else commanded
 

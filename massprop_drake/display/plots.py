@@ -1,6 +1,6 @@
 """Plots of a run, each described once: panels and marks from its signals, in units and colors.
 
-Every function takes a `Source` and returns a `Plot`; `available` names those that a source has the signals
+Every function takes a `Source` and returns a `Plot`; `available_plots` names those that a source has the signals
 for. Their figure numbers are those of the thesis.
 """
 
@@ -23,7 +23,7 @@ from massprop_drake.display.filter_plots import (
     PRODUCTS,
     center_of_mass,
     consistency,
-    estimated,
+    estimated_elements,
     innovations,
     inverse_inertia_diagonal,
     inverse_inertia_products,
@@ -56,10 +56,10 @@ from massprop_drake.display.plot_source import Source, plot
 from massprop_drake.display.plot_source import source as source  # noqa: PLC0414 (for those who ask for plots)
 from massprop_drake.display.spec import Line, Panel, Plot
 from massprop_drake.display.style import COLORS
-from massprop_drake.maths.signals import AGAINST, SYMBOLS, is_own
+from massprop_drake.maths.signals import AGAINST, SYMBOLS, is_user_signal
 
 
-def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
+def available_plots(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """Returns the plots of a run by name, in the order to read them."""
     signals, vehicle = run.signals, run.vehicle
     beside = any(name.startswith(AGAINST) for name in signals)  # a simulation of a record's commands
@@ -84,9 +84,9 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
         (against_attitudes, "attitude_estimate" in signals and any(pose.attitude_std is not None for pose in poses)),
         (against_rates, beside and vehicle.gyros),
         (against_velocities, beside and vehicle.accelerometers),
-        (inverse_inertia_diagonal, estimated(run, DIAGONAL)),
-        (inverse_inertia_products, estimated(run, PRODUCTS)),
-        (center_of_mass, estimated(run, CENTER)),
+        (inverse_inertia_diagonal, estimated_elements(run, DIAGONAL)),
+        (inverse_inertia_products, estimated_elements(run, PRODUCTS)),
+        (center_of_mass, estimated_elements(run, CENTER)),
         (mass_reciprocal, "mass_nis" in signals),  # there is an accelerometer
         (consistency, True),
         (thrust_factors, followed),
@@ -99,7 +99,7 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
         (margins, detected and any(np.isfinite(signals[name]).any() for name in ("jet_margin", "cluster_margin"))),
         (failure_magnitude, detected),
         (detection_timeline, detected),
-        (own_signals, _own(run)),
+        (own_signals, _own_signal_names(run)),
     )
     return {draw.__name__: draw for draw, there in shown if there}
 
@@ -107,7 +107,7 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
 def own_signals(run: Source) -> Plot:
     """Plots signals of the user's own systems that nothing else shows, a panel for each."""
     panels = []
-    for name in _own(run):
+    for name in _own_signal_names(run):
         values = run.signals[name]
         components = range(values.shape[1])
         marks = [
@@ -121,13 +121,13 @@ def own_signals(run: Source) -> Plot:
 _READABLE = 12  # components of a signal that are drawn, at the most
 
 
-def _own(run: Source) -> list[str]:
+def _own_signal_names(run: Source) -> list[str]:
     """Returns names of the user's own signals that no other plot shows; long vectors are left out."""
     drawn = {f"{name}.estimate" for element in range(len(SYMBOLS)) for name in other_estimates(run, element)}
     return [
         name
         for name, values in run.signals.items()
-        if is_own(name)
+        if is_user_signal(name)
         and not name.startswith(AGAINST)
         and name not in drawn
         and values.shape[1] <= _READABLE

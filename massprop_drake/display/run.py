@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from massprop_drake.errors import InputError, in_words
-from massprop_drake.inputs.model import validated, yaml_text
+from massprop_drake.inputs.model import validate_data, yaml_text
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run_content import RunContent, read_summary
-from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, reduce_to_storable
 from massprop_drake.results.summary import SummaryFile
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Run(RunContent):
         state: dict[str, Any] = {}
         if exists(path / STATE_FILE):
             state = read_json(path / STATE_FILE)
-            validated(FilterState, state, source=str(path / STATE_FILE))
+            validate_data(FilterState, state, source=str(path / STATE_FILE))
         return Run(scenario, results, time_s, signals, state)
 
     @property
@@ -121,14 +121,14 @@ class Run(RunContent):
                 except Exception as error:
                     if parts is data and isinstance(error, OSError):
                         raise
-                    _remove(partial / name)
+                    _remove_unfinished(partial / name)
                     parts.note(name, error)
 
-            put("scenario.yaml", lambda path: _put(path, yaml_text(self.scenario) + _END), data)
+            put("scenario.yaml", lambda path: _write_text(path, yaml_text(self.scenario) + _END), data)
             put("telemetry.csv", self.write_telemetry, data)
             put("history.npz", self.write_history, data)
             if self.state:
-                put(STATE_FILE, lambda path: _put(path, _json(self.filter_state(), FilterState, data)), data)
+                put(STATE_FILE, lambda path: _write_text(path, _json(self.filter_state(), FilterState, data)), data)
             shown = self.shown() if any(pages.values()) else self  # once: it takes a while
             if pages.get("figures"):
                 put("figures", shown._draw, drawn)
@@ -138,10 +138,10 @@ class Run(RunContent):
                 put("report.html", shown._write_report, drawn)
             noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
             results = replace(self.results, missing=noted) if noted else self.results
-            content = storable(results.as_json(), SummaryFile, lost := PartsMade())
+            content = reduce_to_storable(results.as_json(), SummaryFile, lost := PartsMade())
             if lost.missing:
                 content["missing"] = [*noted, *lost.missing]
-            _put(partial / "summary.json", _text(content))
+            _write_text(partial / "summary.json", _text(content))
         return data.error or drawn.error or lost.error
 
     def _draw(self, folder: Path) -> None:
@@ -151,13 +151,13 @@ class Run(RunContent):
     def _write_replay(self, path: Path) -> None:
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
-        _put(path, replay_html(self))
+        _write_text(path, replay_html(self))
 
     def _write_report(self, path: Path) -> None:
         from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
 
         replay = path.with_name("replay.html")
-        _put(path, report_html(self, replay=replay.name if replay.exists() else None))
+        _write_text(path, report_html(self, replay=replay.name if replay.exists() else None))
 
     def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
         """Writes the run for viewers of others: signals with units, frames, a scene and messages.
@@ -174,7 +174,7 @@ class Run(RunContent):
         """
         from massprop_drake.display import export  # noqa: PLC0415 (loads an extra)
 
-        target, kind = Path(path), export.chosen(to).name
+        target, kind = Path(path), export.find_format(to).name
         content = export.Content(self, epoch_s=epoch_s)
         write_file(target, lambda ready: export.write(content, to, ready), kind, force=force)
         return target
@@ -187,18 +187,18 @@ class Run(RunContent):
 
 
 def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
-    return _text(storable(content, schema, parts))
+    return _text(reduce_to_storable(content, schema, parts))
 
 
 def _text(content: Any) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def _put(path: Path, text: str) -> None:
+def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="")
 
 
-def _remove(path: Path) -> None:
+def _remove_unfinished(path: Path) -> None:
     """Removes a file that has been begun, or an empty folder."""
     if not path.is_dir():
         path.unlink(missing_ok=True)

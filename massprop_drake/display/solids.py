@@ -18,7 +18,7 @@ _NOZZLE_CORNERS = 12
 _MARKS = {"failed": 0.022, "found": 0.033}  # radius over the vehicle's extent
 
 
-def shape(vehicle: Vehicle) -> tuple[Solid, ...]:
+def vehicle_solids(vehicle: Vehicle) -> tuple[Solid, ...]:
     """Returns solids of a vehicle; one that has none is a box that spans its jets."""
     return vehicle.shape or (_box(vehicle),)
 

@@ -64,7 +64,7 @@ class MeshcatStage:
         self._extent = solids.extent(vehicle)
         self.axis = solids.round_length(0.45 * self._extent)
         self.spread = solids.spread_limits(vehicle)
-        self.meshcat = _quiet_meshcat()
+        self.meshcat = _start_quiet_meshcat()
         self._prepare()
         self._draw_body()
         self._draw_axes()
@@ -105,7 +105,7 @@ class MeshcatStage:
         if self.links is not None:
             self.links.draw(self.meshcat, f"{_STRUCTURE}/links")
             return
-        for number, solid in enumerate(solids.shape(self._vehicle)):
+        for number, solid in enumerate(solids.vehicle_solids(self._vehicle)):
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 
     def _draw_axes(self) -> None:
@@ -114,7 +114,7 @@ class MeshcatStage:
             direction = np.eye(3)[axis]
             path = f"{_BODY}/axes/{'xyz'[axis]}"
             self.meshcat.SetObject(path, Cylinder(radius, length), Rgba(*color, 0.8))
-            self.meshcat.SetTransform(path, RigidTransform(_along(direction), 0.5 * length * direction))
+            self.meshcat.SetTransform(path, RigidTransform(_rotation_from_z(direction), 0.5 * length * direction))
 
     def _draw_jets(self) -> None:
         vehicle = self._vehicle
@@ -122,7 +122,7 @@ class MeshcatStage:
         for index, jet in enumerate(vehicle.jets):
             path = f"{_STRUCTURE}/jets/{index}"
             outwards = -vehicle.thrusts[index] / jet.thrust
-            self.meshcat.SetTransform(path, RigidTransform(_along(outwards), vehicle.positions[index]))
+            self.meshcat.SetTransform(path, RigidTransform(_rotation_from_z(outwards), vehicle.positions[index]))
             nozzle = solids.nozzle_length(vehicle)
             shape = MeshcatCone(nozzle, 0.5 * nozzle, 0.5 * nozzle)
             self.meshcat.SetObject(f"{path}/nozzle", shape, Rgba(0.25, 0.28, 0.33, 1.0))
@@ -157,7 +157,7 @@ class MeshcatStage:
         self.meshcat.SetObject("/world/stars", cloud, size, _rgba(STAR_COLOR, 1.0))
 
 
-def _quiet_meshcat() -> Meshcat:
+def _start_quiet_meshcat() -> Meshcat:
     """Starts Meshcat on localhost without its announcement on the terminal."""
     log = logging.getLogger("drake")
     level = log.level
@@ -182,7 +182,7 @@ def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
             # Meshcat's cone stands on its point: turned so that the point looks along +x
             meshcat.SetObject(f"{path}/cone", MeshcatCone(solid.length, solid.radii[1], solid.radii[0]), color)
             point = np.array([0.5 * solid.length, 0.0, 0.0])
-            meshcat.SetTransform(f"{path}/cone", RigidTransform(_along(np.array([-1.0, 0.0, 0.0])), point))
+            meshcat.SetTransform(f"{path}/cone", RigidTransform(_rotation_from_z(np.array([-1.0, 0.0, 0.0])), point))
         case PlateSolid():
             _draw_mesh(meshcat, path, solids.plate(np.array(solid.outline), solid.thickness), color)
     meshcat.SetTransform(path, place)
@@ -194,7 +194,7 @@ def _draw_mesh(meshcat: Meshcat, path: str, mesh: tuple[Array, NDArray[np.int_]]
     meshcat.SetTriangleMesh(path, vertices.T, np.vstack([faces, faces[:, ::-1]]).T, color)
 
 
-def _along(direction: Array) -> RotationMatrix:
+def _rotation_from_z(direction: Array) -> RotationMatrix:
     """Returns a rotation that takes z to a direction."""
     return RotationMatrix.MakeFromOneVector(direction, 2)
 

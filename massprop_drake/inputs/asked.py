@@ -15,13 +15,13 @@ from massprop_drake.inputs import units
 from massprop_drake.inputs.estimation_blocks import FaultsBlock
 from massprop_drake.inputs.plausible import FOOT, SLUG
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
+from massprop_drake.maths.estimation.faults.priors import Priors, log_failure_probability, log_jump_probability
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
 from massprop_drake.maths.maneuver.planning import ManeuverLimits
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Target(NamedTuple):
     share: float
 
 
-def targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
+def parse_targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
     """Parses 1-sigma targets such as ``{"mass": "1%", "center": "2 mm"}``, with one target per quantity of a group.
 
     Args:
@@ -82,7 +82,7 @@ def targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> li
     return found
 
 
-def valued(name: str, properties: Array) -> tuple[Array, float]:
+def derivative_and_value(name: str, properties: Array) -> tuple[Array, float]:
     """Computes the derivative of a quantity by the ten parameters, shape (10,), and its value.
 
     Args:
@@ -97,16 +97,16 @@ def valued(name: str, properties: Array) -> tuple[Array, float]:
         element = CENTER_OF_MASS.start + _GROUPS["center"].index(name)
         combination[element] = 1.0
         return combination, float(properties[element])
-    inertia = np.linalg.inv(symmetric(properties[:6]))
+    inertia = np.linalg.inv(symmetric_matrix(properties[:6]))
     row, column = {**_MOMENTS, **_PRODUCTS}[name]
     for element in range(6):
-        change = symmetric(np.eye(6)[element])
+        change = symmetric_matrix(np.eye(6)[element])
         combination[element] = -(inertia @ change @ inertia)[row, column]
     return combination, float(inertia[row, column])
 
 
 def _target(group: str, name: str, text: str, properties: Array, vehicle: Vehicle) -> Target:
-    combination, value = valued(name, properties)
+    combination, value = derivative_and_value(name, properties)
     names = vehicle.unit_names
     if name == "mass":
         unit, powers, share = names["mass"], (0, 1), value
@@ -115,23 +115,23 @@ def _target(group: str, name: str, text: str, properties: Array, vehicle: Vehicl
     else:
         unit, powers = f"{names['mass']}-{names['length']}^2", (2, 1)
         row, column = {**_MOMENTS, **_PRODUCTS}[name]
-        moments = [valued(each, properties)[1] for each in _MOMENTS]
+        moments = [derivative_and_value(each, properties)[1] for each in _MOMENTS]
         share = math.sqrt(moments[row] * moments[column])
-    asks = _deviation(text, share, powers, vehicle, f"design: target {group}={text}")
+    asks = _parse_deviation(text, share, powers, vehicle, f"design: target {group}={text}")
     return Target(name, unit, value, asks, combination, share)
 
 
-def _deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
+def _parse_deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
     """Reads a 1-sigma in the vehicle's units, given as a share or with a unit of length and mass to these powers."""
-    number, unit = _quantity(text, where)
+    number, unit = _split_quantity(text, where)
     example = "1%" if share else f"5 mm, or in {vehicle.unit_names['length']}"
     if not unit:
         raise InputError(f"{where}: needs a unit, such as {example}")
-    read = units.parsed(unit)
+    read = units.parse_unit(unit)
     if read.dimension == (0, 0, 0, 0) and share:
         deviation = number * read.factor * share
     elif read.dimension == (*powers, 0, 0):
-        deviation = number * read.factor / _si(powers, vehicle)
+        deviation = number * read.factor / _si_factor(powers, vehicle)
     else:
         raise InputError(f"{where}: '{unit}' does not fit; write it like {example}")
     if not (math.isfinite(deviation) and deviation > 0.0):
@@ -139,7 +139,7 @@ def _deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicl
     return deviation
 
 
-def _quantity(text: str, where: str) -> tuple[float, str]:
+def _split_quantity(text: str, where: str) -> tuple[float, str]:
     """Splits a text such as `0.5deg/s` into number and unit."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
@@ -147,14 +147,14 @@ def _quantity(text: str, where: str) -> tuple[float, str]:
     return float(match[1]), match[2]
 
 
-def _si(powers: tuple[int, int], vehicle: Vehicle) -> float:
+def _si_factor(powers: tuple[int, int], vehicle: Vehicle) -> float:
     """Returns the SI value of the vehicle's unit of length and mass to these powers."""
     if vehicle.unit_names["mass"] == "kg":
         return 1.0
     return float(FOOT ** powers[0] * SLUG ** powers[1])
 
 
-def limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
+def parse_limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
     """Reads limits such as ``{"rate": "0.5 deg/s", "propellant": "0.2 kg"}``; a bare number is in the vehicle's units.
 
     Raises:
@@ -165,14 +165,14 @@ def limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
         where = f"design: limit {name}={text}"
         if name not in LIMITS:
             raise InputError(f"{where}: no such limit{suggestion(name, LIMITS)}")
-        number, unit = _quantity(text, where)
+        number, unit = _split_quantity(text, where)
         kind, example = LIMITS[name]
         if unit:
-            read = units.parsed(unit)
-            wanted = units.parsed(example)
+            read = units.parse_unit(unit)
+            wanted = units.parse_unit(example)
             if read.dimension != wanted.dimension:
                 raise InputError(f"{where}: '{unit}' does not fit; write it like 1 {example}")
-            number *= read.factor / (_si(_SI[kind], vehicle) if kind in _SI else 1.0)
+            number *= read.factor / (_si_factor(_SI[kind], vehicle) if kind in _SI else 1.0)
         if not (math.isfinite(number) and number > 0.0):
             raise InputError(f"{where}: forbids every maneuver; it must be above zero")
         found[name] = number
@@ -195,7 +195,7 @@ class Suspicion(NamedTuple):
     loss: bool
 
 
-def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
+def parse_suspects(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
     """Parses suspected jets: one is to be separated from every other jet, several from each other.
 
     Args:
@@ -216,7 +216,7 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
         places.append(vehicle.designations.index(name))
     if not places:
         return Suspicion(np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0), False)
-    signed = forces(force, vehicle, places)
+    signed = parse_failure_forces(force, vehicle, places)
     loss = bool(signed[places[0]] < 0.0)
     for place in places if loss else ():
         if place not in fires:
@@ -230,7 +230,7 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
     return Suspicion(pairs, np.abs(signed[first]), np.linalg.norm(vehicle.thrusts, axis=1)[first], loss)
 
 
-def forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
+def parse_failure_forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
     """Parses the failure force of each jet, lbf or N, shape (n_jets,); a negative one is missing thrust.
 
     Args:
@@ -242,9 +242,9 @@ def forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
         InputError: when it is none, or more than the thrust of one of these jets.
     """
     where = f"design: force {text}"
-    number, unit = _quantity(text, where)
-    own = units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf")
-    read = units.parsed(unit) if unit else own
+    number, unit = _split_quantity(text, where)
+    own = units.parse_unit("N" if vehicle.unit_names["force"] == "N" else "lbf")
+    read = units.parse_unit(unit) if unit else own
     thrusts: Array = np.linalg.norm(vehicle.thrusts, axis=1)
     if read.dimension == (0, 0, 0, 0):
         found = number * read.factor * thrusts
@@ -275,7 +275,7 @@ class Judged(NamedTuple):
     converging: bool
 
 
-def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
+def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
     """Makes the aims of the maneuver search, with a margin since it plans on the nominal vehicle.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
@@ -303,18 +303,18 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
     pairs[nothing, 1] = -1
     given = Priors.stated(faults)
     sized = zip(suspected.forces.tolist(), suspected.thrusts.tolist(), strict=True)
-    told = [log_surprise(*both, 1.0, given, missing=suspected.loss) for both in sized]
-    needed = (odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
+    told = [log_failure_probability(*both, 1.0, given, missing=suspected.loss) for both in sized]
+    needed = (declaration_log_odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
-    jumps = jump_variances(params), log_jump(1.0, given)
+    jumps = jump_variances(params), log_jump_probability(1.0, given)
     return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed, *jumps)
 
 
-def odds(faults: FaultsBlock) -> float:
+def declaration_log_odds(faults: FaultsBlock) -> float:
     """Computes the log odds at which a failed jet is declared; at least 3 to 1."""
-    return math.log(1.0 / min(doubt(faults), 0.25) - 1.0)
+    return math.log(1.0 / min(declaration_error_probability(faults), 0.25) - 1.0)
 
 
-def doubt(faults: FaultsBlock) -> float:
+def declaration_error_probability(faults: FaultsBlock) -> float:
     """Returns the probability of error with which a failed jet may be declared."""
     return Priors.stated(faults).doubt(faults.jet_per_hour)

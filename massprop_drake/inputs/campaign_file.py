@@ -14,14 +14,25 @@ from pydantic import Field, model_validator
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import true_params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
-from massprop_drake.inputs.kinds import bundled, require_kind, require_named
-from massprop_drake.inputs.model import Flag, Key, Model, Positive, Real, Text, Whole, described, keys, validated
-from massprop_drake.inputs.overrides import parsed_key, set_at
-from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolved
+from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
+from massprop_drake.inputs.model import (
+    Flag,
+    Key,
+    Model,
+    Positive,
+    Real,
+    Text,
+    Whole,
+    described,
+    list_keys,
+    validate_data,
+)
+from massprop_drake.inputs.overrides import set_at, split_key
+from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolve_scenario
 from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
-from massprop_drake.maths.mass_properties import drawn_body
+from massprop_drake.maths.mass_properties import draw_body
 
 Array = NDArray[np.float64]
 
@@ -158,14 +169,14 @@ class CampaignSpec(NamedTuple):
 
 def bundled_campaigns() -> list[str]:
     """Lists the campaigns that come with the package."""
-    return bundled("campaign")
+    return bundled_files("campaign")
 
 
 def campaign_description(name: str) -> str:
     """Returns the line by which a bundled campaign describes itself."""
     path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
     document = Document(path.read_text(encoding="utf-8"), f"campaign '{name}'")
-    return validated(CampaignFile, document.data, document).description
+    return validate_data(CampaignFile, document.data, document).description
 
 
 def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> CampaignSpec:
@@ -185,7 +196,7 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Campai
     else:
         file = Path(campaign)
         if not exists(file):
-            require_named(name, "campaign")
+            require_known_name(name, "campaign")
         text, source, folder = read_text(file), name, file.parent
     document = Document(text, source)
     require_kind(document.data, "campaign", source)
@@ -204,7 +215,7 @@ def _set_in_file(data: dict[str, Any], override: str) -> None:
     if block in ("set", "draw", "sweep", "gates") and field:
         data.setdefault(block, {})[field] = value
     else:
-        set_at(data, parsed_key(key, override), value, f"--set {override}")
+        set_at(data, split_key(key, override), value, f"--set {override}")
 
 
 def campaign_from(document: Document, folder: Path) -> CampaignSpec:
@@ -213,17 +224,17 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     Raises:
         InputError: naming each field that is wrong.
     """
-    file = validated(CampaignFile, document.data, document)
+    file = validate_data(CampaignFile, document.data, document)
     try:
         beside = folder / file.base
         base = load_scenario(beside if exists(beside) else file.base)
     except InputError as error:
         raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
     for key, value in file.set.items():
-        base = _with(base, {key: value}, document.where(("set", key)))
+        base = _apply_settings(base, {key: value}, document.where(("set", key)))
     engine = file.execution.engine or ("diagram" if true_params.time_step(base) == 0.0 else "loop")
     execution = {"engine": engine, "compiled": file.execution.compiled}
-    base = _with(base, {"execution": execution}, document.where(("execution", "engine")))
+    base = _apply_settings(base, {"execution": execution}, document.where(("execution", "engine")))
     quantities = tuple(
         quantity
         for key, value in file.draw.items()
@@ -239,13 +250,13 @@ def _require_fields(campaign: CampaignSpec, document: Document) -> None:
     middle = campaign.base
     medians = {quantity.label: quantity.distribution.at(np.array([0.5]))[0] for quantity in campaign.quantities}
     for key, value in settings_of(campaign, medians).items():
-        middle = _with(middle, {key: value}, document.where(("draw", key)))
+        middle = _apply_settings(middle, {key: value}, document.where(("draw", key)))
     for key, values in campaign.file.sweep.items():
         for index, value in enumerate(values):
-            _with(middle, {key: value}, document.where(("sweep", key, index)))
+            _apply_settings(middle, {key: value}, document.where(("sweep", key, index)))
 
 
-def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
+def _apply_settings(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
     try:
         return with_settings(base, settings)
     except InputError as error:
@@ -254,13 +265,13 @@ def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
 
 def campaign_keys() -> list[Key]:
     """Lists every key of a campaign's file, and of what may stand in it for a value that is drawn."""
-    found = keys(CampaignFile)
+    found = list_keys(CampaignFile)
     drawn: dict[str, type[Model]] = {f"draw{{}} ({MASS_PROPERTIES})": Dispersion}
     drawn |= {f"draw{{}}.{tag}": kind for tag, kind in KINDS.items()}
     for name, model in drawn.items():
         meaning = (model.__doc__ or "").strip().partition("\n")[0].removesuffix(".")
         found.append(Key(name, "mapping", "-", "-", "-", meaning))
-        found += keys(model, f"{name}.")
+        found += list_keys(model, f"{name}.")
     return found
 
 
@@ -272,7 +283,7 @@ def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, documen
     where = document.where(("draw", *path))
     label = dotted(path)
     if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
-        validated(Dispersion, value, None, where)
+        validate_data(Dispersion, value, None, where)
         normal = Normal(mean=0.0, std=1.0)
         yield Quantity(f"{label}.mass", normal)
         for part in ("center_of_mass", "second_moments", "axes"):
@@ -298,7 +309,7 @@ def _is_dispersion(value: Any) -> bool:
 
 
 def _distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
-    distribution = validated(KINDS[tag], parameters, None, f"{where}: {tag}")
+    distribution = validate_data(KINDS[tag], parameters, None, f"{where}: {tag}")
     if isinstance(distribution, Choice) and isinstance(distribution.values, str):
         return distribution.model_copy(update={"values": _jets(distribution.values, vehicle, where)})
     return distribution
@@ -327,26 +338,26 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
     for key, value in campaign.file.draw.items():
         if key == MASS_PROPERTIES and _is_dispersion(value):
             z = np.array([number for label, number in drawn.items() if label.startswith(f"{key}.")], dtype=float)
-            body = drawn_body(true_params.undrawn_properties(campaign.base), Dispersion(**value).spread, z)
+            body = draw_body(true_params.properties_before_draws(campaign.base), Dispersion(**value).spread, z)
             settings[key] = {name: np.asarray(part).tolist() for name, part in body._asdict().items()}
         else:
-            settings[key] = _filled(value, (key,), drawn)
+            settings[key] = _fill_in_draws(value, (key,), drawn)
         if key == "failures":
-            settings[key] = _told_apart(campaign, settings[key])
+            settings[key] = _adjust_failures(campaign, settings[key])
     return settings
 
 
-def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
+def _fill_in_draws(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
     """Replaces each distribution in a value of the block `draw` by its drawn value."""
     label = dotted(path)
     if label in drawn:
         return drawn[label]
     if isinstance(value, dict):
-        filled = {name: _filled(inner, (*path, name), drawn) for name, inner in value.items()}
+        filled = {name: _fill_in_draws(inner, (*path, name), drawn) for name, inner in value.items()}
         kind = filled.get("kind")
         return {**filled, **kind} if isinstance(kind, dict) else filled  # a kind may be chosen with keys of its own
     if isinstance(value, list):
-        return [_filled(inner, (*path, index), drawn) for index, inner in enumerate(value)]
+        return [_fill_in_draws(inner, (*path, index), drawn) for index, inner in enumerate(value)]
     return value
 
 
@@ -359,7 +370,7 @@ _OF_KIND: Mapping[str, set[str]] = {
 _SIZES = set[str]().union(*_OF_KIND.values())
 
 
-def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
+def _adjust_failures(campaign: CampaignSpec, failures: Any) -> Any:
     """Adjusts a case's drawn failures: each keeps the sizes of its own kind alone, and gets a jet of its own.
 
     Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
@@ -404,9 +415,9 @@ def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
     data: dict[str, Any] = {name: getattr(base, name) for name in type(base).model_fields}
     given: set[FieldPath] = set()
     for key, value in settings.items():
-        path = parsed_key(key, key)
+        path = split_key(key, key)
         block = str(path[0])
         if isinstance(data.get(block), (Model, tuple)):
             data[block] = base.model_dump(mode="json", include={block})[block]
         replace_at(data, path, value, key, given)
-    return resolved(data)
+    return resolve_scenario(data)

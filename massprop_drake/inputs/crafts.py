@@ -39,7 +39,7 @@ def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
         torques=np.array([wheel.torque or 0.0 for wheel in wheels]),
         rate=np.zeros(3),
         speeds=np.array([scenario.plant.wheel_speeds.get(wheel.name, 0.0) for wheel in wheels]),
-        every=_every(scenario),
+        every=_samples_per_reading(scenario),
     )
 
 
@@ -60,17 +60,17 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
         if name not in vehicle.designations:
             raise InputError(f"autopilot.test_firing.without: no jet '{name}'{suggestion(name, vehicle.designations)}")
     own = craft(scenario, frozenset(block.without))
-    wanted = asked.targets(block.targets, own.properties, vehicle)
-    nobody = asked.suspicion((), block.force, vehicle, own.jets)
+    wanted = asked.parse_targets(block.targets, own.properties, vehicle)
+    nobody = asked.parse_suspects((), block.force, vehicle, own.jets)
     flow = float(np.median(own.flows[own.jets]))
     thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
     return FiringTest(
         craft=own,
-        targets=asked.aims(wanted, nobody, own.params, asked.Judged(scenario.faults, 0.0, False)),
-        forces=np.abs(asked.forces(block.force, vehicle, range(thrusts.size))),
+        targets=asked.make_aims(wanted, nobody, own.params, asked.Judged(scenario.faults, 0.0, False)),
+        forces=np.abs(asked.parse_failure_forces(block.force, vehicle, range(thrusts.size))),
         thrusts=thrusts,
-        odds=asked.odds(scenario.faults),
-        limits=asked.limits(block.limits, vehicle),
+        odds=asked.declaration_log_odds(scenario.faults),
+        limits=asked.parse_limits(block.limits, vehicle),
         cost=Cost(1.0 / flow, SECOND),
         margin=MARGIN,
         patience_s=block.patience_s,
@@ -78,7 +78,7 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
     )
 
 
-def _every(scenario: Scenario) -> NDArray[np.int_]:
+def _samples_per_reading(scenario: Scenario) -> NDArray[np.int_]:
     """Returns the number of samples between two readings of each component that the joint filter reads."""
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))

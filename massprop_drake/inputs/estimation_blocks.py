@@ -20,8 +20,8 @@ from massprop_drake.inputs.model import (
     Text,
     Whole,
     described,
-    none_negative,
-    refusal,
+    field_validation_error,
+    require_nonnegative,
 )
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
@@ -152,7 +152,7 @@ class RotationBlock(Model):
     )
     largest_turn: Positive = described(0.2, "largest turn in a sample that is used", "rad")
 
-    _not_negative = field_validator("process_noise_std")(none_negative)
+    _not_negative = field_validator("process_noise_std")(require_nonnegative)
 
 
 class MassBlock(Model):
@@ -342,7 +342,7 @@ class FaultsBlock(Model):
             )
             problems.append((("false_per_hour",), problem))
         if problems:
-            raise refusal(problems)
+            raise field_validation_error(problems)
         return self
 
     def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:

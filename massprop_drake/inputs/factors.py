@@ -31,15 +31,15 @@ class Factor(NamedTuple):
         return self.words or f"a factor of {self.size:g}"
 
     def __str__(self) -> str:
-        return f"{in_words(self.size)} times what they should be{self.words and ': '}{self.words}"
+        return f"{format_factor(self.size)} times what they should be{self.words and ': '}{self.words}"
 
 
-def in_words(size: float) -> str:
+def format_factor(size: float) -> str:
     """Formats a factor, one below 1 as a fraction: 57.3, 1/57.3."""
     return f"{size:.4g}" if size >= 1.0 else f"1/{1.0 / size:.4g}"
 
 
-def of_rates(period_s: float) -> tuple[Factor, ...]:
+def rate_factors(period_s: float) -> tuple[Factor, ...]:
     """Returns common unit-error factors of rates in rad/s, at a sample period in s."""
     return (
         Factor(1.0 / _DEGREE, "degrees in place of radians"),
@@ -49,11 +49,11 @@ def of_rates(period_s: float) -> tuple[Factor, ...]:
         Factor(period_s / _DEGREE, "increments of angle in degrees in place of rates"),
         Factor(30.0 / math.pi, "rpm in place of rad/s"),
         Factor(math.pi / 30.0, "rad/s in place of rpm"),
-        *_decimal(),
+        *_decimal_factors(),
     )
 
 
-def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
+def velocity_factors(units: str, period_s: float) -> tuple[Factor, ...]:
     """Returns common unit-error factors of integrated acceleration, of a vehicle in `units`, "us" or "si"."""
     own, other, feet = ("meters", "feet", 1.0 / FOOT) if units == "si" else ("feet", "meters", FOOT)
     weight, gravity = ("m/s^2", GRAVITY) if units == "si" else ("ft/s^2", GRAVITY / FOOT)
@@ -64,11 +64,11 @@ def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
         Factor(1.0 / feet, f"{own} in place of {other}"),
         Factor(period_s, "increments of velocity in place of accelerations"),
         Factor(1.0 / period_s, "accelerations in place of increments of velocity"),
-        *_decimal(),
+        *_decimal_factors(),
     )
 
 
-def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
+def impulse_factors(units: str, period_s: float) -> tuple[Factor, ...]:
     """Returns common unit-error factors of impulses computed from commands and thrusts."""
     own, other, force = ("N", "lbf", 1.0 / _FORCES) if units == "si" else ("lbf", "N", _FORCES)
     return (
@@ -77,11 +77,11 @@ def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
         Factor(force, f"{other} in place of {own}"),
         Factor(1.0 / force, f"{own} in place of {other}"),
         Factor(0.01, "fractions in place of percent"),
-        *_decimal(),
+        *_decimal_factors(),
     )
 
 
-def of_times() -> tuple[Factor, ...]:
+def time_factors() -> tuple[Factor, ...]:
     """Returns common unit-error factors of time stamps in s."""
     return (
         *(Factor(10.0**n, f"{unit} in place of s") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
@@ -90,17 +90,17 @@ def of_times() -> tuple[Factor, ...]:
     )
 
 
-def near(size: float, among: Sequence[Factor]) -> list[Factor]:
+def factors_near(size: float, among: Sequence[Factor]) -> list[Factor]:
     """Returns the common factors near a measured one, the nearest first."""
     if not (size > 0.0 and math.isfinite(size)):
         return []
-    found = [one for one in among if _apart(one.size, size) < math.log(_NEAR)]
-    return sorted(found, key=lambda one: _apart(one.size, size))
+    found = [one for one in among if _log_distance(one.size, size) < math.log(_NEAR)]
+    return sorted(found, key=lambda one: _log_distance(one.size, size))
 
 
-def _apart(one: float, other: float) -> float:
+def _log_distance(one: float, other: float) -> float:
     return abs(math.log(one / other))
 
 
-def _decimal() -> list[Factor]:
+def _decimal_factors() -> list[Factor]:
     return [Factor(10.0**n, "") for n in _POWERS]

@@ -25,7 +25,7 @@ _USES: dict[Kind, str] = {
 }
 
 
-def bundled(kind: Kind) -> list[str]:
+def bundled_files(kind: Kind) -> list[str]:
     """Lists the names of the bundled files of a kind.
 
     Raises:
@@ -42,14 +42,14 @@ def bundled(kind: Kind) -> list[str]:
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 
-def kind_of(data: Mapping[str, Any]) -> Kind:
+def file_kind(data: Mapping[str, Any]) -> Kind:
     """Finds the kind of a file by its keys."""
     if "jets" in data or "jet_kinds" in data:
         return "vehicle"
     return "campaign" if "base" in data else "scenario"
 
 
-def about_folder(path: Path) -> str | None:
+def describe_folder(path: Path) -> str | None:
     """Describes a folder of a run or a campaign and the commands that take it; None: it is neither."""
     if (path / "plan.parquet").is_file():
         return f"is a campaign's folder; 'massprop campaign report {path}' and the like take it"
@@ -64,17 +64,17 @@ def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
     Raises:
         InputError: when it is plainly of another, which the message names, with what it is for.
     """
-    found = kind_of(data)
+    found = file_kind(data)
     if found != wanted and (found != "scenario" or data.keys() & _OF_A_SCENARIO):
         raise InputError(f"{source}: is a {found}, not a {wanted}: {_USES[found]}")
 
 
-def require_named(name: str, wanted: Kind) -> None:
+def require_known_name(name: str, wanted: Kind) -> None:
     """Raises InputError for a name that is neither bundled nor can be that of a file."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path():
         return
     for kind in KINDS:
-        if kind != wanted and name in bundled(kind):
+        if kind != wanted and name in bundled_files(kind):
             raise InputError(f"'{name}' is a {kind}, not a {wanted}: {_USES[kind]}")
-    raise InputError(f"'{name}' is neither a bundled {wanted} nor a file{suggestion(name, bundled(wanted))}")
+    raise InputError(f"'{name}' is neither a bundled {wanted} nor a file{suggestion(name, bundled_files(wanted))}")

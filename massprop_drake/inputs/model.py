@@ -46,7 +46,7 @@ Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 
-def none_negative(values: tuple[float, ...]) -> tuple[float, ...]:
+def require_nonnegative(values: tuple[float, ...]) -> tuple[float, ...]:
     """Checks that no number of several is negative, for a field's validator.
 
     Raises:
@@ -119,7 +119,7 @@ def span_of(field: FieldInfo) -> tuple[Span | None, str]:
 # ------------------------------------------------------------------------------------- validating
 
 
-def refusal(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
+def field_validation_error(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
     """Makes an error for a model's validator to raise that names the fields, and so their lines, with problems."""
     details = [
         InitErrorDetails(
@@ -130,7 +130,7 @@ def refusal(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
     return ValidationError.from_exception_data("refused", details)
 
 
-def validated(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
+def validate_data(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
     """Validates data against a model, with one message per problem.
 
     Args:
@@ -154,21 +154,21 @@ def _problems(
     problems = []
     # unknown keys first: a misspelled one is often the cause of a missing one
     items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    items = _without_echoes(items)
+    items = _drop_echoes(items)
     for item in items[:_MOST_PROBLEMS]:
-        path = _without_union_tags(item["loc"], data)
+        path = _drop_union_tags(item["loc"], data)
         if document is not None:
             where = document.where(path)
         else:
             where = ": ".join(part for part in (source, dotted(path)) if part)
-        problems.append(f"{where}: {_sentence(model, data, item, path)}")
+        problems.append(f"{where}: {_problem_sentence(model, data, item, path)}")
     more = len(items) - _MOST_PROBLEMS
     if more > 0:
         problems.append(f"{document.source if document else source}: {more} more like these")
     return list(dict.fromkeys(problems))
 
 
-def _without_echoes(items: list[Any]) -> list[Any]:
+def _drop_echoes(items: list[Any]) -> list[Any]:
     """Drops validation errors that only follow from another error.
 
     Pydantic also reports a list with a bad item as too short, and each value that a short list lacks as missing.
@@ -190,7 +190,7 @@ def _without_echoes(items: list[Any]) -> list[Any]:
     return kept
 
 
-def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
+def _drop_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
     """Removes the union members that pydantic puts into a path; the file has no such keys."""
     path: list[str | int] = []
     for part in location:
@@ -203,22 +203,22 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath
     return tuple(path)
 
 
-def _shown(given: Any) -> str:
+def _shorten_value(given: Any) -> str:
     """Shortens a value for a message: of a long text its beginning."""
     text = repr(given)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(given))} characters)"
 
 
-def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
+def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
     kind, given = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
-        reason = _reason(model, path, data)
+        reason = _why_required(model, path, data)
         if kind == "missing" or reason:
             return f"{'missing' if kind == 'missing' else 'is empty'}; this field is required{reason}"
     if kind == "extra_forbidden":
-        return _unknown(model, path, data, item["loc"])
+        return _explain_unknown_key(model, path, data, item["loc"])
     if kind == "too_few_values":
-        return f"must have {item['ctx'][item['loc']]} values, got {len(_at(data, path))}"
+        return f"must have {item['ctx'][item['loc']]} values, got {len(_value_at(data, path))}"
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         expected = item["ctx"].get("expected_tags", "'kind'")
         found = f"kind {item['ctx']['tag']!r} is not one of" if "tag" in item["ctx"] else "missing kind; one of"
@@ -228,25 +228,25 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
         return message
     message = (message[0].lower() + message[1:]).replace("tuple", "list").replace("dictionary", "mapping")
     if kind == "literal_error":
-        return f"{_shown(given)} is not one of {item['ctx']['expected']}"
+        return f"{_shorten_value(given)} is not one of {item['ctx']['expected']}"
     if isinstance(given, (str, int, float, bool)) or given is None:
-        return f"{message}, got {_shown(given)}"
+        return f"{message}, got {_shorten_value(given)}"
     if isinstance(given, (list, tuple)) and "length" in kind:
         return f"{message}, got {len(given)}"
     return message
 
 
-def _unknown(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | int, ...]) -> str:
+def _explain_unknown_key(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | int, ...]) -> str:
     """Explains a key that its mapping does not have: the other kind that has it, or a similar key."""
     members = _models_at(model, path[:-1], data)
-    chosen = _chosen(members, _at(data, path[:-1]), tags)
+    chosen = _choose_member(members, _value_at(data, path[:-1]), tags)
     for member in members:
         if path[-1] in member.model_fields:
             return f"is a key of kind: {_tags_of(member)[0]}, and the kind is {_tags_of(chosen)[0]}"
     return f"unknown key{suggestion(path[-1], list(chosen.model_fields))}"
 
 
-def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
+def _why_required(model: type[Model], path: FieldPath, data: Any) -> str:
     """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
@@ -256,7 +256,7 @@ def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
     return f": {reason}" if reason else ""
 
 
-def _at(data: Any, path: FieldPath) -> Any:
+def _value_at(data: Any, path: FieldPath) -> Any:
     for part in path:
         data = data[part]
     return data
@@ -264,20 +264,20 @@ def _at(data: Any, path: FieldPath) -> Any:
 
 def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
     """Returns the model that describes the data at a path."""
-    return _chosen(_models_at(model, path, data), _at(data, path))
+    return _choose_member(_models_at(model, path, data), _value_at(data, path))
 
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
     """Returns the models that may describe the data at a path: more than one where there is a union."""
     here: list[type[Model]] = [model]
     for part in path:
-        holder, data = _chosen(here, data), data[part]
+        holder, data = _choose_member(here, data), data[part]
         if isinstance(part, str) and part in holder.model_fields:
             here = _models_in(holder.model_fields[part].annotation) or here
     return here
 
 
-def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
+def _choose_member(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
     """Returns the member of a union that the `kind` of the data selects, or else the tags."""
     if len(members) > 1 and isinstance(data, dict):
         named = (data["kind"],) if "kind" in data else tags
@@ -302,7 +302,7 @@ def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: 
         path: of the block.
         former: kind that the block had; None: it was not written out.
     """
-    block = _at(data, path)
+    block = _value_at(data, path)
     members = {tag: one for one in _models_at(model, path, data) if "kind" in one.model_fields for tag in _tags_of(one)}
     new, old = members.get(str(block["kind"])), members.get(str(former))
     if new is None:
@@ -321,7 +321,7 @@ def _means_same(key: str, *models: type[Model]) -> bool:
     return None not in meanings and len(meanings) == 1
 
 
-def _range(field: FieldInfo) -> str:
+def _bounds_text(field: FieldInfo) -> str:
     """Returns the bounds of a field's value as text; "-" if it has none."""
     bounds = [
         text.format(getattr(part, name))
@@ -395,7 +395,7 @@ class Key(typing.NamedTuple):
     meaning: str
 
 
-def keys(model: type[Model], prefix: str = "") -> list[Key]:
+def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
     """Lists every key of a model and of the models nested in it, in order."""
     found = []
     for name, field in model.model_fields.items():
@@ -405,9 +405,11 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
             default = "required"
         else:
             value = field.get_default(call_default_factory=True)
-            default = "see below" if isinstance(value, Model) else _plain(value)
+            default = "see below" if isinstance(value, Model) else _format_default(value)
         full = f"{prefix}{name}"
-        found.append(Key(full, _type_name(field.annotation), unit, default, _range(field), field.description or ""))
+        found.append(
+            Key(full, _type_name(field.annotation), unit, default, _bounds_text(field), field.description or "")
+        )
         kind = _type_name(field.annotation)
         inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
         members = _models_in(field.annotation)
@@ -417,11 +419,11 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
                 which = f" ({', '.join(_tags_of(member))})"
                 meaning = (member.__doc__ or "").strip().removesuffix(".")
                 found.append(Key(f"{full}{inside}{which}", "mapping", "-", "-", "-", meaning))
-            found.extend(keys(member, f"{full}{inside}{which}."))
+            found.extend(list_keys(member, f"{full}{inside}{which}."))
     return found
 
 
-def _plain(value: Any) -> str:
+def _format_default(value: Any) -> str:
     if value is None:
         return "null"
     if value == "":
@@ -429,7 +431,7 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_plain(item) for item in value) + "]"
+        return "[" + ", ".join(_format_default(item) for item in value) + "]"
     if isinstance(value, dict):
         return "{}"
     return str(value)

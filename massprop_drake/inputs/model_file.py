@@ -88,13 +88,13 @@ def model_joints(text: str) -> tuple[ModelJoint, ...]:
     found = [
         ModelJoint(str(joint.get("name")), *_POSITIONS[kind])
         for joint in ElementTree.fromstring(text.strip()).iter("joint")
-        if (kind := str(joint.get("type"))) in _POSITIONS and _parent(joint) != "world"
+        if (kind := str(joint.get("type"))) in _POSITIONS and _parent_link(joint) != "world"
     ]
     names = [joint.name for joint in found]
     return tuple(joint for joint in found if names.count(joint.name) == 1)
 
 
-def _parent(joint: ElementTree.Element) -> str:
+def _parent_link(joint: ElementTree.Element) -> str:
     """Returns the name of a joint's parent link: an attribute in URDF, a text in SDF."""
     parent = joint.find("parent")
     return "" if parent is None else parent.get("link", (parent.text or "").strip())
@@ -150,7 +150,7 @@ def _is_positive(number: str) -> bool:
 
 
 @contextlib.contextmanager
-def blamed(field: str) -> Iterator[None]:
+def attribute_errors_to(field: str) -> Iterator[None]:
     """Converts an error of a system to one that names the field of the scenario at fault."""
     try:
         yield

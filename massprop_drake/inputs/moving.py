@@ -85,7 +85,7 @@ class Slosh(_MovingPart):
     def _square(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
         axes = _directions(value)
         for axis in axes:
-            _of_length_1(axis)
+            _require_unit_length(axis)
         if np.abs(axes @ axes.T - np.eye(len(axes))).max() > _SQUARE_TOLERANCE:
             raise ValueError("must be square to each other")
         return value
@@ -146,7 +146,7 @@ class HingedPanel(_MovingPart):
     @field_validator("axis")
     @classmethod
     def _unit(cls, value: Vector3) -> Vector3:
-        _of_length_1(np.array(value))
+        _require_unit_length(np.array(value))
         return value
 
     @model_validator(mode="after")
@@ -236,13 +236,13 @@ def _directions(axes: Sequence[str | Vector3]) -> Array:
     return np.array([_AXES[axis] if isinstance(axis, str) else axis for axis in axes], dtype=np.float64)
 
 
-def _of_length_1(direction: Array) -> None:
+def _require_unit_length(direction: Array) -> None:
     length = float(np.linalg.norm(direction))
     if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
         raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
 
 
-def not_followed(
+def moving_parts_problem(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
 ) -> str | None:
     """Describes the problem that keeps a filter from estimating parts that move; None: there is none.
@@ -260,12 +260,14 @@ def not_followed(
                 f"'{part.name}' swings at {part.frequency_hz:g} Hz, too fast for samples of {period_s:g} s, up to "
                 f"{_TURNS / period_s:g} Hz; leave it out, and state joint.rate_walk and joint.velocity_walk"
             )
-    if not _leaves_something(parts, nominal):
+    if not _leaves_mass_and_inertia(parts, nominal):
         return "they have as much mass or inertia as the vehicle, which is the whole with them"
     return None
 
 
-def _leaves_something(parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]) -> bool:
+def _leaves_mass_and_inertia(
+    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]
+) -> bool:
     """Tests whether a vehicle has mass and inertia besides its parts that move, arguments as `mode_params`."""
     mass, center, inertia = nominal
     pairs = [pair for part in parts for pair in part.modes]

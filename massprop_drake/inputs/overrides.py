@@ -52,7 +52,7 @@ def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
         raise InputError(f"{where}: there is no {last!r} to set")
 
 
-def parsed_key(key: str, override: str) -> list[str | int]:
+def split_key(key: str, override: str) -> list[str | int]:
     """Splits a dotted key such as sensors.errors[0].noise_std into its parts.
 
     Raises:

@@ -44,9 +44,9 @@ from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation
-from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
-from massprop_drake.maths.vehicle.reaction_jets import drawn_factors
+from massprop_drake.maths.vehicle.mounting import mounting_errors
+from massprop_drake.maths.vehicle.on_times import level_onsets, most_pieces, pulse_shares
+from massprop_drake.maths.vehicle.reaction_jets import draw_thrust_factors
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def initial_covariance(scenario: Scenario) -> Array:
     return scenario.estimation.initial_covariance(scenario.vehicle_data)
 
 
-def setup(scenario: Scenario) -> Setup:
+def filter_setup(scenario: Scenario) -> Setup:
     """Collects the data from which a filter makes its parameters."""
     packages, vehicle = accelerometers(scenario), scenario.vehicle_data
     return Setup(
@@ -84,21 +84,21 @@ def setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
-        trackers=_trackers(scenario),
+        trackers=_attitude_sensors(scenario),
         disturbance=stated_disturbance(scenario),
         opens_at=vehicle.opens_at,
         wheels=wheels(vehicle),
         wheel_uncertainty=np.array([wheel.inertia_uncertainty for wheel in vehicle.wheels]),
         engines=engines(vehicle),
         engine_sigmas=engine_sigmas(vehicle),
-        rates=rates(scenario),
+        rates=filter_step_rates(scenario),
         tanks=tanks(vehicle),
         modes=modes(vehicle),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
 
-def rates(scenario: Scenario) -> Rates:
+def filter_step_rates(scenario: Scenario) -> Rates:
     """Returns how many steps the joint filter takes in a sample period."""
     vehicle = scenario.vehicle_data
     if not steps_by_readings(scenario):
@@ -213,18 +213,18 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
         repeatability=np.array([kind.repeatability for kind in kinds])[of_jets],
         arm=vehicle.rms_arm,
         tank_fraction=vehicle.tank_fraction,
-        mounting=mounting(vehicle.wrenches, vehicle.positions, vehicle.mounting_sigmas),
+        mounting=mounting_errors(vehicle.wrenches, vehicle.positions, vehicle.mounting_sigmas),
     )
 
 
 def joint_params(scenario: Scenario) -> JointFilterParams:
     """Makes the parameters of the joint filter."""
-    return joint.make_params(setup(scenario), scenario)
+    return joint.make_params(filter_setup(scenario), scenario)
 
 
 def thesis_params(scenario: Scenario) -> ThesisParams:
     """Makes the parameters of the thesis's two filters."""
-    return thesis.make_params(setup(scenario), scenario)
+    return thesis.make_params(filter_setup(scenario), scenario)
 
 
 def rotation_params(scenario: Scenario) -> RotationParams:
@@ -248,7 +248,7 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
         impulse_per_level=vehicle.wrenches * vehicle.sample_period_s,
         lag=lag_factors(estimator_time_constants(scenario), vehicle.sample_period_s),
         filter=filter_,
-        filter_params=filter_.params(setup(scenario), scenario),
+        filter_params=filter_.params(filter_setup(scenario), scenario),
         detector=detector(scenario),
         detector_params=detector_params(scenario),
         limits=convergence_limits(scenario),
@@ -256,7 +256,7 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
 
 
 def convergence_limits(scenario: Scenario) -> Array:
-    """Returns the 1-sigmas below which estimates are converged, see `mass_properties.converged`, shape (3,)."""
+    """Returns the 1-sigmas below which estimates are converged, see `mass_properties.is_converged`, shape (3,)."""
     limits = scenario.estimation.convergence
     center = limits.center_of_mass or 0.03 * scenario.vehicle_data.rms_arm
     return np.array([limits.diagonal, center, limits.mass_reciprocal])
@@ -299,7 +299,7 @@ def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
-def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
+def non_inertial_sensors(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
     """Returns sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
     vehicle = scenario.vehicle_data
     return (
@@ -307,20 +307,20 @@ def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Whee
     )
 
 
-def _trackers(scenario: Scenario) -> AttitudeSensors:
+def _attitude_sensors(scenario: Scenario) -> AttitudeSensors:
     found = trackers(scenario)
     each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
     attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
     return AttitudeSensors(attitude_std**2, time_std_s**2, outliers.copy())
 
 
-def read(scenario: Scenario) -> list[str]:
+def vector_sensor_names(scenario: Scenario) -> list[str]:
     """Returns names of the three-component sensors that a filter reads: gyros, accelerometers, trackers."""
     packages: tuple[SensorPackage | PoseSensor, ...] = (*gyros(scenario), *accelerometers(scenario))
     return [one.name for one in (*packages, *trackers(scenario))]
 
 
-def weighs(scenario: Scenario) -> bool:
+def mass_is_observable(scenario: Scenario) -> bool:
     """Tests whether readings show the mass: by an accelerometer, or by the vehicle's position."""
     return bool(scenario.vehicle_data.accelerometers) or scenario.estimation.filter == "pose"
 
@@ -357,10 +357,10 @@ def thrust_errors(scenario: Scenario) -> Array | None:
 
 def thrust_factors(scenario: Scenario) -> Array:
     """Returns true over nominal thrust of each jet, shape (n_jets,)."""
-    return drawn_factors(scenario.seed, scenario.plant.thrust_dispersion, len(scenario.vehicle_data.jets))
+    return draw_thrust_factors(scenario.seed, scenario.plant.thrust_dispersion, len(scenario.vehicle_data.jets))
 
 
-def selectable(scenario: Scenario) -> NDArray[np.bool_]:
+def selectable_jets(scenario: Scenario) -> NDArray[np.bool_]:
     """Selects the jets that the autopilot may use, by their kind, shape (n_jets,)."""
     kinds, vehicle = scenario.autopilot.jet_kinds, scenario.vehicle_data
     if kinds is None:
@@ -368,7 +368,7 @@ def selectable(scenario: Scenario) -> NDArray[np.bool_]:
     return np.array([jet.kind in kinds for jet in vehicle.jets])
 
 
-def commands(scenario: Scenario) -> tuple[Array, Array | None]:
+def scheduled_jet_commands(scenario: Scenario) -> tuple[Array, Array | None]:
     """Makes the prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
 
     Of a vehicle without on-times a pulse is on at t_k with start <= t_k < end, to within a billionth of the sample
@@ -377,11 +377,11 @@ def commands(scenario: Scenario) -> tuple[Array, Array | None]:
     vehicle, count = scenario.vehicle_data, sample_count(scenario)
     period = vehicle.sample_period_s
     table = np.zeros((count, len(vehicle.jets)))
-    onset_s = levels_alone(table.shape)
+    onset_s = level_onsets(table.shape)
     for pulse in scenario.jet_schedule:
         jet = vehicle.jet_index(pulse.jet)
         if vehicle.has_on_times:
-            for sample, since_s, share in shares(pulse.start_s, pulse.end_s, period, count):
+            for sample, since_s, share in pulse_shares(pulse.start_s, pulse.end_s, period, count):
                 table[sample, jet], onset_s[sample, jet] = share, since_s
         else:
             first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
@@ -405,7 +405,7 @@ def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
     return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
 
 
-def jets(scenario: Scenario) -> KnownJets:
+def known_jets(scenario: Scenario) -> KnownJets:
     """Makes the jet parameters that a detector knows."""
     vehicle = scenario.vehicle_data
     return KnownJets(
@@ -432,8 +432,8 @@ def detector_params(scenario: Scenario) -> Any:
     method = detector(scenario)
     if method is None:
         return None
-    of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
+    of_filter = (FILTERS[method.made_for].params(filter_setup(scenario), scenario),) if method.made_for else ()
     options: Any = scenario.detector
     if isinstance(options, HypothesesBlock):
         options = scenario.faults.of_each_jet(scenario.vehicle_data.designations)
-    return method.params(jets(scenario), options, *of_filter)
+    return method.params(known_jets(scenario), options, *of_filter)

@@ -10,25 +10,25 @@ import numpy as np
 from massprop_drake.inputs.known_parts import engines, wheels
 from massprop_drake.inputs.params import (
     accelerometers,
-    commands,
     convergence_limits,
     gyros,
     sample_count,
-    selectable,
+    scheduled_jet_commands,
+    selectable_jets,
     unit_wrenches,
 )
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.gimbal_control import GimbalControl
-from massprop_drake.maths.autopilot.jet_selection import forces_of
+from massprop_drake.maths.autopilot.jet_selection import jet_forces
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
-from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycles
-from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, shares_of
+from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycle_pulses
+from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, torque_shares
 from massprop_drake.maths.flight import FlightParams, PilotParams
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 from massprop_drake.maths.vehicle.on_times import PLACES, most_pieces
-from massprop_drake.maths.vehicle.vehicle_cycle import VehicleParams, truth
+from massprop_drake.maths.vehicle.vehicle_cycle import VehicleParams, pack_truth
 
 
 def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
@@ -48,7 +48,7 @@ def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
     )
 
 
-def windows(scenario: Scenario) -> tuple[Window, ...]:
+def controller_windows(scenario: Scenario) -> tuple[Window, ...]:
     """Lists the windows in which hand controllers are out of detent."""
     return tuple(
         Window(
@@ -61,14 +61,14 @@ def windows(scenario: Scenario) -> tuple[Window, ...]:
     )
 
 
-def selection(scenario: Scenario) -> dict[str, Any]:
+def jet_selection_arguments(scenario: Scenario) -> dict[str, Any]:
     """Makes the arguments of jet selection, see `systems.autopilot.selector.Selector`."""
     vehicle = scenario.vehicle_data
     return {
         "wrenches": vehicle.wrenches,
         "mass_flows": vehicle.mass_flows,
         "minimum_on_times_s": vehicle.minimum_on_times_s,
-        "selectable": selectable(scenario),
+        "selectable": selectable_jets(scenario),
         "mass_properties": vehicle.nominal.vector(),
         "period_s": vehicle.sample_period_s,
         "pulses": pulses(scenario),
@@ -79,7 +79,7 @@ def pulses(scenario: Scenario) -> Pulses:
     """Returns the pulses that the autopilot flies; whole cycles unless the scenario asks for pulses."""
     vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
     if scenario.open_loop or selected.output == "cycles":
-        return whole_cycles(len(vehicle.jets))
+        return whole_cycle_pulses(len(vehicle.jets))
     place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
     return valve_pulses(
         vehicle.minimum_on_times_s, vehicle.on_time_quanta_s, vehicle.sample_period_s, place, accumulates
@@ -92,7 +92,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
     flies = not scenario.open_loop
     pilot = PilotParams(
         phase_space_params(scenario),
-        forces_of(vehicle.wrenches),
+        jet_forces(vehicle.wrenches),
         unit_wrenches(vehicle),
         float(vehicle.nominal.vector()[MASS_RECIPROCAL]),
         flies and scenario.autopilot.mass_properties == "estimated",
@@ -100,7 +100,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
         pulses(scenario),
     )
     return FlightParams(
-        truth(true),
+        pack_truth(true),
         pilot,
         flies,
         flies and closes_manifolds(scenario),
@@ -117,7 +117,7 @@ def wheel_control(scenario: Scenario) -> WheelControlParams | None:
     known, settings = wheels(vehicle), phase_space_params(scenario)
     return WheelControlParams(
         axes=known.axes,
-        shares=shares_of(known.axes),
+        shares=torque_shares(known.axes),
         inertias=known.inertias,
         most=known.most * known.inertias,
         fastest=np.array([wheel.fastest for wheel in vehicle.wheels]),
@@ -158,11 +158,11 @@ def engine_commands(scenario: Scenario) -> Array:
     return table.reshape(len(table), -1)
 
 
-def pieces(scenario: Scenario) -> int:
+def max_pieces_per_sample(scenario: Scenario) -> int:
     """Returns the largest number of pieces into which jet switching splits a sample; 1: no jet switches within one."""
     if not scenario.open_loop:
         return 1 + most_edges(pulses(scenario))
-    table, onset_s = commands(scenario)
+    table, onset_s = scheduled_jet_commands(scenario)
     return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
 
 

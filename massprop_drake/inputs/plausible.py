@@ -19,7 +19,7 @@ from massprop_drake.errors import dotted, moment
 from massprop_drake.inputs.model import Model, Span, span_of
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import skew
-from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation, symmetric_matrix
 
 if TYPE_CHECKING:
     from massprop_drake.inputs.scenario import Scenario
@@ -102,7 +102,7 @@ class Finding(NamedTuple):
         return f"{dotted(self.path)}: {self.problem}"
 
 
-def _beyond(value: float, doubt: float, limit: float, path: FieldPath, problem: str) -> Iterator[Finding]:
+def _finding_above(value: float, doubt: float, limit: float, path: FieldPath, problem: str) -> Iterator[Finding]:
     """Yields a finding where a value is above the usual limit, impossible where above the possible one."""
     if not value <= doubt:  # nor a number
         yield Finding(path, problem, not value <= limit)
@@ -125,9 +125,9 @@ def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[s
             continue
         place, value = (*path, name), getattr(model, name)
         if span is not None:
-            yield from _compared(value, span, unit, units, place)
+            yield from _compare_with_span(value, span, unit, units, place)
         else:
-            for inside, part in _models(value, place):
+            for inside, part in _nested_models(value, place):
                 yield from out_of_span(part, units, inside)
 
 
@@ -137,13 +137,13 @@ def _spans(model: type[Model]) -> list[tuple[str, Span | None, str]]:
     return [(name, *span_of(field)) for name, field in model.model_fields.items()]
 
 
-def _compared(value: Any, span: Span, unit: str, units: str, path: FieldPath) -> Iterator[Finding]:
+def _compare_with_span(value: Any, span: Span, unit: str, units: str, path: FieldPath) -> Iterator[Finding]:
     """Finds the numbers in a value that lie outside a span."""
     if isinstance(value, tuple):
         for index, part in enumerate(value):
-            yield from _compared(part, span, unit, units, (*path, index))
+            yield from _compare_with_span(part, span, unit, units, (*path, index))
     elif value:
-        in_si = value * _si(unit, units)
+        in_si = value * _si_factor(unit, units)
         name = "" if unit == "-" else f" {unit}"
         side, bound = ("below", span.least) if abs(in_si) < span.least else ("above", span.most)
         if not span.least <= abs(in_si) <= span.most:
@@ -152,35 +152,35 @@ def _compared(value: Any, span: Span, unit: str, units: str, path: FieldPath) ->
             yield Finding(path, f"{shown}{name}, is {size}{side} {bound:g}{name}: {span.why}", True)
 
 
-def _si(unit: str, units: str) -> float:
+def _si_factor(unit: str, units: str) -> float:
     """Returns the SI value of one unit of a unit system, given the SI unit's name."""
     return _US.get(unit, 1.0) if units == "us" else 1.0
 
 
-def _models(value: Any, path: FieldPath) -> Iterator[tuple[FieldPath, Model]]:
+def _nested_models(value: Any, path: FieldPath) -> Iterator[tuple[FieldPath, Model]]:
     if isinstance(value, Model):
         yield path, value
     elif isinstance(value, (dict, tuple)):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _models(part, (*path, key))
+            yield from _nested_models(part, (*path, key))
 
 
 # --------------------------------------------------------------------------------------- a vehicle
 
 
-def of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
+def vehicle_findings(vehicle: Vehicle) -> Iterator[Finding]:
     """Finds what is impossible or doubtful in a vehicle; relations between keys only where each is within its span."""
-    alone = [*out_of_span(vehicle, vehicle.units), *_alike_in_telemetry(vehicle)]
+    alone = [*out_of_span(vehicle, vehicle.units), *_column_name_clashes(vehicle)]
     yield from alone
     if not alone:
-        yield from _ranges(vehicle)
-        yield from _valves(vehicle)
-        yield from _jets(vehicle)
-        yield from of_body(vehicle.nominal, vehicle)
+        yield from _narrow_sensor_ranges(vehicle)
+        yield from _slow_valves(vehicle)
+        yield from _mismatched_jets(vehicle)
+        yield from body_findings(vehicle.nominal, vehicle)
         deviation = initial_standard_deviation(
             vehicle.nominal.vector(), vehicle.uncertainty, vehicle.center_of_mass_floor
         )
-        yield from of_sharpness(vehicle, np.diag(deviation**2))
+        yield from sharpness_findings(vehicle, np.diag(deviation**2))
 
 
 def _packages(vehicle: Vehicle) -> Iterator[tuple[FieldPath, SensorPackage]]:
@@ -189,7 +189,7 @@ def _packages(vehicle: Vehicle) -> Iterator[tuple[FieldPath, SensorPackage]]:
             yield (kind, index), sensor
 
 
-def _alike_in_telemetry(vehicle: Vehicle) -> Iterator[Finding]:
+def _column_name_clashes(vehicle: Vehicle) -> Iterator[Finding]:
     """Finds columns of telemetry with the same name, or names that differ in the case of letters alone."""
     columns: list[tuple[FieldPath, str, list[str]]] = []
     for path, sensor in _packages(vehicle):
@@ -206,7 +206,7 @@ def _alike_in_telemetry(vehicle: Vehicle) -> Iterator[Finding]:
         owners.update(dict.fromkeys(map(str.casefold, names), name))
 
 
-def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
+def _narrow_sensor_ranges(vehicle: Vehicle) -> Iterator[Finding]:
     """Finds sensors whose range holds few steps of their reading."""
     for path, sensor in _packages(vehicle):
         what = "quantum" if sensor.quantum >= sensor.noise_std else "noise_std"
@@ -214,38 +214,40 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
         problem = (
             f"is {sensor.limit:g}, for a {what} of {step:g}: hardly a reading lies within it; expected a hundred times"
         )
-        yield from _beyond(step / sensor.limit, _LARGE_STEP, _LARGEST_STEP, (*path, "range"), problem)
+        yield from _finding_above(step / sensor.limit, _LARGE_STEP, _LARGEST_STEP, (*path, "range"), problem)
 
 
-def _valves(vehicle: Vehicle) -> Iterator[Finding]:
+def _slow_valves(vehicle: Vehicle) -> Iterator[Finding]:
     """Finds valves that do not follow their commands well enough for control by jets."""
     period = vehicle.sample_period_s
     for name, kind in vehicle.jet_kinds.items():
         for field in ("time_constant_s", "minimum_on_time_s"):
             periods = getattr(kind, field) / period
             problem = f"is {periods:.4g} sample periods: no command of a period would be followed"
-            yield from _beyond(periods, _LONG_LAG, _LONGEST_LAG, ("jet_kinds", name, field), problem)
+            yield from _finding_above(periods, _LONG_LAG, _LONGEST_LAG, ("jet_kinds", name, field), problem)
 
 
-def _jets(vehicle: Vehicle) -> Iterator[Finding]:
+def _mismatched_jets(vehicle: Vehicle) -> Iterator[Finding]:
     """Finds jets whose thrust, their kind's nominal thrust and flow do not match."""
-    speed = _si("m/s", vehicle.units)
+    speed = _si_factor("m/s", vehicle.units)
     for index, jet in enumerate(vehicle.jets):
         nominal = vehicle.jet_kinds[jet.kind].nominal_thrust
         problem = (
             f"is {jet.thrust / nominal:.3g} times the nominal thrust of its kind; impingement takes away, adds nothing"
         )
-        yield from _beyond(jet.thrust / nominal, _IMPINGED, math.inf, ("jets", index, "thrust"), problem)
+        yield from _finding_above(jet.thrust / nominal, _IMPINGED, math.inf, ("jets", index, "thrust"), problem)
         if jet.mass_flow is not None:
             impulse = nominal / jet.mass_flow * speed / GRAVITY
-            for finding in _compared(impulse, SPECIFIC_IMPULSE, "s", vehicle.units, ("jets", index, "mass_flow")):
+            for finding in _compare_with_span(
+                impulse, SPECIFIC_IMPULSE, "s", vehicle.units, ("jets", index, "mass_flow")
+            ):
                 problem = (
                     f"with the nominal thrust of its kind gives a specific impulse that cannot be: {finding.problem}"
                 )
                 yield finding._replace(problem=problem)
 
 
-def of_body(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Iterator[Finding]:
+def body_findings(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Iterator[Finding]:
     """Finds what is impossible or doubtful in how a vehicle's jets push a body, and in its inertia.
 
     Args:
@@ -255,7 +257,7 @@ def of_body(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Ite
     """
     units, inertia = vehicle.units, path or ("mass_properties", "inertia")
     # a jet's acceleration; that of the kinds counts for the flow
-    per_force = _si("N", units) / (body.mass * _si("kg", units))
+    per_force = _si_factor("N", units) / (body.mass * _si_factor("kg", units))
     forces: dict[FieldPath, float] = {("jets", index, "thrust"): jet.thrust for index, jet in enumerate(vehicle.jets)}
     for name, kind in vehicle.jet_kinds.items():
         forces["jet_kinds", name, "nominal_thrust"] = kind.nominal_thrust
@@ -263,7 +265,7 @@ def of_body(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Ite
         acceleration = force * per_force
         problem = f"accelerates {body.mass:g} {vehicle.unit_names['mass']} at {acceleration:.4g} m/s^2, "
         more = f"{acceleration / GRAVITY:.4g} times the weight on Earth"
-        yield from _beyond(acceleration, _STRONG, _STRONGEST, path or place, problem + more)
+        yield from _finding_above(acceleration, _STRONG, _STRONGEST, path or place, problem + more)
         if acceleration < _WEAKEST:
             yield Finding(path or place, f"{problem}less than the light of a star would", True)
     # a jet's turn
@@ -274,7 +276,7 @@ def of_body(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Ite
         f"is so small that jet {vehicle.designations[jet]!r} turns it by {turns[jet]:.3g} rad more in the sample after "
         "one sample of firing; rates are taken as steady within a sample"
     )
-    yield from _beyond(float(turns[jet]), _QUICK, _QUICKEST, inertia, problem)
+    yield from _finding_above(float(turns[jet]), _QUICK, _QUICKEST, inertia, problem)
     # its radius of gyration
     places = [*vehicle.positions, *(sensor.position for sensor in vehicle.accelerometers)]
     reach = float(np.linalg.norm(np.array(places) - body.center_of_mass, axis=1).max())
@@ -288,10 +290,10 @@ def of_body(body: MassProperties, vehicle: Vehicle, path: FieldPath = ()) -> Ite
             f"is too {size} for this mass: the radius of gyration is {radius:.4g} {length}, the farthest jet or sensor "
             f"{reach:.4g} {length} from the center of mass; check the units of mass, inertia and positions"
         )
-        yield from _beyond(float(ratio), _SEVERAL, _FAR, inertia, problem)
+        yield from _finding_above(float(ratio), _SEVERAL, _FAR, inertia, problem)
 
 
-def of_sharpness(
+def sharpness_findings(
     vehicle: Vehicle, covariance: Array, disturbances: tuple[float, float] = (0.0, 0.0), path: FieldPath = ()
 ) -> Iterator[Finding]:
     """Finds sensors too sharp for the arithmetic, or too dull to show anything.
@@ -308,7 +310,7 @@ def of_sharpness(
     period, nominal = vehicle.sample_period_s, vehicle.nominal.vector()
     torques = np.cross(vehicle.positions - nominal[6:9], vehicle.thrusts) * period
     forces = vehicle.thrusts * period
-    inverse = symmetric(nominal[:6])
+    inverse = symmetric_matrix(nominal[:6])
     shown = {
         "gyros": (
             _rate_variances(torques, forces, inverse, covariance[:9, :9]),
@@ -326,7 +328,7 @@ def of_sharpness(
             f"sharp, that the variances are as {ratio:.1g} to 1; beyond {_SHARPEST:g} the covariance could lose its "
             "definiteness in rounding. Give the sensor its noise_std, or the mass properties less uncertainty or noise"
         )
-        yield from _beyond(ratio, _SHARP, _SHARPEST, path or place, problem)
+        yield from _finding_above(ratio, _SHARP, _SHARPEST, path or place, problem)
         if not path and sizes.max() < _FAINT * math.sqrt(error):
             problem = f"a sample of the strongest jet shows as {sizes.max():.2g}, its error is {math.sqrt(error):.2g}"
             yield Finding(place, f"{problem}: nothing can be learned from it in a reasonable time", False)
@@ -346,33 +348,33 @@ def _rate_variances(torques: Array, forces: Array, inverse: Array, covariance: A
 # -------------------------------------------------------------------------------------- a scenario
 
 
-def of_scenario(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def scenario_findings(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds what is impossible or doubtful in a scenario; its vehicle is plausible, and each key within its span."""
-    alone = list(_sensor_errors(scenario, vehicle))
+    alone = list(_errors_out_of_bounds(scenario, vehicle))
     yield from alone
     if not alone:
-        yield from _turning(scenario, vehicle)
+        yield from _fast_rates(scenario, vehicle)
         true = getattr(scenario.plant, "mass_properties", None)  # a multibody plant's stand in its model
         if true is not None:
-            yield from of_body(true.properties(), vehicle, ("plant", "mass_properties"))
-        yield from _disturbed(scenario, vehicle)
-        yield from _leaks(scenario, vehicle)
-        yield from _late(scenario)
-        yield from _short(scenario, vehicle)
-        yield from _noise(scenario, vehicle)
+            yield from body_findings(true.properties(), vehicle, ("plant", "mass_properties"))
+        yield from _strong_disturbances(scenario, vehicle)
+        yield from _strong_leaks(scenario, vehicle)
+        yield from _late_events(scenario)
+        yield from _short_pulses(scenario, vehicle)
+        yield from _large_process_noise(scenario, vehicle)
         samples = scenario.duration_s / vehicle.sample_period_s
         problem = f"is {samples:.3g} samples of {vehicle.sample_period_s:g} s; expected {_MOST_SAMPLES:g} at the most"
-        yield from _beyond(samples, _MOST_SAMPLES, _MOST_SAMPLES, ("duration_s",), problem)
+        yield from _finding_above(samples, _MOST_SAMPLES, _MOST_SAMPLES, ("duration_s",), problem)
         disturbances = (scenario.rotation.disturbance_std, scenario.mass.disturbance_std)
         with np.errstate(over="ignore", invalid="ignore"):  # what a file gives may be beyond all numbers
             covariance = scenario.estimation.initial_covariance(vehicle) + np.diag(
                 np.square(scenario.process_noise_std)
             )
-            found = list(of_sharpness(vehicle, covariance, disturbances, ("estimation",)))
+            found = list(sharpness_findings(vehicle, covariance, disturbances, ("estimation",)))
         yield from found
 
 
-def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _errors_out_of_bounds(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds true errors of a sensor outside the bounds that hold for those of the vehicle's file."""
     sensors = {sensor.name: sensor for sensor in vehicle.sensors}
     for index, errors in enumerate(scenario.sensors.errors):
@@ -381,13 +383,13 @@ def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         for field in ("noise_std", "quantum", "bias", "bias_random_walk"):
             bounds = span if field in ("noise_std", "quantum") else span._replace(least=0.0)
             here = ("sensors", "errors", index, field)
-            yield from _compared(getattr(errors, field), bounds, unit, vehicle.units, here)
+            yield from _compare_with_span(getattr(errors, field), bounds, unit, vehicle.units, here)
         for number, tone in enumerate(errors.vibration):
             there = ("sensors", "errors", index, "vibration", number, "amplitude")
-            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, there)
+            yield from _compare_with_span(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, there)
 
 
-def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _fast_rates(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds rates that turn the vehicle too far in a sample: beyond half a turn it seems to turn the other way."""
     usable, period = scenario.rotation.largest_turn, vehicle.sample_period_s
     for path, rate in (
@@ -399,10 +401,10 @@ def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
             f"turns the vehicle by {turn:.3g} rad in a sample of {period:g} s; up to {usable:g} "
             "a sample is used, and beyond half a turn none could be"
         )
-        yield from _beyond(turn, min(usable, _HALF_TURN), _HALF_TURN, path, problem)
+        yield from _finding_above(turn, min(usable, _HALF_TURN), _HALF_TURN, path, problem)
 
 
-def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _strong_disturbances(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds disturbances that are stronger than the vehicle's strongest jet."""
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
@@ -412,10 +414,10 @@ def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))
         size = float(np.hypot(np.linalg.norm(mean), np.linalg.norm(std)))
         problem = f"with what changes in it is {size:.3g} {unit}, and the strongest jet gives {largest:.3g}"
-        yield from _beyond(size, largest, math.inf, ("plant", "disturbance", field), problem)
+        yield from _finding_above(size, largest, math.inf, ("plant", "disturbance", field), problem)
 
 
-def _leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _strong_leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds leaks above the jet's thrust: a leak is flow past a closed valve."""
     for index, failure in enumerate(scenario.failures):
         force = getattr(failure, "force", 0.0)
@@ -423,10 +425,10 @@ def _leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         problem = (
             f"is {force / thrust:.3g} times the thrust of jet {failure.jet!r}, {thrust:g}; a leak gives a part of it"
         )
-        yield from _beyond(force / thrust, _LEAKY, _LEAKIEST, ("failures", index, "force"), problem)
+        yield from _finding_above(force / thrust, _LEAKY, _LEAKIEST, ("failures", index, "force"), problem)
 
 
-def _late(scenario: Scenario) -> Iterator[Finding]:
+def _late_events(scenario: Scenario) -> Iterator[Finding]:
     """Finds commands and events after the end of the run, which do nothing."""
     end = scenario.duration_s
     for field, key in (
@@ -445,7 +447,7 @@ def _late(scenario: Scenario) -> Iterator[Finding]:
             )
 
 
-def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _short_pulses(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds pulses below a sample where jets switch with samples: they last for a whole one, or for none."""
     period_s = vehicle.sample_period_s
     short = [
@@ -462,10 +464,10 @@ def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         yield Finding(("jet_schedule", short[0]), problem, False)
 
 
-def _noise(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+def _large_process_noise(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """Finds process noise that is not small beside the quantity that it is added to."""
     sizes = initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor)
     for index, (std, size) in enumerate(zip(scenario.process_noise_std, sizes, strict=True)):
         path: FieldPath = ("rotation", "process_noise_std", index) if index < 9 else ("mass", "process_noise_std")
         problem = f"is {std:g} in each sample, more than the parameter itself: nothing learned would last"
-        yield from _beyond(std, float(size), math.inf, path, problem)
+        yield from _finding_above(std, float(size), math.inf, path, problem)

@@ -25,29 +25,29 @@ from massprop_drake.inputs.model import (
     Text,
     Vector3,
     described,
-    keys,
-    validated,
+    list_keys,
+    validate_data,
 )
-from massprop_drake.inputs.units import factor, is_of
+from massprop_drake.inputs.units import is_unit_of, si_factor
 from massprop_drake.inputs.yaml import Document, read_text
 
 Column = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 Three = tuple[Column | None, Column | None, Column | None]
 
 
-def _unit(*kinds: str) -> AfterValidator:
+def _unit_validator(*kinds: str) -> AfterValidator:
     """Checks that a text is a unit of one of some kinds of quantities."""
 
     def check(value: str) -> str:
-        factor(value, *kinds)
+        si_factor(value, *kinds)
         return value
 
     return AfterValidator(check)
 
 
-TimeUnit = Annotated[Text, _unit("time")]
-AngleUnit = Annotated[Text, _unit("angle")]
-LengthUnit = Annotated[Text, _unit("length")]
+TimeUnit = Annotated[Text, _unit_validator("time")]
+AngleUnit = Annotated[Text, _unit_validator("angle")]
+LengthUnit = Annotated[Text, _unit_validator("length")]
 Signed = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Signed, Signed, Signed]
 
@@ -76,13 +76,13 @@ class Difference(Model):
     """Column and its rate, logged as the backward difference over the true step."""
 
     value: Column = described(..., "column of the quantity; angles are unwrapped")
-    value_unit: Annotated[Text, _unit("length", "angle")] = described("m", "its unit")
+    value_unit: Annotated[Text, _unit_validator("length", "angle")] = described("m", "its unit")
     rate: Column = described(..., "column of its rate")
-    rate_unit: Annotated[Text, _unit("velocity", "rate")] = described("m/s", "its unit")
+    rate_unit: Annotated[Text, _unit_validator("velocity", "rate")] = described("m/s", "its unit")
 
     @model_validator(mode="after")
     def _alike(self) -> Difference:
-        if is_of(self.value_unit, "angle") != is_of(self.rate_unit, "rate"):
+        if is_unit_of(self.value_unit, "angle") != is_unit_of(self.rate_unit, "rate"):
             raise ValueError(f"rate_unit {self.rate_unit!r} is none of a rate of {self.value_unit!r}")
         return self
 
@@ -120,7 +120,7 @@ class RecordTime(Model):
         return self
 
 
-def _signed_axes(value: Axes | None) -> Axes | None:
+def _require_each_axis_once(value: Axes | None) -> Axes | None:
     if value is not None and len({axis[-1] for axis in value}) < 3:
         raise ValueError(f"must name each of x, y and z once, got [{', '.join(value)}]")
     return value
@@ -157,7 +157,7 @@ class _Vector(_Sampled):
     rotation: Matrix3 | None = described(None, "matrix from the recorder's to the vehicle's axes, instead of `axes`")
     zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, subtracted")
 
-    _axes = field_validator("axes")(_signed_axes)
+    _axes = field_validator("axes")(_require_each_axis_once)
 
     @model_validator(mode="after")
     def _turned(self) -> _Vector:
@@ -182,14 +182,14 @@ class GyroMap(_Vector, _Read):
     """Angular rates in body axes."""
 
     kind: Literal["gyro"] = described(..., "angular rates")
-    unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as deg/s or rpm")
+    unit: Annotated[Text, _unit_validator("rate")] = described("rad/s", "such as deg/s or rpm")
 
 
 class AccelerometerMap(_Vector, _Read):
     """Non-gravitational accelerations, or their integrals, in body axes."""
 
     kind: Literal["accelerometer"] = described(..., "non-gravitational accelerations or their integrals")
-    unit: Annotated[Text, _unit("velocity", "acceleration")] = described(
+    unit: Annotated[Text, _unit_validator("velocity", "acceleration")] = described(
         ..., "unit of velocity for `integral` and `increment`, else of acceleration"
     )
     gives: Literal["integral", "increment", "mean", "instant"] = described(
@@ -201,7 +201,7 @@ class AccelerometerMap(_Vector, _Read):
     @model_validator(mode="after")
     def _of_its_kind(self) -> AccelerometerMap:
         kind = "velocity" if self.gives in ("integral", "increment") else "acceleration"
-        if not is_of(self.unit, kind):
+        if not is_unit_of(self.unit, kind):
             raise ValueError(f"unit {self.unit!r} does not fit gives: {self.gives}, which is of {kind}")
         if self.every > 1 and self.gives != "integral":
             raise ValueError(f"every goes with gives: integral; of gives: {self.gives} no row may be left out")
@@ -212,7 +212,7 @@ class VelocityMap(_Vector, _Read):
     """Velocities."""
 
     kind: Literal["velocity"] = described(..., "velocities; read, not estimated from")
-    unit: Annotated[Text, _unit("velocity")] = described("m/s", "such as mm/s")
+    unit: Annotated[Text, _unit_validator("velocity")] = described("m/s", "such as mm/s")
     frame: Literal["world", "body"] = described("world", "whose axes these are")
 
 
@@ -230,7 +230,7 @@ class _Attitude(_Read):
     axes: Axes = described(("x", "y", "z"), "body axes, likewise")
     world_axes: Axes = described(("x", "y", "z"), "world axes, likewise, such as [y, x, -z] from east-north-up")
 
-    _axes = field_validator("axes", "world_axes")(_signed_axes)
+    _axes = field_validator("axes", "world_axes")(_require_each_axis_once)
 
     @property
     def forms(self) -> list[str]:
@@ -275,7 +275,7 @@ class WheelMap(_Read):
 
     kind: Literal["wheel"] = described(..., "speed of a reaction wheel")
     speed: Column = described(..., "column of the speed")
-    unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as rpm")
+    unit: Annotated[Text, _unit_validator("rate")] = described("rad/s", "such as rpm")
 
 
 class EngineMap(_Read):
@@ -285,7 +285,7 @@ class EngineMap(_Read):
     level: Column = described(..., "column of the level")
     full: Positive = described(1.0, "number at full thrust, such as 100")
     gimbal: tuple[Column, Column] | None = described(None, "columns of its two angles; null: fixed")
-    unit: Annotated[Text, _unit("angle")] = described("rad", "of the angles, such as deg")
+    unit: Annotated[Text, _unit_validator("angle")] = described("rad", "of the angles, such as deg")
 
 
 SensorMap = Annotated[
@@ -296,7 +296,7 @@ SensorMap = Annotated[
 class ForceMap(_Vector):
     """A known outside force, or torque about the vehicle origin, over the interval that starts."""
 
-    unit: Annotated[Text, _unit("force", "torque")] = described(..., "such as N, or N*m for a torque")
+    unit: Annotated[Text, _unit_validator("force", "torque")] = described(..., "such as N, or N*m for a torque")
 
 
 class Mask(Model):
@@ -319,7 +319,7 @@ class CommandMap(_Sampled):
     columns: dict[Name, Column] | None = described(None, "column of each jet by its designation")
     mask: Mask | None = described(None, "a bit mask")
     listed: Listed | None = described(None, "a list of the jets that fire")
-    unit: Annotated[Text, _unit("number", "time")] = described(
+    unit: Annotated[Text, _unit_validator("number", "time")] = described(
         "1", "1: number between `off` and `on`; a unit of time: how long the jet is on"
     )
     off: Real = described(
@@ -352,7 +352,7 @@ class CommandMap(_Sampled):
     @property
     def is_timed(self) -> bool:
         """True if commands are on-times."""
-        return self.columns is not None and self.threshold is None and is_of(self.unit, "time")
+        return self.columns is not None and self.threshold is None and is_unit_of(self.unit, "time")
 
     @property
     def jets(self) -> list[str] | None:
@@ -364,17 +364,17 @@ class CommandMap(_Sampled):
         return list(self.listed.names) if self.listed is not None and self.listed.names else None
 
 
-def _columns(data: Any, within: str = "") -> Iterator[str]:
+def _column_names(data: Any, within: str = "") -> Iterator[str]:
     """Yields the column names in the data of a part of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
             if key == "columns" and isinstance(value, dict):
                 yield from value.values()
             else:
-                yield from _columns(value, key)
+                yield from _column_names(value, key)
     elif isinstance(data, (list, tuple)):
         for value in data:
-            yield from _columns(value, within)
+            yield from _column_names(value, within)
     elif isinstance(data, str) and within in _NAMING:
         yield data
 
@@ -415,7 +415,7 @@ class RecordMap(Model):
             raise ValueError(f"rows: {self.rows!r} is not one of sensors ({', '.join(self.sensors)})")
         for name, kind in (("known_force", "force"), ("known_torque", "torque")):
             part = getattr(self, name)
-            if part is not None and not is_of(part.unit, kind):
+            if part is not None and not is_unit_of(part.unit, kind):
                 raise ValueError(f"{name}: unit {part.unit!r} is none of a {kind}")
         return self
 
@@ -443,12 +443,12 @@ class RecordMap(Model):
     @property
     def columns(self) -> set[str]:
         """All columns that are read, of whatever topic."""
-        return {name for part in [self.time, *self.parts] for name in _columns(part.model_dump())}
+        return {name for part in [self.time, *self.parts] for name in _column_names(part.model_dump())}
 
 
 def map_keys() -> list[Key]:
     """Lists the keys of a map; those of the clocks that parts may have of their own are those of `time`."""
-    return [key for key in keys(RecordMap) if ".time." not in key.name]
+    return [key for key in list_keys(RecordMap) if ".time." not in key.name]
 
 
 def load_map(path: str | Path) -> RecordMap:
@@ -458,4 +458,4 @@ def load_map(path: str | Path) -> RecordMap:
         InputError: when there is no such file, or it is wrong; the message says where.
     """
     document = Document(read_text(Path(path)), str(path))
-    return validated(RecordMap, document.data, document)
+    return validate_data(RecordMap, document.data, document)

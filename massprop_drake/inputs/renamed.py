@@ -1,7 +1,7 @@
 """Terms of earlier versions: accepted for one more release, with one warning that says what to write instead.
 
 Keys of files are renamed by `yaml.Document` as it reads them. Those of a detector's former kind depend on the whole
-scenario: `inputs.scenario` has them replaced by `with_present_detector`.
+scenario: `inputs.scenario` has them replaced by `update_detector_terms`.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ def warn(message: str, stacklevel: int = 2) -> None:
     warnings.warn(f"{message}; version 0.4 will know the new name alone", RenamedWarning, stacklevel + 1)
 
 
-def key_now(path: Sequence[str | int]) -> str | None:
+def present_key_name(path: Sequence[str | int]) -> str | None:
     """Returns the present name of the last key of a path in a vehicle or a scenario; None when it is not an old one."""
     if path[-1] not in _OLD_KEYS:
         return None
     return KEYS.get(re.sub(r"\[\d+\]", "[]", dotted(tuple(path))).removeprefix("vehicle."))
 
 
-def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
+def update_detector_terms(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
     """Replaces former terms of the joint filter's detector in a scenario's data.
 
     Args:
@@ -66,7 +66,7 @@ def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, A
     return ({**data, "detector": kept}, said) if said else (data, [])
 
 
-def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
+def obsolete_detector_keys(former: Any, kind: Any) -> tuple[str, ...]:
     """Returns the keys to drop where another kind replaces the joint filter's detector.
 
     Args:

@@ -26,7 +26,7 @@ from massprop_drake.inputs.estimation_blocks import (
     MassBlock,
     RotationBlock,
 )
-from massprop_drake.inputs.kinds import bundled, require_kind, require_named
+from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
 from massprop_drake.inputs.model import (
     Flag,
     Model,
@@ -34,14 +34,14 @@ from massprop_drake.inputs.model import (
     Text,
     Whole,
     described,
+    field_validation_error,
     keys_of_former_kind,
-    refusal,
-    validated,
+    validate_data,
 )
 from massprop_drake.inputs.model_file import model_text
 from massprop_drake.inputs.moving import MovingPart
 from massprop_drake.inputs.onboard_blocks import AutopilotBlock, SensorsBlock
-from massprop_drake.inputs.overrides import parsed_key, set_at, value_at
+from massprop_drake.inputs.overrides import set_at, split_key, value_at
 from massprop_drake.inputs.scenario_checks import check_against_vehicle
 from massprop_drake.inputs.scheduled import (
     EngineBurn,
@@ -51,7 +51,7 @@ from massprop_drake.inputs.scheduled import (
     JetPulse,
     MassJump,
     WheelPulse,
-    overlaps,
+    find_overlaps,
 )
 from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
@@ -144,9 +144,9 @@ class Scenario(Model):
         """Fills in defaults that depend on the filter, and the filter itself."""
         if not isinstance(data, dict):
             return data
-        if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolved` beside those
+        if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
             data = {**data, "vehicle": load_vehicle(data["vehicle"])}
-        data = _in_present_terms(_with_model(data, None, Path()))
+        data = _update_detector_terms(_inline_model_text(data, None, Path()))
         chosen, given = filter_of(data), dict(data)
         if isinstance(data.get("plant", {}), dict):
             given["plant"] = {"kind": "rigid", **data.get("plant", {})}
@@ -154,7 +154,7 @@ class Scenario(Model):
             given["estimation"] = {"filter": chosen, **data.get("estimation", {})}
         if isinstance(data.get("detector", {}), dict) and chosen in DETECTORS_OF:
             given["detector"] = {"kind": DETECTORS_OF[chosen][0], **data.get("detector", {})}
-        transient, joint = _part(data.get("plant"), "thrust_transient", "vehicle"), data.get("joint", {})
+        transient, joint = _block_value(data.get("plant"), "thrust_transient", "vehicle"), data.get("joint", {})
         own = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
         if own and transient in ("none", "vehicle"):
             given["joint"] = {**joint, "thrust_transient": transient}
@@ -173,7 +173,7 @@ class Scenario(Model):
             problem = f"{self.detector.kind} does not go with estimation.filter: {named}; use {fitting}"
             problems.append((("detector", "kind"), problem))
         if problems:
-            raise refusal(problems)
+            raise field_validation_error(problems)
         return self
 
     @model_validator(mode="after")
@@ -184,12 +184,12 @@ class Scenario(Model):
                 "or set autopilot.engaged: true, for both"
             )
         problems = [
-            *overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
-            *overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
-            *overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
-            *overlaps("wheel_schedule", [(p.wheel, p.start_s, p.end_s) for p in self.wheel_schedule]),
-            *overlaps("engine_schedule", [(p.engine, p.start_s, p.end_s) for p in self.engine_schedule]),
-            *overlaps(
+            *find_overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
+            *find_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
+            *find_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
+            *find_overlaps("wheel_schedule", [(p.wheel, p.start_s, p.end_s) for p in self.wheel_schedule]),
+            *find_overlaps("engine_schedule", [(p.engine, p.start_s, p.end_s) for p in self.engine_schedule]),
+            *find_overlaps(
                 "engine_failures",
                 [(f"{f.engine} {f.kind}", f.start_s, f.end_s or math.inf) for f in self.engine_failures],
             ),
@@ -197,7 +197,7 @@ class Scenario(Model):
         if not problems and isinstance(self.vehicle, Vehicle):
             problems = check_against_vehicle(self, self.vehicle)
         if problems:
-            raise refusal(problems)
+            raise field_validation_error(problems)
         return self
 
     def __repr__(self) -> str:
@@ -234,7 +234,7 @@ class Scenario(Model):
     def doubts(self) -> list[plausible.Finding]:
         """Entries that may be meant, but are more likely a slip; of the vehicle, too."""
         vehicle = self.vehicle_data
-        own = [found for found in plausible.of_scenario(self, vehicle) if not found.impossible]
+        own = [found for found in plausible.scenario_findings(self, vehicle) if not found.impossible]
         return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
 
     @property
@@ -255,13 +255,13 @@ def filter_of(data: Mapping[str, Any]) -> str:
     Where none is named it is the usual one, unless there are keys of another and none of the usual one's: so it is in
     files of before there was a choice.
     """
-    named = _part(data.get("estimation"), "filter", None)
+    named = _block_value(data.get("estimation"), "filter", None)
     if named is not None:
         return str(named)
     if _needs_pose_filter(data.get("vehicle")):
         return "pose"
-    told = {name for name, paths in _KEYS_OF.items() if any(_present(data, path) for path in paths)}
-    kind = _part(data.get("detector"), "kind", "off")
+    told = {name for name, paths in _KEYS_OF.items() if any(_has_path(data, path) for path in paths)}
+    kind = _block_value(data.get("detector"), "kind", "off")
     told |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
     return told.pop() if len(told) == 1 else USUAL_FILTER
 
@@ -275,7 +275,7 @@ def _needs_pose_filter(vehicle: Any) -> bool:
     return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 
-def _present(data: Any, path: tuple[str, ...]) -> bool:
+def _has_path(data: Any, path: tuple[str, ...]) -> bool:
     for part in path:
         if not isinstance(data, Mapping) or part not in data:
             return False
@@ -283,7 +283,7 @@ def _present(data: Any, path: tuple[str, ...]) -> bool:
     return True
 
 
-def _part(block: Any, key: str, otherwise: str | None) -> Any:
+def _block_value(block: Any, key: str, otherwise: str | None) -> Any:
     """Returns the value of a key of a block, validated or not."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 
@@ -307,7 +307,7 @@ def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
 
 def bundled_scenarios() -> list[str]:
     """Lists the scenarios that come with the package."""
-    return bundled("scenario")
+    return bundled_files("scenario")
 
 
 def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
@@ -331,7 +331,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         if exists(path / "scenario.yaml"):
             path = path / "scenario.yaml"
         if not exists(path):
-            require_named(name, "scenario")
+            require_known_name(name, "scenario")
         document = Document(read_text(path), str(path))
         require_kind(document.data, "scenario", str(path))
         folder = path.parent
@@ -340,7 +340,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         if override.startswith("vehicle."):
             _spell_out_vehicle(document, folder)
         set_field(document.data, override, given)
-    return resolved(document.data, document, folder)
+    return resolve_scenario(document.data, document, folder)
 
 
 def _spell_out_vehicle(document: Document, folder: Path) -> None:
@@ -350,7 +350,7 @@ def _spell_out_vehicle(document: Document, folder: Path) -> None:
         document.data["vehicle"] = _find_vehicle(named, folder, document).model_dump(mode="json")
 
 
-def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
+def resolve_scenario(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
     """Makes a scenario from data, loads its vehicle and checks one against the other.
 
     Args:
@@ -361,13 +361,13 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     Raises:
         InputError: naming each field that is wrong.
     """
-    data = _with_model(data, document, folder or Path())
+    data = _inline_model_text(data, document, folder or Path())
     vehicle = data.get("vehicle", _USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
         vehicle = _inline_vehicle(vehicle, document)
     own = data if not isinstance(vehicle, (str, Vehicle)) else {key: data[key] for key in data if key != "vehicle"}
-    there = vehicle if isinstance(vehicle, Vehicle) else _named_vehicle(vehicle, folder)
-    scenario = validated(Scenario, _in_present_terms(_with_filter(own, there), document), document)
+    there = vehicle if isinstance(vehicle, Vehicle) else _vehicle_or_none(vehicle, folder)
+    scenario = validate_data(Scenario, _update_detector_terms(_with_required_filter(own, there), document), document)
     vehicle = there or _find_vehicle(vehicle, folder or Path(), document)
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
@@ -375,7 +375,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
-def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
+def _inline_model_text(data: Any, document: Document | None, folder: Path) -> Any:
     """Returns data in which the text of a multibody model stands in place of its file."""
     plant = data.get("plant")
     model = plant.get("model") if isinstance(plant, dict) else None
@@ -387,7 +387,7 @@ def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
         raise InputError(*(f"{_place(('plant', 'model'), document)}: {one}" for one in error.problems)) from None
 
 
-def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
+def _vehicle_or_none(vehicle: Any, folder: Path | None) -> Vehicle | None:
     """Loads the vehicle of a name; None where there is none, which is reported when it is loaded for good."""
     try:
         return _find_vehicle(vehicle, folder or Path(), None) if isinstance(vehicle, str) else None
@@ -395,7 +395,7 @@ def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
         return None
 
 
-def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
+def _with_required_filter(data: Any, vehicle: Vehicle | None) -> Any:
     """Returns data with the pose filter named, where the vehicle needs it and they name no filter."""
     if vehicle is None or not vehicle.needs_pose_filter or not isinstance(data, dict):
         return data
@@ -403,14 +403,14 @@ def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
     return {**data, "estimation": {"filter": "pose", **estimation}} if isinstance(estimation, dict) else data
 
 
-def _in_present_terms(data: Any, document: Document | None = None) -> Any:
+def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
     """Replaces former terms of the detector in data, with one warning."""
     if not isinstance(data, dict):
         return data
     faults, usual = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
     if isinstance(faults, FaultsBlock):  # a program's; `slots` may have to be put in
         data = {**data, "faults": faults.model_dump(mode="json", exclude_unset=True)}
-    data, said = renamed.with_present_detector(data, usual)
+    data, said = renamed.update_detector_terms(data, usual)
     if said:
         renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(said)}", 4)
     if said and document is not None and "slots" not in data["detector"]:
@@ -424,7 +424,7 @@ def _place(path: FieldPath, document: Document | None) -> str:
 
 def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
     try:
-        return validated(Vehicle, data, None)
+        return validate_data(Vehicle, data, None)
     except InputError as error:
         source = document.source if document is not None else "scenario"
         # of the vehicle as a whole, or of one of its keys
@@ -460,8 +460,8 @@ def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> 
         raise InputError(
             f"--set {key}=...: the value has more than one line; write a list as [a, b], a mapping as {{a: 1, b: 2}}"
         )
-    path = parsed_key(key, override)
-    now = renamed.key_now(path)
+    path = split_key(key, override)
+    now = renamed.present_key_name(path)
     if now is not None:
         renamed.warn(f"--set {override}: {path[-1]} is now {now}")
         path[-1] = now
@@ -490,7 +490,7 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
     if last == "kind":
         leaving = keys_of_former_kind(Scenario, data, field[:-1], former)
         if of_detector:
-            leaving += [key for key in renamed.keys_left_behind(former, value) if key in value_at(data, above)]
+            leaving += [key for key in renamed.obsolete_detector_keys(former, value) if key in value_at(data, above)]
         for key in dict.fromkeys(leaving):
             if not any(one[: len(field)] == (*above, key) for one in given):
                 del value_at(data, above)[key]

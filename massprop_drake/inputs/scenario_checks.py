@@ -11,13 +11,13 @@ import numpy as np
 from massprop_drake.errors import moment, suggestion
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.estimation_blocks import FaultsBlock
-from massprop_drake.inputs.moving import not_followed
+from massprop_drake.inputs.moving import moving_parts_problem
 from massprop_drake.inputs.scheduled import jump_terms
 from massprop_drake.inputs.true_blocks import PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import FieldPath
-from massprop_drake.maths.mass_properties import could_be_inertia, joined
-from massprop_drake.maths.vehicle.on_times import samples_of
+from massprop_drake.maths.mass_properties import attach_body, is_possible_inertia
+from massprop_drake.maths.vehicle.on_times import pulse_samples
 
 if TYPE_CHECKING:
     from massprop_drake.inputs.scenario import Scenario
@@ -36,19 +36,19 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
             problem = f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, names)}"
             problems.append((path, problem))
 
-    problems.extend(_not_followed(scenario, vehicle))
-    problems.extend(_impossible_parts(scenario, vehicle))
+    problems.extend(_filter_problems(scenario, vehicle))
+    problems.extend(_moving_part_problems(scenario, vehicle))
     known = {
         "jet": vehicle.designations,
         "wheel": tuple(wheel.name for wheel in vehicle.wheels),
         "engine": tuple(engine.name for engine in vehicle.engines),
         "tank": tuple(tank.name for tank in vehicle.tanks),
     }
-    for what, name, path in _named(scenario):
+    for what, name, path in _named_components(scenario):
         require(what, name, known[what], *path)
-    problems.extend(_open_twice(scenario, vehicle))
-    problems.extend(_beyond_stops(scenario, vehicle))
-    problems.extend(_impossible_jumps(scenario, vehicle))
+    problems.extend(_double_opening_problems(scenario, vehicle))
+    problems.extend(_gimbal_problems(scenario, vehicle))
+    problems.extend(_payload_problems(scenario, vehicle))
     faulty: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
         require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
@@ -65,24 +65,24 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     for name in scenario.faults.jets:
         require("jet", name, vehicle.designations, "faults", "jets", name)
-    problems.extend(_no_on_times(scenario, vehicle))
-    problems.extend(_no_wheels(scenario, vehicle))
-    problems.extend(_no_test_firing(scenario))
-    problems.extend(_too_many_faults(scenario.faults, vehicle))
+    problems.extend(_on_time_problems(scenario, vehicle))
+    problems.extend(_wheel_problems(scenario, vehicle))
+    problems.extend(_test_firing_problems(scenario))
+    problems.extend(_fault_rate_problems(scenario.faults, vehicle))
     period = vehicle.sample_period_s
-    problems.extend(_of_the_plant(scenario, vehicle))
+    problems.extend(_plant_problems(scenario, vehicle))
     if vehicle.motion == "planar" and isinstance(scenario.plant, PlantBlock) and scenario.plant.dispersion.axes_deg:
         problem = f"vehicle '{vehicle.name}' moves in a plane, in which its axes do not tilt; leave it out"
         problems.append((("plant", "dispersion", "axes_deg"), problem))
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
     if not problems:
-        found = plausible.of_scenario(scenario, vehicle)
+        found = plausible.scenario_findings(scenario, vehicle)
         problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
     return problems
 
 
-def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _fault_rate_problems(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds rates by which more than one event is expected in a sample period."""
     period, components = vehicle.sample_period_s, 3 * (len(vehicle.gyros) + len(vehicle.accelerometers))
     own = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
@@ -104,7 +104,7 @@ def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[Fi
         yield ("faults", "change_per_hour"), problem
 
 
-def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _on_time_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds on-times to be flown with jets that do not take them, or whose clock is too coarse."""
     if scenario.open_loop or scenario.autopilot.jet_selection.output != "on_time":
         return
@@ -124,7 +124,7 @@ def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPa
             yield path, problem
 
 
-def _no_test_firing(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
+def _test_firing_problems(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
     """Finds reasons for which an autopilot cannot fly test firings."""
     path: FieldPath = ("autopilot", "test_firing")
     if scenario.autopilot.test_firing is None:
@@ -135,7 +135,7 @@ def _no_test_firing(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
         yield path, "needs an autopilot; leave out autopilot.engaged: false"
 
 
-def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _wheel_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds reasons for which wheels cannot turn the vehicle, and wheels that start faster than they can turn."""
     speeds = scenario.plant.wheel_speeds
     for wheel in vehicle.wheels:
@@ -159,7 +159,7 @@ def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath
         yield (*path, "unload_above"), problem
 
 
-def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _plant_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds entries that do not go with the kind of the plant, or with its time step."""
     period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
     covers = "loop does not cover a continuous plant, whose steps are Drake's; use diagram"
@@ -170,7 +170,7 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("plant", "time_step"), problem
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
-        yield from _of_true_tanks(scenario.plant, vehicle)
+        yield from _true_tank_problems(scenario.plant, vehicle)
         return
     if loop:
         yield ("execution", "engine"), covers
@@ -190,7 +190,7 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
         yield ("plant", "kind"), problem
 
 
-def _of_true_tanks(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _true_tank_problems(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds more propellant in a true tank than it holds, or less than none."""
     for tank in vehicle.tanks:
         held = plant.propellant.get(tank.name, tank.propellant)
@@ -199,7 +199,7 @@ def _of_true_tanks(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("plant", "propellant", tank.name), problem
 
 
-def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _filter_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds a filter that does not go with the vehicle's moving parts, wheels, engines, tanks or pose sensors."""
     named = scenario.estimation.filter
     if scenario.moving and named != "joint":
@@ -215,7 +215,7 @@ def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
 
 
-def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine", "tank"], str, FieldPath]]:
+def _named_components(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine", "tank"], str, FieldPath]]:
     """Yields the jets, wheels, engines and tanks that a scenario names, and where."""
     for index, pulse in enumerate(scenario.jet_schedule):
         yield "jet", pulse.jet, ("jet_schedule", index, "jet")
@@ -236,7 +236,7 @@ def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine
             yield "tank", name, ("plant", "propellant", name)
 
 
-def _beyond_stops(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _gimbal_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds angles that the gimbal of an engine does not reach."""
     stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
     for index, burn in enumerate(scenario.engine_schedule):
@@ -246,13 +246,13 @@ def _beyond_stops(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("engine_schedule", index, "gimbal"), f"{max(map(abs, burn.gimbal)):g} rad for {burn.engine}: {at}"
 
 
-def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _double_opening_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds pulses that open a jet a second time in a sample: a command holds one opening."""
     if not vehicle.has_on_times:
         return
     period_s, before = vehicle.sample_period_s, dict[tuple[str, int], int]()
     for index, pulse in enumerate(scenario.jet_schedule):
-        first, end = samples_of(pulse.start_s, pulse.end_s, period_s)
+        first, end = pulse_samples(pulse.start_s, pulse.end_s, period_s)
         for sample in {first, end - 1} if end > first else ():
             if (pulse.jet, sample) in before:
                 other = f"jet_schedule[{before[pulse.jet, sample]}]"
@@ -265,15 +265,15 @@ def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPat
             before[pulse.jet, sample] = index
 
 
-def _impossible_parts(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _moving_part_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Yields problems of parts that move inside, with those of the vehicle."""
     nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
-    if scenario.moving and (problem := not_followed(every, known, vehicle.sample_period_s)):
+    if scenario.moving and (problem := moving_parts_problem(every, known, vehicle.sample_period_s)):
         yield ("moving",), problem
 
 
-def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
+def _payload_problems(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
     """Finds a payload whose arrival or departure would leave an impossible body."""
     if not isinstance(scenario.plant, PlantBlock):
         return []
@@ -285,11 +285,11 @@ def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldP
         mass, position, inertia = jump_terms(jump)
         if body.mass + mass <= 0.0:
             return [(("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left")]
-        body = joined(body, mass, position, inertia)
-        if not could_be_inertia(body.inertia):
+        body = attach_body(body, mass, position, inertia)
+        if not is_possible_inertia(body.inertia):
             problem = "leaves an inertia that no rigid body has; check mass, position and inertia"
             return [(("jumps", index), problem)]
-        for finding in plausible.of_body(body, vehicle, ("jumps", index)):
+        for finding in plausible.body_findings(body, vehicle, ("jumps", index)):
             if finding.impossible:
                 return [(finding.path, f"leaves a body of which this {finding.problem}")]
     return []

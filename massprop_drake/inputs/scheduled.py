@@ -11,14 +11,14 @@ from pydantic import Field, field_validator, model_validator
 from massprop_drake.errors import moment
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import Matrix3, Model, NotNegative, Positive, Real, Share, Text, Vector3, described
-from massprop_drake.inputs.vehicle_parts import symmetric_inertia
+from massprop_drake.inputs.vehicle_parts import require_symmetric
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import Array
 
 _T = TypeVar("_T", bound=Any)
 
 
-def in_order(timed: _T) -> _T:
+def require_end_after_start(timed: _T) -> _T:
     """Returns an interval unchanged; raises ValueError unless it ends after its beginning."""
     start_s, end_s = timed.start_s, timed.end_s
     if end_s is not None and end_s <= start_s:
@@ -36,7 +36,7 @@ class HandControllerWindow(Model):
     start_s: NotNegative = described(..., "leaves detent", "s", span=plausible.TIME)
     end_s: Positive = described(..., "returns to detent", "s", span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class JetPulse(Model):
@@ -46,7 +46,7 @@ class JetPulse(Model):
     start_s: NotNegative = described(..., "first commanded", "s", span=plausible.TIME)
     end_s: Positive = described(..., "no longer commanded", "s", span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class WheelPulse(Model):
@@ -59,7 +59,7 @@ class WheelPulse(Model):
         ..., "torque on the wheel; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class EngineBurn(Model):
@@ -71,7 +71,7 @@ class EngineBurn(Model):
     level: Share = described(1.0, "share of its thrust")
     gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class EngineFailureBlock(Model):
@@ -84,7 +84,7 @@ class EngineFailureBlock(Model):
     start_s: NotNegative = described(..., "first sample with it", "s", span=plausible.TIME)
     end_s: Real | None = described(None, "first sample without it; null: never", "s", gt=0.0, span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class _Timed(Model):
@@ -94,7 +94,7 @@ class _Timed(Model):
     start_s: NotNegative = described(..., "onset", "s", span=plausible.TIME)
     end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0, span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class StuckOn(_Timed):
@@ -158,10 +158,10 @@ class MassJump(Model):
     @field_validator("inertia")
     @classmethod
     def _symmetric(cls, value: Matrix3 | None) -> Matrix3 | None:
-        return value if value is None else symmetric_inertia(value)
+        return value if value is None else require_symmetric(value)
 
 
-def overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
+def find_overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
     """Finds windows of the same axis, jet or joint that overlap, each with the first one before it that it overlaps."""
     for index, (what, start, end) in enumerate(windows):
         for other in range(index):

@@ -19,11 +19,11 @@ from massprop_drake.inputs.model import (
     Text,
     Vector3,
     described,
-    none_negative,
-    refusal,
+    field_validation_error,
+    require_nonnegative,
 )
 from massprop_drake.inputs.model_file import model_joints
-from massprop_drake.inputs.scheduled import in_order, overlaps
+from massprop_drake.inputs.scheduled import find_overlaps, require_end_after_start
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.mass_properties import Spread
@@ -57,7 +57,7 @@ class DisturbanceBlock(Model):
         100.0, "correlation time of the changing part, which is held over a sample", "s", span=plausible.CORRELATION
     )
 
-    _not_negative = field_validator("torque_std", "force_std")(none_negative)
+    _not_negative = field_validator("torque_std", "force_std")(require_nonnegative)
 
 
 class _Plant(Model):
@@ -147,7 +147,7 @@ class JointMove(Model):
     end_s: Positive = described(..., "end of the move", "s", span=plausible.TIME)
     position: Real = described(..., "position at the end", "rad | ft | m")
 
-    _ordered = model_validator(mode="after")(in_order)
+    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class MultibodyBlock(_Plant):
@@ -176,7 +176,7 @@ class MultibodyBlock(_Plant):
 
     @model_validator(mode="after")
     def _one_at_a_time(self) -> MultibodyBlock:
-        problems = list(overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
+        problems = list(find_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
         named = [start.joint for start in self.joints]
         problems += [
             (("joints", index, "joint"), f"'{name}' has an entry already; give one")
@@ -184,7 +184,7 @@ class MultibodyBlock(_Plant):
             if name in named[:index]
         ]
         if problems := problems or list(self._too_fast()):
-            raise refusal(problems)
+            raise field_validation_error(problems)
         return self
 
     def _too_fast(self) -> Iterator[tuple[FieldPath, str]]:

@@ -25,36 +25,36 @@ from massprop_drake.maths.mass_properties import MassProperties, Spread
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_factor, draw_initial_deviation
 from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
 from massprop_drake.maths.vehicle.joint_moves import Move
-from massprop_drake.maths.vehicle.mounting import true_mounting
+from massprop_drake.maths.vehicle.mounting import true_mounted_wrenches
 from massprop_drake.maths.vehicle.reaction_jets import jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
     Jump,
+    draw_true_body,
     initial_state,
     jumps_by_sample,
-    packed_structure,
-    seeded_body,
+    pack_structure,
 )
 from massprop_drake.maths.vehicle.sensing import (
     Draws,
     SensorModel,
     Tone,
-    package,
+    add_drawn_phases,
+    make_package,
+    make_vibration,
     smoothing_factor,
-    vibration,
-    with_draws,
 )
 from massprop_drake.maths.vehicle.tracking import PoseModel
 from massprop_drake.maths.vehicle.true_engines import OUT, EngineFailure, EnginesModel
-from massprop_drake.maths.vehicle.true_failures import as_levels
+from massprop_drake.maths.vehicle.true_failures import leaks_as_levels
 from massprop_drake.maths.vehicle.vehicle_cycle import NO_FILL, VehicleParams
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 
 
-def simulated_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
+def simulated_non_inertial(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
     """Returns sensors of a simulation, other than gyros and accelerometers: engines only where they burn."""
     vehicle = scenario.vehicle_data
     return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
@@ -68,15 +68,15 @@ def time_step(scenario: Scenario) -> float:
 
 def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
     """Makes the true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
-    return with_draws(undrawn_model(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
+    return add_drawn_phases(sensor_model_before_draws(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
 
 
-def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
+def sensor_model_before_draws(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
     """Makes a sensor package's true errors before the seed draws their phases."""
     period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
     tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
     scale_factor = np.array(errors.scale_factor)
-    shaking = vibration(tones, 1.0 + scale_factor, errors.bandwidth_hz, integrates=integrates) if tones else None
+    shaking = make_vibration(tones, 1.0 + scale_factor, errors.bandwidth_hz, integrates=integrates) if tones else None
     return SensorModel(
         period_s=period,
         scale_factor=scale_factor,
@@ -121,7 +121,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
     )
     packages = tuple(
-        package(
+        make_package(
             sensor.name,
             sensor_model(scenario, sensor),
             np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
@@ -137,7 +137,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         disturbance=disturbance(scenario),
         jumps=jumps_by_sample(mass_jumps(scenario), period),
         body=body,
-        structure=packed_structure(properties),
+        structure=pack_structure(properties),
         planar=vehicle.motion == "planar",
         tanks=tanks,
         fill=fill,
@@ -165,14 +165,14 @@ def disturbance(scenario: Scenario) -> DisturbanceModel | None:
     mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
     if not (mean.any() or std.any()):
         return None
-    kept = kept_share(block.correlation_time_s, scenario.vehicle_data.sample_period_s)
-    return DisturbanceModel(mean, std, kept, deviation_before(scenario.seed, std))
+    kept = decay_factor(block.correlation_time_s, scenario.vehicle_data.sample_period_s)
+    return DisturbanceModel(mean, std, kept, draw_initial_deviation(scenario.seed, std))
 
 
 def true_properties(scenario: Scenario) -> MassProperties:
     """Returns mass properties of the true vehicle at the start, if it is rigid; else the nominal ones."""
-    spread, body = mass_spread(scenario), undrawn_properties(scenario)
-    return body if spread is None else seeded_body(scenario.seed, body, spread)
+    spread, body = mass_spread(scenario), properties_before_draws(scenario)
+    return body if spread is None else draw_true_body(scenario.seed, body, spread)
 
 
 def mass_spread(scenario: Scenario) -> Spread | None:
@@ -181,7 +181,7 @@ def mass_spread(scenario: Scenario) -> Spread | None:
     return spread if spread is not None and any(spread) else None
 
 
-def undrawn_properties(scenario: Scenario) -> MassProperties:
+def properties_before_draws(scenario: Scenario) -> MassProperties:
     """Returns mass properties about which the true ones are drawn, or the true ones where nothing is drawn."""
     properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
@@ -218,7 +218,7 @@ def mounted_wrenches(scenario: Scenario) -> Array:
     if not sigmas.any():
         return nominal
     drawn = normal_sample(scenario.seed, "mounting", 0, sigmas.size).reshape(sigmas.shape)
-    return true_mounting(nominal, vehicle.positions, sigmas * drawn)
+    return true_mounted_wrenches(nominal, vehicle.positions, sigmas * drawn)
 
 
 def plant_mass_flows(scenario: Scenario) -> Array:
@@ -284,7 +284,7 @@ _ENGINE_FAILURES = {"out": OUT, "level_stuck": 0, "gimbal_1_stuck": 1, "gimbal_2
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     """Makes the true failures of jets, with a leak as a level of its jet."""
     thrusts = thrust_factors(scenario) * np.array([jet.thrust for jet in scenario.vehicle_data.jets])
-    return as_levels(stated_failures(scenario), thrusts)
+    return leaks_as_levels(stated_failures(scenario), thrusts)
 
 
 def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:

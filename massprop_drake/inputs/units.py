@@ -84,7 +84,7 @@ _KINDS = {
 _PART = re.compile(r"([*/·]?)([^\s\d*/·^²³-]+|1)(?:\^?(-?\d)|([²³]))?")
 
 
-def parsed(text: str) -> Unit:
+def parse_unit(text: str) -> Unit:
     """Reads a unit, a product or quotient of names with powers: `deg/s`, `m/s^2`, `m/s2`, `N*m`.
 
     Raises:
@@ -110,7 +110,7 @@ def parsed(text: str) -> Unit:
     return Unit(factor, (dimension[0], dimension[1], dimension[2], dimension[3]))
 
 
-def factor(text: str, *kinds: str) -> float:
+def si_factor(text: str, *kinds: str) -> float:
     """Returns the factor from a unit to SI; the unit must measure one of the given kinds of quantity.
 
     Args:
@@ -120,19 +120,19 @@ def factor(text: str, *kinds: str) -> float:
     Raises:
         InputError: when it is not known, or of another kind.
     """
-    unit = parsed(text)
+    unit = parse_unit(text)
     if unit.dimension not in {_KINDS[kind][0] for kind in kinds}:
-        of = kind_of(unit)
+        of = quantity_kind(unit)
         wanted = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
         raise InputError(f"{text!r} is a unit of {of}; expected one of {wanted}")
     return unit.factor
 
 
-def is_of(text: str, kind: str) -> bool:
+def is_unit_of(text: str, kind: str) -> bool:
     """Tests whether a unit is of a kind of quantity; raises InputError for no unit."""
-    return parsed(text).dimension == _KINDS[kind][0]
+    return parse_unit(text).dimension == _KINDS[kind][0]
 
 
-def kind_of(unit: Unit) -> str:
+def quantity_kind(unit: Unit) -> str:
     """Returns the kind of quantity that a unit measures, in a word."""
     return next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")

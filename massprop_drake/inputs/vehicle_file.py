@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.kinds import bundled, require_kind, require_named
+from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
 from massprop_drake.inputs.model import (
     Model,
     Name,
@@ -24,10 +24,10 @@ from massprop_drake.inputs.model import (
     Share,
     Text,
     described,
-    refusal,
-    validated,
+    field_validation_error,
+    validate_data,
 )
-from massprop_drake.inputs.moving import MovingPart, not_followed
+from massprop_drake.inputs.moving import MovingPart, moving_parts_problem
 from massprop_drake.inputs.vehicle_parts import (
     Disturbance,
     Jet,
@@ -46,12 +46,12 @@ from massprop_drake.inputs.vehicle_sensors import (
     SensorPackage,
     VelocitySensor,
     Wheel,
-    times_per_s,
+    distinct_times_per_s,
 )
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
-from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, is_possible_inertia, six_elements, symmetric_matrix
 from massprop_drake.maths.signals import SIGNALS
-from massprop_drake.maths.vehicle.depletion import Tanks, emptied
+from massprop_drake.maths.vehicle.depletion import Tanks, structure_after_draining
 from massprop_drake.maths.vehicle.on_times import Place
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 
@@ -144,7 +144,7 @@ class Vehicle(Model):
     def _planar(self) -> Vehicle:
         turns = any(pose.attitude_std is not None for pose in self.poses)
         if not self.gyros and not turns:
-            raise refusal(
+            raise field_validation_error(
                 [
                     (
                         ("gyros",),
@@ -154,25 +154,29 @@ class Vehicle(Model):
             )
         if (self.velocities or any(pose.position_std is not None for pose in self.poses)) and not turns:
             key = "poses" if self.poses else "velocities"
-            raise refusal([((key,), "positions and velocities in a fixed frame need a pose sensor with attitude_std")])
+            raise field_validation_error(
+                [((key,), "positions and velocities in a fixed frame need a pose sensor with attitude_std")]
+            )
         if self.disturbance is not None and self.needs_pose_filter:
             words = "is not estimated in a fixed frame; state surroundings.slope_std and surroundings.turn_std"
-            raise refusal([(("disturbance",), words)])
+            raise field_validation_error([(("disturbance",), words)])
         for key in ("wheels", "engines", "tanks", "moving"):
             if getattr(self, key) and self.needs_pose_filter:
-                raise refusal([((key,), "play no part in a fixed frame; leave them out")])
+                raise field_validation_error([((key,), "play no part in a fixed frame; leave them out")])
         if self.motion == "planar":
             inertia = np.array(self.mass_properties.inertia)
             if inertia[0, 2] or inertia[1, 2]:
-                raise refusal(
+                raise field_validation_error(
                     [(("mass_properties", "inertia"), "with motion: planar products xz and yz play no part; give 0")]
                 )
             tilted = [index for index, jet in enumerate(self.jets) if jet.direction[0] == jet.direction[1] == 0.0]
             if tilted:
-                raise refusal([(("jets", tilted[0], "direction"), "with motion: planar a jet along z moves nothing")])
+                raise field_validation_error(
+                    [(("jets", tilted[0], "direction"), "with motion: planar a jet along z moves nothing")]
+                )
         elif self.surroundings.heading_turn_std:
             path = ("surroundings", "heading_turn_std")
-            raise refusal([(path, "goes with motion: planar, which has a heading; here it must be 0")])
+            raise field_validation_error([(path, "goes with motion: planar, which has a heading; here it must be 0")])
         return self
 
     @model_validator(mode="after")
@@ -181,8 +185,8 @@ class Vehicle(Model):
         _require_unique("jets", "number", [jet.number for jet in self.jets])
         nominal = self.mass_properties.properties()
         known = nominal.mass, nominal.center_of_mass, nominal.inertia
-        if problem := not_followed(self.moving, known, self.sample_period_s):
-            raise refusal([(("moving",), problem)])
+        if problem := moving_parts_problem(self.moving, known, self.sample_period_s):
+            raise field_validation_error([(("moving",), problem)])
         names = [*self.sensor_names(), *(sensor.name for sensor in self.tracked)]
         _require_unique("sensors", "name", names)
         for name in names:
@@ -205,22 +209,22 @@ class Vehicle(Model):
 
     @model_validator(mode="after")
     def _fed(self) -> Vehicle:
-        problems = list(_of_tanks(self))
+        problems = list(_tank_problems(self))
         if problems:
-            raise refusal(problems)
+            raise field_validation_error(problems)
         return self
 
     @model_validator(mode="after")
     def _plausible(self) -> Vehicle:
-        impossible = [(found.path, found.problem) for found in plausible.of_vehicle(self) if found.impossible]
+        impossible = [(found.path, found.problem) for found in plausible.vehicle_findings(self) if found.impossible]
         if impossible:
-            raise refusal(impossible)
+            raise field_validation_error(impossible)
         return self
 
     @property
     def doubts(self) -> list[plausible.Finding]:
         """Entries that may be meant, but are more likely a slip."""
-        return [found for found in plausible.of_vehicle(self) if not found.impossible]
+        return [found for found in plausible.vehicle_findings(self) if not found.impossible]
 
     @property
     def sensors(self) -> tuple[SensorPackage, ...]:
@@ -240,7 +244,7 @@ class Vehicle(Model):
     @property
     def readings_per_s(self) -> float:
         """Times at which anything is read or commanded, 1/s, all sensors being read at zero."""
-        return times_per_s([1.0 / self.sample_period_s, *(one.rate_hz for one in self._timed if one.rate_hz)])
+        return distinct_times_per_s([1.0 / self.sample_period_s, *(one.rate_hz for one in self._timed if one.rate_hz)])
 
     @property
     def _timed(self) -> tuple[SensorPackage | PoseSensor | Wheel, ...]:
@@ -396,11 +400,11 @@ class Vehicle(Model):
 
     def gyro(self, name: str) -> Gyro:
         """Returns the gyro package of a name; raises InputError where there is none."""
-        return _of_name("gyro package", name, self.gyros)
+        return _package_named("gyro package", name, self.gyros)
 
     def accelerometer(self, name: str) -> Accelerometer:
         """Returns the accelerometer package of a name; raises InputError where there is none."""
-        return _of_name("accelerometer package", name, self.accelerometers)
+        return _package_named("accelerometer package", name, self.accelerometers)
 
     def jet_index(self, designation: str) -> int:
         """Returns the index of a jet in `jets`; raises KeyError for an unknown designation."""
@@ -426,7 +430,7 @@ class Vehicle(Model):
         return [sensor.name for sensor in self.sensors]
 
 
-def _of_tanks(vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _tank_problems(vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds problems of a vehicle's tanks, each with the path of its field."""
     _require_unique("tanks", "name", [tank.name for tank in vehicle.tanks])
     known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
@@ -452,8 +456,10 @@ def _of_tanks(vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     elif held > 0.0:
         fill = np.array([tank.propellant for tank in vehicle.tanks])
         body = np.concatenate((six_elements(vehicle.nominal.inertia), vehicle.nominal.center_of_mass))
-        dry = symmetric(emptied(body, vehicle.nominal.mass, fill, fill, vehicle.tank_geometry)[:6])
-        if not could_be_inertia(dry):
+        dry = symmetric_matrix(
+            structure_after_draining(body, vehicle.nominal.mass, fill, fill, vehicle.tank_geometry)[:6]
+        )
+        if not is_possible_inertia(dry):
             moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(dry))
             problem = (
                 "propellant so far out has a larger inertia than mass_properties leave for it: without it no rigid "
@@ -473,7 +479,7 @@ def _require_unique(where: str, what: str, values: list[Any]) -> None:
 _P = TypeVar("_P", bound=SensorPackage)
 
 
-def _of_name(what: str, name: str, packages: Sequence[_P]) -> _P:
+def _package_named(what: str, name: str, packages: Sequence[_P]) -> _P:
     found = next((package for package in packages if package.name == name), None)
     if found is None:
         raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")
@@ -482,7 +488,7 @@ def _of_name(what: str, name: str, packages: Sequence[_P]) -> _P:
 
 def bundled_vehicles() -> list[str]:
     """Lists the vehicles that come with the package."""
-    return bundled("vehicle")
+    return bundled_files("vehicle")
 
 
 def load_vehicle(vehicle: str | Path) -> Vehicle:
@@ -501,7 +507,7 @@ def load_vehicle(vehicle: str | Path) -> Vehicle:
     else:
         path = Path(vehicle)
         if not exists(path):
-            require_named(name, "vehicle")
+            require_known_name(name, "vehicle")
         document = Document(read_text(path), str(path))
         require_kind(document.data, "vehicle", str(path))
-    return validated(Vehicle, document.data, document)
+    return validate_data(Vehicle, document.data, document)

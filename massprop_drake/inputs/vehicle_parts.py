@@ -21,17 +21,17 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
-    none_negative,
-    refusal,
+    field_validation_error,
+    require_nonnegative,
 )
-from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
+from massprop_drake.maths.mass_properties import MassProperties, is_possible_inertia
 
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 Positive3 = tuple[Positive, Positive, Positive]
 
 
-def of_length_1(value: Vector3) -> Vector3:
+def require_unit_length(value: Vector3) -> Vector3:
     """Returns a direction unchanged; raises ValueError if its length is not 1."""
     length = float(np.linalg.norm(value))
     if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
@@ -39,7 +39,7 @@ def of_length_1(value: Vector3) -> Vector3:
     return value
 
 
-def symmetric_inertia(value: Matrix3) -> Matrix3:
+def require_symmetric(value: Matrix3) -> Matrix3:
     """Returns an inertia unchanged; raises ValueError if it is not symmetric."""
     inertia = np.array(value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
@@ -62,13 +62,13 @@ class MassPropertiesModel(Model):
     @field_validator("inertia")
     @classmethod
     def _possible(cls, value: Matrix3) -> Matrix3:
-        inertia = np.array(symmetric_inertia(value))
+        inertia = np.array(require_symmetric(value))
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 1e-9 * moments[2]:
             raise ValueError(
                 f"must be positive definite; its principal moments are {', '.join(f'{m:.6g}' for m in moments)}"
             )
-        if not could_be_inertia(inertia):
+        if not is_possible_inertia(inertia):
             raise ValueError(
                 "no rigid body has this inertia: a principal moment exceeds the sum of the other two "
                 f"({', '.join(f'{m:.6g}' for m in moments)})"
@@ -168,7 +168,7 @@ class Jet(Model):
         None, "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind", ge=0.0, le=0.3
     )
 
-    _unit = field_validator("direction")(of_length_1)
+    _unit = field_validator("direction")(require_unit_length)
 
 
 class Tank(Model):
@@ -194,13 +194,13 @@ class Tank(Model):
     )
     feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that it feeds", min_length=1)
 
-    _unit = field_validator("axis")(of_length_1)
+    _unit = field_validator("axis")(require_unit_length)
 
     @model_validator(mode="after")
     def _holds_it(self) -> Tank:
         if self.propellant > self.capacity:
             problem = f"is {self.propellant:g}, more than the capacity, {self.capacity:g}"
-            raise refusal([(("propellant",), problem)])
+            raise field_validation_error([(("propellant",), problem)])
         return self
 
 
@@ -242,7 +242,7 @@ class Surroundings(Model):
     kick_rate: NotNegative = described(0.0, "change of rate by one, 1-sigma", "rad/s")
 
 
-def _each_axis(value: Any) -> Any:
+def _repeat_per_axis(value: Any) -> Any:
     """Repeats a single number for each of three axes; returns any other value unchanged."""
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
@@ -264,9 +264,9 @@ class Disturbance(Model):
     )
     time_constant_s: Positive = described(..., "correlation time", "s", span=plausible.CORRELATION)
 
-    _axes = field_validator("torque_std", "force_std", mode="before")(_each_axis)
+    _axes = field_validator("torque_std", "force_std", mode="before")(_repeat_per_axis)
 
-    _not_negative = field_validator("torque_std", "force_std")(none_negative)
+    _not_negative = field_validator("torque_std", "force_std")(require_nonnegative)
 
     @model_validator(mode="after")
     def _says_something(self) -> Disturbance:

@@ -20,9 +20,9 @@ from massprop_drake.inputs.model import (
     RelativeSigma,
     Vector3,
     described,
-    refusal,
+    field_validation_error,
 )
-from massprop_drake.inputs.vehicle_parts import of_length_1
+from massprop_drake.inputs.vehicle_parts import require_unit_length
 
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "reading either way at which the sensor saturates, skipped by filters; null: unlimited"
@@ -31,7 +31,7 @@ _FASTEST_WHEEL = 1e3  # rad/s^2, physics: no motor accelerates a wheel by more
 _OVER_S = 10.0  # for which times of readings are counted
 
 
-def times_per_s(rates_hz: Sequence[float]) -> float:
+def distinct_times_per_s(rates_hz: Sequence[float]) -> float:
     """Counts the distinct reading times of sensors at several rates, 1/s, all being read at zero."""
     every = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
     return float(np.unique(np.round(every, 6)).size) / _OVER_S
@@ -181,7 +181,7 @@ class Wheel(Model):
         None, "largest speed either way; null: any", "rad/s", gt=0.0, span=plausible.SPIN
     )
 
-    _unit = field_validator("axis")(of_length_1)
+    _unit = field_validator("axis")(require_unit_length)
 
     @model_validator(mode="after")
     def _is_read(self) -> Wheel:
@@ -227,7 +227,7 @@ class Gimbal(Model):
     @classmethod
     def _apart(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
         for axis in value:
-            of_length_1(axis)
+            require_unit_length(axis)
         if float(np.linalg.norm(np.cross(*value))) < _APART:
             raise ValueError("the two axes must not be parallel: a gimbal turns about both")
         return value
@@ -280,19 +280,21 @@ class RocketEngine(Model):
         "by the time constants and rates above",
     )
 
-    _unit = field_validator("direction")(of_length_1)
+    _unit = field_validator("direction")(require_unit_length)
 
     @model_validator(mode="after")
     def _possible(self) -> RocketEngine:
         if isinstance(self.specific_impulse_s, tuple):
             levels = [each.level for each in self.specific_impulse_s]
             if not levels or any(low >= high for low, high in pairwise(levels)):
-                raise refusal([(("specific_impulse_s",), "levels must rise, and there must be one at least")])
+                raise field_validation_error(
+                    [(("specific_impulse_s",), "levels must rise, and there must be one at least")]
+                )
         if self.gimbal is not None:
             across = np.cross(self.gimbal.axes, self.direction)
             if float(np.linalg.norm(across, axis=1).min()) < _APART:
                 problem = "an axis along the engine's direction does not turn its force"
-                raise refusal([(("gimbal", "axes"), problem)])
+                raise field_validation_error([(("gimbal", "axes"), problem)])
         return self
 
     @property

@@ -29,7 +29,7 @@ from ruamel.yaml.tag import Tag
 
 from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
-from massprop_drake.inputs.kinds import about_folder
+from massprop_drake.inputs.kinds import describe_folder
 
 FieldPath = tuple[str | int, ...]
 
@@ -70,14 +70,14 @@ class _Composer(Composer):
                 None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
             )
         event = self.parser.peek_event()
-        if event.tag is not None and not _fits(event):
+        if event.tag is not None and not _tag_fits(event):
             raise ComposerError(
                 None, None, f"tag {event.tag} says what the value is not; write the value alone", event.start_mark
             )
         return super().compose_node(parent, index)
 
 
-def _fits(event: Any) -> bool:
+def _tag_fits(event: Any) -> bool:
     """Tests whether a YAML tag agrees with its value's own type, or marks a scalar as text."""
     if isinstance(event, ScalarEvent):
         match = _Resolver.plain.fullmatch(event.value)
@@ -135,7 +135,7 @@ def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], di
     except MaxDepthExceededError:
         raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
     except YAMLError as error:
-        raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+        raise InputError(f"{source}: not valid YAML: {_error_text(error)}") from None
     if not isinstance(node, MappingNode):
         what = "is empty" if node is None else "is no mapping"
         raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
@@ -144,7 +144,7 @@ def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], di
     try:
         return reader.constructor.construct_document(node), walk.lines, walk.renamed
     except (YAMLError, ValueError) as error:
-        raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+        raise InputError(f"{source}: not valid YAML: {_error_text(error)}") from None
 
 
 class _Walk:
@@ -164,7 +164,7 @@ class _Walk:
                 if not isinstance(key, ScalarNode):
                     raise InputError(f"{self._source}, line {line}: a key must be a plain word")
                 place = (*self._within, *path[1:]) if self._within else path
-                now = renamed.key_now((*place, key.value))
+                now = renamed.present_key_name((*place, key.value))
                 if now is not None:
                     self.renamed[key.value], key.value = now, now
                 field = (*path, key.value)
@@ -180,7 +180,7 @@ class _Walk:
                 self.through(value, (*path, index))
 
 
-def _problem(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     mark = getattr(error, "problem_mark", None)
     problem = getattr(error, "problem", None) or str(error).splitlines()[0]
     return problem if mark is None else f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
@@ -198,7 +198,7 @@ _noted: ContextVar[list[Path] | None] = ContextVar("noted", default=None)
 
 
 @contextlib.contextmanager
-def files_read() -> Iterator[list[Path]]:
+def collect_files_read() -> Iterator[list[Path]]:
     """Yields a list to which `read_text` adds the path of every file read within the context."""
     found: list[Path] = []
     token = _noted.set(found)
@@ -221,7 +221,7 @@ def read_text(path: Path) -> str:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
-        about = about_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
+        about = describe_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
         raise InputError(f"{path}: {about}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None

@@ -93,7 +93,7 @@ def _(value: Any, context: Any) -> Any:
     return None if None in kinds else BundleType(type(value), kinds)
 
 
-def _filled(context: Any, builder: Any, kind: BundleType, fields: Any, *, checked: bool = True) -> Any:
+def _allocate_bundle(context: Any, builder: Any, kind: BundleType, fields: Any, *, checked: bool = True) -> Any:
     """Makes a bundle that takes ownership of its fields."""
     payload, nrt = kind.get_data_type(), context.nrt
     layout = context.data_model_manager[payload].get_value_type()
@@ -118,10 +118,10 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         field = context.cast(builder, value, given, own)
         context.nrt.incref(builder, own, field)
         fields.append(field)
-    return _filled(context, builder, kind, fields)
+    return _allocate_bundle(context, builder, kind, fields)
 
 
-def _at_hand(c: Any, value: Any) -> Any:
+def _load_constant(c: Any, value: Any) -> Any:
     """Adds a Python object to the constants of compiled code; returns a borrowed reference to it."""
     return c.env_manager.read_const(c.env_manager.add_const(value))
 
@@ -135,7 +135,7 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
         c.context.nrt.incref(c.builder, own, field)
         parts.append(c.box(own, field))
     there = c.pyapi.tuple_pack(parts)
-    found = c.pyapi.call_function_objargs(_at_hand(c, tuple.__new__), (_at_hand(c, kind.bundle), there))
+    found = c.pyapi.call_function_objargs(_load_constant(c, tuple.__new__), (_load_constant(c, kind.bundle), there))
     for part in (*parts, there):
         c.pyapi.decref(part)
     c.context.nrt.decref(c.builder, kind, value)
@@ -146,5 +146,5 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
 def _from_python(kind: BundleType, value: Any, c: Any) -> Any:
     read = c.unbox(kind.as_tuple, value)
     fields = [c.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
-    made = _filled(c.context, c.builder, kind, fields, checked=False)
+    made = _allocate_bundle(c.context, c.builder, kind, fields, checked=False)
     return NativeValue(made, is_error=read.is_error, cleanup=read.cleanup)

@@ -11,14 +11,14 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
-from massprop_drake.maths._kept import checked
+from massprop_drake.maths._kept import check_cache_files
 
 # nobody calls it from C; kept where `kernels` says, or nowhere
 _njit: Any = numba.njit(cache=bool(numba.config.CACHE_DIR), no_cfunc_wrapper=True)  # type: ignore
 
 
-def _compiled(function: Any) -> Any:
-    return checked(_njit(function))
+def _compile_checked(function: Any) -> Any:
+    return check_cache_files(_njit(function))
 
 
 @structref.register
@@ -37,13 +37,13 @@ class Held(structref.StructRefProxy):
 structref.define_proxy(Held, HeldType, ["value"])
 
 
-@_compiled  # type: ignore[untyped-decorator]
+@_compile_checked  # type: ignore[untyped-decorator]
 def hold(value: Any) -> Any:
     """Makes a holder of a bundle."""
     return Held(value)  # type: ignore[no-untyped-call] # numba's
 
 
-@_compiled  # type: ignore[untyped-decorator]
+@_compile_checked  # type: ignore[untyped-decorator]
 def release(holder: Any) -> Any:
     """Returns the bundle of a holder, in Python's form."""
     return holder.value

@@ -36,7 +36,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         try:
             super().save(key, data)
         except OSError as error:
-            _say("unwritten", f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
+            _log_once("unwritten", f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
@@ -60,7 +60,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         return super()._load_data(name)
 
     def _is_damaged(self, path: str, error: Exception) -> None:
-        _say("damaged", f"what is kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
+        _log_once("damaged", f"what is kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
 
 
 def _require_whole(content: bytes) -> None:
@@ -69,14 +69,14 @@ def _require_whole(content: bytes) -> None:
         raise ValueError("not what was written")
 
 
-def _say(kind: str, words: str) -> None:
+def _log_once(kind: str, words: str) -> None:
     """Logs each kind of message once in a process."""
     if kind not in _SAID:
         _SAID.add(kind)
         _LOG.warning("%s", words)
 
 
-def checked(dispatcher: Any) -> Any:
+def check_cache_files(dispatcher: Any) -> Any:
     """Makes a compiled function check its cache files; with another version of numba they stay unchecked."""
     cache = getattr(dispatcher, "_cache", None)
     file = getattr(cache, "_cache_file", None)

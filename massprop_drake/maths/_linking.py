@@ -81,7 +81,7 @@ class _Uncollected(Listener):
             gc.enable()
 
 
-def wait() -> None:
+def delay_machine_code() -> None:
     """Delays machine code of what this process compiles from now on; with another version of numba, does nothing."""
     register("numba:compile", _Uncollected())
     codegen = cpu_target.target_context.codegen()

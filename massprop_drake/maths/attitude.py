@@ -72,7 +72,7 @@ def to_rotation_vector(quaternion: Array) -> Array:
 
 
 @kernel
-def propagated(quaternion: Array, rate: Array, duration_s: float) -> Array:
+def propagate_attitude(quaternion: Array, rate: Array, duration_s: float) -> Array:
     """Propagates an attitude at a constant body rate, rad/s, for a time; renormalized.
 
     With the mean of the two rates that bound a sample this is the strapdown integration of a rate

@@ -2,9 +2,9 @@
 
 Of a sample come its readings, then the estimators, see `estimation.whole` and `estimation.cycle`, then the autopilot,
 jet selection, which is a linear program that Python solves, and the jets and the body up to the next sample. `fly` goes
-from the autopilot to the next readings, and stops on the way where Python has to do something; `onward` has the cycles
-of the thesis's filters in between, and goes on from sample to sample until then. What they keep is in holders; what
-Python reads and writes is in arrays that both have, see `Desk` and `FlightRows`.
+from the autopilot to the next readings, and stops on the way where Python has to do something; `fly_and_estimate` has
+the cycles of the thesis's filters in between, and goes on from sample to sample until then. What they keep is in
+holders; what Python reads and writes is in arrays that both have, see `Desk` and `FlightRows`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, must_select
-from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, piloted
-from massprop_drake.maths.autopilot.pulses import Pulses, after_pulse, coming_pulse, pulse_onsets
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, run_autopilot
+from massprop_drake.maths.autopilot.pulses import Pulses, coming_pulse, pulse_onsets, remaining_after_pulse
 from massprop_drake.maths.estimation import whole
 from massprop_drake.maths.estimation.whole import ThesisAsked
 from massprop_drake.maths.kernels import fill, kernel
-from massprop_drake.maths.linear_algebra import Array, nonzero
-from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, converged
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, is_converged
 from massprop_drake.maths.vehicle import vehicle_cycle
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
-from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.maths.vehicle.sensing import mask_saturated
 from massprop_drake.maths.vehicle.vehicle_cycle import Ahead, Truth, VehicleState
 
 ROW, PHASE, SAMPLE, UNTIL = range(4)  # of what is reached; the row at whose readings to stop
@@ -42,7 +42,7 @@ class PilotParams(NamedTuple):
         unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape (n_jets, 6).
         mass_reciprocal: nominal.
         adapts: whether estimates are in use once they have converged.
-        limits: see `mass_properties.converged`, shape (3,).
+        limits: see `mass_properties.is_converged`, shape (3,).
         pulses: of the jets.
     """
 
@@ -142,7 +142,7 @@ class Desk(NamedTuple):
     asked: ThesisAsked
 
 
-def desk(n_jets: int, asked: ThesisAsked) -> Desk:
+def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
     """Makes a desk of zeros, for the exchange between kernel and Python.
 
     Args:
@@ -154,7 +154,7 @@ def desk(n_jets: int, asked: ThesisAsked) -> Desk:
     return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, asked)
 
 
-def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
+def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
     """Allocates the log rows of a flight, one per sample.
 
     Args:
@@ -167,7 +167,7 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows
     readings, rates, velocities = (np.zeros((count, number, 3)) for number in used)
     body, structure = np.zeros((count, N_STATE)), np.zeros((count, STRUCTURE.size))
     command, thrust, out_of_use, told = (np.zeros((count, jets)) for _ in range(4))
-    onset, told_onset = (levels_alone((count, jets)) for _ in range(2))
+    onset, told_onset = (level_onsets((count, jets)) for _ in range(2))
     controllers, error, request, counts = (np.zeros((count, size)) for size in (6, 3, 8, 4))
     of_pilot = (controllers, error, request, counts, out_of_use)
     used_up = np.zeros((count, params.truth.tanks.outlets.shape[0]))
@@ -193,7 +193,7 @@ class Together(NamedTuple):
 def initial_state(vehicle: VehicleState) -> FlightState:
     """Returns the state before the first sample."""
     jets = vehicle.level.size
-    return FlightState(vehicle, initial_memory(), np.zeros(jets), levels_alone(jets), np.zeros(3))
+    return FlightState(vehicle, initial_memory(), np.zeros(jets), level_onsets(jets), np.zeros(3))
 
 
 @kernel
@@ -212,11 +212,11 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
         OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in a sample.
     """
-    return _flown(holder, block.value, reached, params.value)
+    return _fly_unwrapped(holder, block.value, reached, params.value)
 
 
 @kernel
-def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
+def _fly_unwrapped(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
     """Runs `fly` on the contents of the holders of block and parameters."""
     state = holder.value
     rows, coming, desk = block.rows, block.coming, block.desk
@@ -224,7 +224,7 @@ def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: Fl
     if reached[PHASE] == PILOTING:
         reached[PHASE] = JUMPING
         if given.flies:
-            state, selects = _piloted(state, row, rows, desk, given)
+            state, selects = _pilot_sample(state, row, rows, desk, given)
             if selects:
                 holder.value = state
                 return SELECT
@@ -234,19 +234,19 @@ def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: Fl
             holder.value = state
             return JUMP
     if reached[PHASE] == STEPPING:
-        state = _stepped(state, (row, reached[SAMPLE]), (rows, coming), desk, given)
+        state = _step_sample(state, (row, reached[SAMPLE]), (rows, coming), desk, given)
         row += 1
         reached[ROW], reached[PHASE] = row, SENSING
         reached[SAMPLE] += 1
     if row < rows.told.shape[0]:
-        state = _sensed(state, row, rows, coming, given)
+        state = _sense_sample(state, row, rows, coming, given)
         reached[PHASE] = PILOTING
     holder.value = state
     return ON
 
 
 @kernel
-def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
     """Flies from sample to sample, alternating a cycle of estimation and `fly`; returns why it stops, as `fly`.
 
     Args:
@@ -263,15 +263,15 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
     rows, given = block.value, params.value
     while reached[ROW] < reached[UNTIL]:
         if reached[PHASE] == PILOTING:
-            known.value = whole.cycled(known.value, rows.known, reached[ROW], given.known)
-        stop = _flown(holder, rows.flight, reached, given.flight)
+            known.value = whole.run_cycle(known.value, rows.known, reached[ROW], given.known)
+        stop = _fly_unwrapped(holder, rows.flight, reached, given.flight)
         if stop != ON:
             return stop
     return ON
 
 
 @kernel
-def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
+def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
     """Logs the readings of a sample, raw and as the estimators see them; returns the state after it."""
     vehicle, truth = state.vehicle, params.truth
     readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
@@ -282,10 +282,10 @@ def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, param
     rows.told[row], rows.told_onset[row] = state.command, state.onset
     for place in range(params.gyros.size):
         package = params.gyros[place]
-        rows.rates[row, place] = unsaturated(readings[package], truth.packages.limits[package])
+        rows.rates[row, place] = mask_saturated(readings[package], truth.packages.limits[package])
     for place in range(params.accelerometers.size):
         package = params.accelerometers[place]
-        rows.velocities[row, place] = unsaturated(readings[package], truth.packages.limits[package])
+        rows.velocities[row, place] = mask_saturated(readings[package], truth.packages.limits[package])
     after = VehicleState(
         vehicle.body,
         vehicle.structure,
@@ -300,30 +300,32 @@ def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, param
 
 
 @kernel
-def _piloted(
+def _pilot_sample(
     state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
 ) -> tuple[FlightState, bool]:
     """Computes the autopilot's request; returns the state, and whether jets must be selected."""
     pilot, asked = params.pilot, desk.asked
     rate = rows.readings[row, params.gyros[0]]
-    request, error, memory = piloted(state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings)
+    request, error, memory = run_autopilot(
+        state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings
+    )
     changes = (request.rate_change, request.velocity_change, request.time_limit_s, float(request.urgency.value))
     fill(rows.request[row], changes)
     rows.attitude_error[row] = error
     rows.selection_counts[row] = desk.counts
     rows.out_of_use[row] = desk.out_of_use
     desk.wrench[:] = 0.0
-    if nonzero(asked.force):
+    if has_nonzero(asked.force):
         desk.wrench[:] = asked.force @ pilot.unit_wrenches
     declared = asked.declared[0] != 0.0
     if declared:
         desk.remaining[:] = 0.0
-    selects = must_select(desk.remaining, request, desk.refused, nonzero(desk.wrench), declared)
+    selects = must_select(desk.remaining, request, desk.refused, has_nonzero(desk.wrench), declared)
     return FlightState(state.vehicle, memory, state.command, state.onset, state.delivered), selects
 
 
 @kernel
-def _stepped(
+def _step_sample(
     state: FlightState, at: tuple[int, int], given: tuple[FlightRows, Ahead], desk: Desk, params: FlightParams
 ) -> FlightState:
     """Advances jets and body to the next sample; ``at``: the row, and the number of the sample."""
@@ -335,10 +337,10 @@ def _stepped(
         rows.command[row] = command
         rows.onset[row] = pulse_onsets(command, pilot.pulses, pilot.settings.period_s)
         reciprocal = pilot.mass_reciprocal
-        if pilot.adapts and converged(desk.deviation, desk.estimate, pilot.limits):
+        if pilot.adapts and is_converged(desk.deviation, desk.estimate, pilot.limits):
             reciprocal = desk.estimate[MASS_RECIPROCAL]
         delivered = delivered_velocity(command, pilot.forces, reciprocal, pilot.settings.period_s)
-        desk.remaining[:] = after_pulse(desk.remaining, command)
+        desk.remaining[:] = remaining_after_pulse(desk.remaining, command)
     else:
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()

@@ -1,12 +1,12 @@
 """Kernels: functions of arrays and numbers, written once, run by numpy, that can be compiled.
 
-`kernel` marks a function and leaves it as it is. `compiled` gives the compiled form of one, for whoever asks for it
-(`execution.compiled` of a scenario): numba then compiles it together with all kernels that it calls. Nothing is
+`kernel` marks a function and leaves it as it is. `compile_kernel` gives the compiled form of one, for whoever asks for
+it (`execution.compiled` of a scenario): numba then compiles it together with all kernels that it calls. Nothing is
 compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
-numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`listed`, `either`, `value_of`, `fill`, `taken`.
+numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `take_elements`,
+`as_iterable`, `select_where`, `value_of`, `fill`, `read_bundle`.
 
 Kernels of the true vehicle run on arrays of Drake's AutoDiffXd and Expression, too: new arrays take the `dtype` of what
 came in, and a branch or a count asks for `value_of` a number.
@@ -70,14 +70,19 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
     """
 
     def marked(function: F) -> F:
-        _IDIOMS.append((function, lambda extending: extending.overload(function, jit_options=_BARE)(_always(meaning))))
+        _IDIOMS.append(
+            (
+                function,
+                lambda extending: extending.overload(function, jit_options=_BARE)(_overload_for_all_types(meaning)),
+            )
+        )
         return function
 
     return marked
 
 
 class Holder:
-    """Holder of data that a kernel keeps between calls; compiled code has one of its own, see `held`.
+    """Holder of data that a kernel keeps between calls; compiled code has one of its own, see `make_holder`.
 
     Args:
         value: a bundle of arrays, numbers and such bundles, whose types never change.
@@ -111,7 +116,7 @@ def rows3(matrix: Array) -> Any:
     return matrix.tolist()
 
 
-def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
+def _take_elements(vector, places):  # type: ignore[no-untyped-def] # compiled alone
     result = np.empty(places.shape)
     flat, index = result.ravel(), places.ravel()
     for place in range(index.size):
@@ -119,8 +124,8 @@ def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
     return flat.reshape(places.shape)
 
 
-@idiom(_picked)
-def picked(vector: Array, places: NDArray[np.int_]) -> Array:
+@idiom(_take_elements)
+def take_elements(vector: Array, places: NDArray[np.int_]) -> Array:
     """Returns elements of a vector at a table of places, in the table's shape."""
     return vector[places]
 
@@ -130,7 +135,7 @@ def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
 
 
 @idiom(_itself)
-def listed(vector: NDArray[Any]) -> Any:
+def as_iterable(vector: NDArray[Any]) -> Any:
     """Converts a vector to a list for iteration; compiled code iterates over the vector itself."""
     return vector.tolist()
 
@@ -140,15 +145,15 @@ def _element(values: Any, index: int) -> Any:
     return values[index] if np.ndim(values) else values
 
 
-def _either(condition, one, other):  # type: ignore[no-untyped-def] # compiled alone
+def _select_where(condition, one, other):  # type: ignore[no-untyped-def] # compiled alone
     result = np.empty(condition.size)
     for index in range(condition.size):
         result[index] = _element(one, index) if condition[index] else _element(other, index)
     return result
 
 
-@idiom(_either)
-def either(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
+@idiom(_select_where)
+def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
     """Selects elements of one operand where a condition holds, of the other elsewhere; numba's own compiles slowly.
 
     Args:
@@ -192,7 +197,7 @@ def fill(row: Array, values: Any) -> None:
             begin += 1
 
 
-def taken(vector: Array, like: Any) -> Any:
+def read_bundle(vector: Array, like: Any) -> Any:
     """Unpacks the beginning of a vector into a bundle shaped like another, its arrays views: the inverse of `fill`.
 
     Args:
@@ -232,7 +237,7 @@ class Compiler(NamedTuple):
         return float(self.timer.duration) if self.timer.done else 0.0
 
 
-def _gathered() -> None:
+def _load_all_kernels() -> None:
     """Imports every module of `maths`, which registers all kernels."""
     folder = Path(__file__).parent
     for path in sorted(folder.rglob("*.py")):
@@ -271,23 +276,23 @@ def compiler() -> Compiler:
     except ImportError as error:
         raise InputError(f"execution.compiled: numba cannot be loaded: {error}") from None
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
-    _gathered()
-    folder = _folder()
+    _load_all_kernels()
+    folder = _writable_cache_folder()
     from massprop_drake.maths import _bundles, _linking  # noqa: F401, PLC0415 (load numba)
 
-    _linking.wait()
-    _teach(extending)
+    _linking.delay_machine_code()
+    _register_idioms(extending)
     for function in _KERNELS:
         extending.register_jitable(**_BARE)(function)
-    timer = _timer(event, "" if folder is None else f"; they are kept in {folder}")
+    timer = _make_timer(event, "" if folder is None else f"; they are kept in {folder}")
     event.register("numba:compile", timer)
-    with _keeping(folder):
+    with _use_cache_folder(folder):
         from massprop_drake.maths import _holding  # noqa: F401, PLC0415 (loads numba)
     return Compiler(metadata.version("numba"), folder, timer)
 
 
 @contextmanager
-def _keeping(folder: Path | None) -> Iterator[None]:
+def _use_cache_folder(folder: Path | None) -> Iterator[None]:
     """Makes numba keep compiled code in a folder within the context; its setting is restored after."""
     import numba  # noqa: PLC0415 (optional, slow to load)
 
@@ -299,25 +304,25 @@ def _keeping(folder: Path | None) -> Iterator[None]:
         setattr(numba.config, "CACHE_DIR", before)  # noqa: B010
 
 
-def have_been_compiled() -> bool:
+def has_cached_kernels() -> bool:
     """Tests whether compiled kernels are kept already.
 
     Raises:
         InputError: when numba is not there.
     """
     require_compiler()
-    _gathered()
-    return any(_place().rglob("*.nbi"))
+    _load_all_kernels()
+    return any(_cache_path().rglob("*.nbi"))
 
 
-def _place() -> Path:
+def _cache_path() -> Path:
     named = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     return Path(named or os.path.expanduser("~/.cache")) / "massprop_drake" / _digest()
 
 
-def _folder() -> Path | None:
+def _writable_cache_folder() -> Path | None:
     """Returns the folder of compiled code; None, with a warning, where nothing can be written."""
-    folder = _place()
+    folder = _cache_path()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -332,7 +337,7 @@ def _folder() -> Path | None:
         return None
 
 
-def _timer(event: Any, kept: str) -> Any:
+def _make_timer(event: Any, kept: str) -> Any:
     """Makes the listener that times compilation and logs its first start; `kept`: appended to that message."""
 
     class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
@@ -364,14 +369,14 @@ def _digest() -> str:
     return content.hexdigest()[:16]
 
 
-def _teach(extending: Any) -> None:
+def _register_idioms(extending: Any) -> None:
     """Registers the idioms with numba."""
     for _, teach in _IDIOMS:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
     extending.overload(_element, jit_options=_BARE)(_element_of)
     extending.overload(fill, jit_options=_BARE)(_fill)
-    extending.overload(taken, jit_options=_BARE)(_taken)
+    extending.overload(read_bundle, jit_options=_BARE)(_read_bundle)
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
@@ -408,7 +413,7 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
     return made["filled"]
 
 
-def _taken(vector, like):  # type: ignore[no-untyped-def] # of types
+def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
     lines = ["def taken(vector, like):", "    begin = 0"]
     for name, kind in like.field_dict.items():
         if getattr(kind, "ndim", 0):
@@ -423,7 +428,7 @@ def _taken(vector, like):  # type: ignore[no-untyped-def] # of types
     return made["taken"]
 
 
-def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
+def _overload_for_all_types(meaning: Callable[..., Any]) -> Callable[..., Any]:
     """Wraps a function for `overload`: it is the same for all types of arguments, and keeps their names."""
 
     @wraps(meaning)
@@ -434,7 +439,7 @@ def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @cache
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compile_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Returns the compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
 
     Raises:
@@ -443,23 +448,23 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     folder = compiler().folder
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    from massprop_drake.maths._kept import checked  # noqa: PLC0415 (loads numba)
+    from massprop_drake.maths._kept import check_cache_files  # noqa: PLC0415 (loads numba)
 
-    with _keeping(folder):
-        return checked(numba.njit(cache=folder is not None, **_CALLED)(function))
+    with _use_cache_folder(folder):
+        return check_cache_files(numba.njit(cache=folder is not None, **_CALLED)(function))
 
 
-def chosen(function: F, compile_it: bool) -> F:
+def compile_kernel_if(function: F, compile_it: bool) -> F:
     """Returns a kernel's compiled form where it is asked for, else the kernel itself."""
-    return compiled(function) if compile_it else function  # type: ignore[return-value]
+    return compile_kernel(function) if compile_it else function  # type: ignore[return-value]
 
 
-def held(value: Any, compile_it: bool) -> Any:
+def make_holder(value: Any, compile_it: bool) -> Any:
     """Puts a bundle into a holder: a `Holder`, or that of compiled code."""
-    return shared(_own(plain(value)), compile_it) if compile_it else Holder(value)
+    return make_shared_holder(_copy_contiguous(replace_enums(value)), compile_it) if compile_it else Holder(value)
 
 
-def shared(value: Any, compile_it: bool) -> Any:
+def make_shared_holder(value: Any, compile_it: bool) -> Any:
     """Makes a holder of a bundle whose arrays stay the caller's: what either writes into them the other reads.
 
     Args:
@@ -474,17 +479,17 @@ def shared(value: Any, compile_it: bool) -> Any:
     return hold(value)
 
 
-def _own(value: Any) -> Any:
+def _copy_contiguous(value: Any) -> Any:
     """Copies a bundle to contiguous arrays of its own: other arrays are of another type to numba."""
     if isinstance(value, np.ndarray):
         return np.array(value, order="C")
     if isinstance(value, tuple):
-        parts = [_own(part) for part in value]
+        parts = [_copy_contiguous(part) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     return value
 
 
-def released(holder: Any) -> Any:
+def read_holder(holder: Any) -> Any:
     """Returns the bundle in a holder, in Python's form."""
     if isinstance(holder, Holder):
         return holder.value
@@ -493,11 +498,11 @@ def released(holder: Any) -> Any:
     return release(holder)
 
 
-def plain(value: Any) -> Any:
+def replace_enums(value: Any) -> Any:
     """Replaces a bundle's enumeration members by their numbers; numba compiles slowly for members."""
     if isinstance(value, IntEnum):
         return int(value)
     if isinstance(value, tuple):
-        parts = [plain(part) for part in value]
+        parts = [replace_enums(part) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     return value

@@ -61,7 +61,7 @@ def cross(left: Array, right: Array) -> Array:
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
-def crosses(left: Array, right: Array) -> Array:
+def cross_products(left: Array, right: Array) -> Array:
     """Computes cross products of stacks of vectors along their last axis; several times faster than numpy's."""
     result = np.empty(np.broadcast_shapes(left.shape, right.shape), dtype=np.result_type(left, right))
     a, b, c = left[..., 0], left[..., 1], left[..., 2]
@@ -97,12 +97,12 @@ def quadratic_form(vector: Array, matrix: Array) -> float:
     return float(np.dot(np.dot(vector, matrix), vector))
 
 
-def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
+def _has_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
     return np.any(vector != 0.0)
 
 
-@idiom(_any_nonzero)
-def nonzero(vector: NDArray[Any]) -> bool:
+@idiom(_has_nonzero)
+def has_nonzero(vector: NDArray[Any]) -> bool:
     """Tests whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
     return any(vector.tolist())
 

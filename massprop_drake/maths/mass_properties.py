@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths import attitude, linear_algebra
-from massprop_drake.maths.kernels import kernel, numbers, picked
+from massprop_drake.maths.kernels import kernel, numbers, take_elements
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrized
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
@@ -55,7 +55,7 @@ def parallel_axis(arm: Array) -> Array:
     return (arm @ arm) * np.eye(3) - np.outer(arm, arm)
 
 
-def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
+def attach_body(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
     """Computes mass properties of a body after another one is attached or, with negative mass, released.
 
     By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
@@ -77,7 +77,7 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
     return MassProperties(total, center, symmetrized(moved))
 
 
-def perturbed(
+def perturb_body(
     body: MassProperties, *, mass_factor: float, shift: Array, second_moment_factors: Array, rotation: Array
 ) -> MassProperties:
     r"""Perturbs a body's mass properties such that they stay physically possible.
@@ -100,7 +100,7 @@ def perturbed(
 
 
 class Spread(NamedTuple):
-    """Standard deviations of mass properties about those of a body, as `drawn_body` takes them.
+    """Standard deviations of mass properties about those of a body, as `draw_body` takes them.
 
     Attributes:
         mass: of the mass, as a factor less one: 0.1 for 10 % more or less.
@@ -115,9 +115,9 @@ class Spread(NamedTuple):
     axes: float
 
 
-def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
-    """Perturbs mass properties by ten standard normal numbers, shape (10,), scaled by a spread; see `perturbed`."""
-    return perturbed(
+def draw_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
+    """Perturbs mass properties by ten standard normal numbers, shape (10,), scaled by a spread; see `perturb_body`."""
+    return perturb_body(
         body,
         mass_factor=(1.0 + spread.mass) ** float(z[0]),
         shift=spread.center_of_mass * z[1:4],
@@ -127,9 +127,9 @@ def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties
 
 
 @kernel
-def symmetric(elements: Array) -> Array:
+def symmetric_matrix(elements: Array) -> Array:
     """Makes the symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
-    return picked(elements, ELEMENT)
+    return take_elements(elements, ELEMENT)
 
 
 def six_elements(matrix: Array) -> Array:
@@ -142,7 +142,7 @@ def pack(inverse_inertia: Array, center_of_mass: Array, mass_reciprocal: float) 
     return np.concatenate([six_elements(inverse_inertia), center_of_mass, [mass_reciprocal]])
 
 
-def could_be_inertia(inertia: Array, tolerance: float = 1e-9) -> bool:
+def is_possible_inertia(inertia: Array, tolerance: float = 1e-9) -> bool:
     """Tests whether some distribution of mass has this inertia matrix.
 
     The matrix must be positive definite, and no principal moment may exceed the sum of the other two:
@@ -177,7 +177,7 @@ class Derived(NamedTuple):
     physically_possible: bool
 
 
-def derived(estimate: Array, covariance: Array) -> Derived:
+def derive_mass_and_inertia(estimate: Array, covariance: Array) -> Derived:
     r"""Computes mass and inertia from the estimated inverses.
 
     The uncertainties follow from the differentials dI = -I d(I^-1) I and dm = -m^2 d(1/m).
@@ -191,18 +191,18 @@ def derived(estimate: Array, covariance: Array) -> Derived:
     if reciprocal > 0.0:
         mass = 1.0 / reciprocal
         mass_std = mass**2 * float(np.sqrt(covariance[9, 9]))
-    inverse = symmetric(estimate[:6])
+    inverse = symmetric_matrix(estimate[:6])
     scale = np.abs(inverse).max()
     if not scale > 0.0 or np.linalg.cond(inverse / scale) > 1e12:
         return Derived(mass, mass_std, None, None, False)
     inertia = symmetrized(linear_algebra.inverse(inverse))
     jacobian = np.empty((6, 6))
     for column in range(6):
-        direction = symmetric(np.eye(6)[column])
+        direction = symmetric_matrix(np.eye(6)[column])
         jacobian[:, column] = -six_elements(inertia @ direction @ inertia)
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance[:6, :6], jacobian)
-    possible = not reciprocal <= 0.0 and could_be_inertia(inertia)  # not observed (NaN) says nothing against it
-    return Derived(mass, mass_std, inertia, symmetric(np.sqrt(np.maximum(variance, 0.0))), possible)
+    possible = not reciprocal <= 0.0 and is_possible_inertia(inertia)  # not observed (NaN) says nothing against it
+    return Derived(mass, mass_std, inertia, symmetric_matrix(np.sqrt(np.maximum(variance, 0.0))), possible)
 
 
 def initial_standard_deviation(
@@ -249,7 +249,7 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 
 @kernel
-def all_ten(of_rotation: Array, of_mass: float) -> Array:
+def join_ten_parameters(of_rotation: Array, of_mass: float) -> Array:
     """Joins values of the nine rotational parameters and of the mass reciprocal to a vector, shape (10,)."""
     result = np.empty(N_ROTATION + 1)
     result[:N_ROTATION] = of_rotation
@@ -257,10 +257,10 @@ def all_ten(of_rotation: Array, of_mass: float) -> Array:
     return result
 
 
-def converged_rows(
+def are_converged(
     standard_deviation: Array, estimate: Array, limits: Array, known: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:
-    """Runs `converged` for many samples at once, shape (n,); arguments with a leading n.
+    """Runs `is_converged` for many samples at once, shape (n,); arguments with a leading n.
 
     Args:
         standard_deviation, estimate, limits: see there.
@@ -279,7 +279,7 @@ def converged_rows(
 
 
 @kernel
-def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
+def is_converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
     r"""Tests whether estimates have converged: every 1-sigma tested is below its limit.
 
     Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass

@@ -19,7 +19,7 @@ _BLOCK = 64  # samples drawn at a time; a matter of speed alone
 Seed = int | tuple[int, int]  # of a run; and what was drawn to vary it
 
 
-def varied(seed: int, draw: float) -> Seed:
+def vary_seed(seed: int, draw: float) -> Seed:
     """Combines a run's seed with a random draw; a draw of zero leaves the seed as it is."""
     return seed if draw == 0.0 else (seed, int(np.float64(draw).view(np.uint64)))
 

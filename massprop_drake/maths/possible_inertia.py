@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.linear_algebra import Array, inverse, is_positive_definite, symmetrized
-from massprop_drake.maths.mass_properties import could_be_inertia, six_elements, symmetric
+from massprop_drake.maths.mass_properties import is_possible_inertia, six_elements, symmetric_matrix
 
-_BASIS = np.array([symmetric(row) for row in np.eye(6)])  # of symmetric matrices
+_BASIS = np.array([symmetric_matrix(row) for row in np.eye(6)])  # of symmetric matrices
 _OF_MOMENTS = np.array([six_elements(np.trace(one) * np.eye(3) - one) for one in _BASIS]).T  # I of E
 _INSIDE = 1e-3  # of the trace: least second moment to begin with
 _BARRIER = 10.0 ** np.arange(0, 10)  # t
@@ -50,9 +50,9 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
     if not (np.isfinite(six).all() and np.isfinite(metric).all()):
         raise ValueError("inverse inertia and its covariance must be finite")
     scale = float(np.abs(six).max())
-    if not is_positive_definite(symmetric(six)):
+    if not is_positive_definite(symmetric_matrix(six)):
         return None
-    if could_be_inertia(symmetrized(inverse(symmetric(six)))):
+    if is_possible_inertia(symmetrized(inverse(symmetric_matrix(six)))):
         return estimate.copy()
     of_rest = covariance[6:, :6]
     metric = metric + _EXACT * np.diag(np.diag(metric)) + _EXACT**2 * scale**2 * np.eye(6)
@@ -70,17 +70,17 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
 
 def _nearest(six: Array, whitener: Array) -> Array | None:
     """Computes the nearest six elements of a possible inverse inertia; None where the search does not converge."""
-    inertia = symmetrized(inverse(symmetric(six)))
+    inertia = symmetrized(inverse(symmetric_matrix(six)))
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     inside = np.maximum(moments, _INSIDE * np.trace(inertia))
     second = six_elements(symmetrized((axes * inside) @ axes.T))
 
     def residual(moments: Array) -> Array:
-        result: Array = whitener @ (_inverse_of(moments) - six)
+        result: Array = whitener @ (_inverse_from_moments(moments) - six)
         return result
 
     for _ in range(_STEPS):
-        now = symmetric(_inverse_of(second))
+        now = symmetric_matrix(_inverse_from_moments(second))
         by_inertia = np.array([-six_elements(now @ one @ now) for one in _BASIS]).T
         jacobian, misfit = whitener @ by_inertia @ _OF_MOMENTS, residual(second)
         step = _least_squares(jacobian, jacobian @ second - misfit, second) - second
@@ -89,16 +89,16 @@ def _nearest(six: Array, whitener: Array) -> Array | None:
         while _half_square(residual(second + share * step)) > _half_square(misfit) + _ENOUGH * share * promised:
             share *= 0.5
             if share < _SETTLED:  # rounding: nothing is nearer
-                return _inverse_of(second)
+                return _inverse_from_moments(second)
         second = second + share * step
         if np.abs(share * step).max() < _SETTLED * second[:3].sum():
-            return _inverse_of(second)
+            return _inverse_from_moments(second)
     return None
 
 
-def _inverse_of(moments: Array) -> Array:
+def _inverse_from_moments(moments: Array) -> Array:
     """Computes the six elements of the inverse inertia of six second moments."""
-    return six_elements(symmetrized(inverse(symmetric(_OF_MOMENTS @ moments))))
+    return six_elements(symmetrized(inverse(symmetric_matrix(_OF_MOMENTS @ moments))))
 
 
 def _half_square(values: Array) -> float:
@@ -114,14 +114,14 @@ def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
     """
 
     def cost(moments: Array, t: float) -> float:
-        sign, logarithm = np.linalg.slogdet(symmetric(moments))
-        inside = sign > 0.0 and is_positive_definite(symmetric(moments))
+        sign, logarithm = np.linalg.slogdet(symmetric_matrix(moments))
+        inside = sign > 0.0 and is_positive_definite(symmetric_matrix(moments))
         return t * _half_square(matrix @ moments - target) - float(logarithm) if inside else np.inf
 
     found = start
     for t in _BARRIER.tolist():
         for _ in range(_NEWTON):
-            weighed = np.einsum("ij,kjl->kil", inverse(symmetric(found)), _BASIS)
+            weighed = np.einsum("ij,kjl->kil", inverse(symmetric_matrix(found)), _BASIS)
             gradient = t * matrix.T @ (matrix @ found - target) - np.trace(weighed, axis1=1, axis2=2)
             hessian = t * matrix.T @ matrix + np.einsum("kij,lji->kl", weighed, weighed)
             step = -np.linalg.solve(hessian, gradient)

@@ -198,19 +198,19 @@ def simulated_signal(package: Signal) -> Signal:
 _OWN = re.compile(r"[^./\\]+\.[^./\\]+")
 
 
-def is_own(name: str) -> bool:
+def is_user_signal(name: str) -> bool:
     """Tests whether a name is that of a signal of the user's own, `<system>.<port>`."""
     return _OWN.fullmatch(name) is not None
 
 
-def own_signal(name: str, size: int) -> Signal:
+def user_signal(name: str, size: int) -> Signal:
     """Describes an output port of a user's own system as a signal."""
     return Signal(
         name, f"output {name.rpartition('.')[2]} of {name.rpartition('.')[0]}", "-", tuple(map(str, range(size)))
     )
 
 
-def in_units(unit: str, names: dict[str, str]) -> str:
+def fill_unit_template(unit: str, names: dict[str, str]) -> str:
     """Fills a unit template with the vehicle's units: {length}/s becomes ft/s.
 
     Args:
@@ -222,10 +222,10 @@ def in_units(unit: str, names: dict[str, str]) -> str:
 
 def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
     """Returns the units of the ten parameters, in the vehicle's unit system."""
-    return tuple(in_units(unit, names) for unit in _MASS_PROPERTY_UNITS)
+    return tuple(fill_unit_template(unit, names) for unit in _MASS_PROPERTY_UNITS)
 
 
-def with_deviation(value: float, deviation: float) -> str:
+def format_with_deviation(value: float, deviation: float) -> str:
     """Formats a signed value with its 1-sigma, rounded to two digits of the latter: '+868.810 ± 0.089'."""
     digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0.0 else 3
     return f"{value:+.{digits}f} ± {deviation:.{digits}f}"

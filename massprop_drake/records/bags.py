@@ -17,8 +17,17 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.completeness import Loss
-from massprop_drake.records.storage import Message, Storage, StoredTopic, unpack_file, zstd
-from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, missing_topic, needs, spread
+from massprop_drake.records.storage import Message, Storage, StoredTopic, unpack_file, zstd_library
+from massprop_drake.records.topics import (
+    MOST_ELEMENTS,
+    Column,
+    Recording,
+    Topic,
+    digest,
+    missing_extra,
+    missing_topic,
+    split_lists,
+)
 
 _NANO = 1e-9
 _HEAVY = (
@@ -51,7 +60,7 @@ _PACKED = (".zst", ".zstd")
 _LEAST_NS = 1000  # by which a record ends before the recorder's last message, ns; doubles round to a quarter of it
 
 
-def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     """Reads a bag; a field of a message is a column, `angular_velocity.x`, an element of an array `data[0]`.
 
     Stamps are those of the messages' headers, or where there are none those at which they were recorded. They count
@@ -69,7 +78,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     try:
         types = _Types()
     except ImportError:
-        raise needs(path, "rosbags", "rosbag", "a bag") from None
+        raise missing_extra(path, "rosbags", "rosbag", "a bag") from None
     bag = _Bag(path)
     gathered: dict[str, _Gathered] = {}
     named: dict[str, str] = {}  # type of each topic
@@ -146,7 +155,7 @@ class _Stated(NamedTuple):
             packs = str(about.get("compression_mode") or "").lower() == "message"
             return _Stated(files, counts, by_file, int(end_ns), packs)
         except (YAMLError, *_DAMAGED) as error:
-            raise ValueError(_words(error)) from None
+            raise ValueError(_first_line(error)) from None
 
 
 class _Bag:
@@ -181,7 +190,7 @@ class _Bag:
 
     def _of_the_folder(self) -> list[Path]:
         """Lists the files of a folder, as its metadata name them, or else all that are there."""
-        there = sorted(one for one in self._path.iterdir() if _ending(one) in (".db3", ".mcap"))
+        there = sorted(one for one in self._path.iterdir() if _content_suffix(one) in (".db3", ".mcap"))
         if not self._stated.files:
             if not self.losses:
                 self.losses.append(
@@ -229,8 +238,8 @@ class _Bag:
     def _unpacked(message: Message) -> Message:
         """Unpacks a message that the bag compressed by itself; a damaged one stays as it is, and is no message."""
         try:
-            return message._replace(data=zstd().decompress(message.data))
-        except (zstd().ZstdError, EOFError):
+            return message._replace(data=zstd_library().decompress(message.data))
+        except (zstd_library().ZstdError, EOFError):
             return message
 
     def differences(self) -> Iterator[Loss]:
@@ -257,7 +266,7 @@ class _Bag:
             yield Loss("truncated", f"{metadata} counted {total} messages in {self._path.name}, {read} were read")
 
 
-def _ending(path: Path) -> str:
+def _content_suffix(path: Path) -> str:
     """Returns the ending of a file, that of its content where it is compressed."""
     return Path(path.stem).suffix.lower() if path.suffix.lower() in _PACKED else path.suffix.lower()
 
@@ -280,14 +289,14 @@ class _Types:
             try:
                 self._by_channel[channel] = self._reader(channel)
             except self._errors as error:
-                self._by_channel[channel] = _words(error)
+                self._by_channel[channel] = _first_line(error)
         found = self._by_channel[channel]
         if isinstance(found, str):
             raise ValueError(found)
         try:
             return found(data)
         except self._errors as error:
-            raise ValueError(_words(error)) from None
+            raise ValueError(_first_line(error)) from None
 
     def _reader(self, channel: StoredTopic) -> Callable[[bytes], Any]:
         from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 (an extra)
@@ -300,7 +309,7 @@ class _Types:
             if channel.language in ("ros2msg", "ros1msg"):
                 store.register(get_types_from_msg(channel.definition, name))
             else:
-                for part in _idl(channel.definition):
+                for part in _split_idl(channel.definition):
                     store.register(get_types_from_idl(part))
         elif name not in store.fielddefs:
             raise ValueError("its type is not defined in the bag, and none of ROS 2's own")
@@ -310,7 +319,7 @@ class _Types:
         return lambda data: read(data, name)
 
 
-def _idl(definition: str) -> list[str]:
+def _split_idl(definition: str) -> list[str]:
     """Splits a definition in IDL into its parts."""
     rule = "=" * 80 + "\n"
     if not definition.startswith(f"{rule}IDL: "):
@@ -348,7 +357,7 @@ class _Gathered:
         header = getattr(message, "header", None)
         if header is not None and hasattr(header, "stamp"):
             self.own.append(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
-        self.fields.append(dict(_flat(message)))
+        self.fields.append(dict(_flatten_fields(message)))
 
     def topic(self, source: str, origin: int | None) -> Topic:
         """Returns the columns, in the order in which messages were recorded."""
@@ -361,11 +370,11 @@ class _Gathered:
         names = dict.fromkeys(name for fields in self.fields for name in fields)
         columns: dict[str, Column] = {}
         for name in names:
-            columns |= _column(name, [fields.get(name) for fields in self.fields])
+            columns |= _field_columns(name, [fields.get(name) for fields in self.fields])
         return Topic(source, columns, np.multiply(stamps - (origin or 0), _NANO))
 
 
-def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+def _flatten_fields(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
     """Yields a message's fields by name: numbers, text, and arrays that are not too long."""
     for name in message.__dataclass_fields__:
         if name == "__msgtype__":
@@ -374,18 +383,18 @@ def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str,
         full = f"{before}{name}"
         if hasattr(value, "__dataclass_fields__"):
             if depth < _DEEPEST:
-                yield from _flat(value, f"{full}.", depth + 1)
+                yield from _flatten_fields(value, f"{full}.", depth + 1)
         elif isinstance(value, (list, tuple)) and value and hasattr(value[0], "__dataclass_fields__"):
             for index, inner in enumerate(value[:MOST_ELEMENTS]):
-                yield from _flat(inner, f"{full}[{index}].", depth + 1)
+                yield from _flatten_fields(inner, f"{full}[{index}].", depth + 1)
         elif isinstance(value, (bool, int, float, str)) or (np.ndim(value) == 1 and len(value) <= MOST_ELEMENTS):
             yield full, value
 
 
-def _column(name: str, values: list[Any]) -> dict[str, Column]:
+def _field_columns(name: str, values: list[Any]) -> dict[str, Column]:
     """Makes the columns of a field, None where a message lacks it."""
     if any(np.ndim(value) for value in values if value is not None and not isinstance(value, str)):
-        return spread(name, [None if value is None else list(value) for value in values])
+        return split_lists(name, [None if value is None else list(value) for value in values])
     if any(isinstance(value, str) for value in values):
         return {name: np.array(["" if value is None else str(value) for value in values], dtype=object)}
     if all(isinstance(value, int) for value in values):
@@ -393,6 +402,6 @@ def _column(name: str, values: list[Any]) -> dict[str, Column]:
     return {name: np.array([np.nan if value is None else float(value) for value in values])}
 
 
-def _words(error: BaseException) -> str:
+def _first_line(error: BaseException) -> str:
     text = str(error.args[0]) if error.args else ""
     return ((text or type(error).__name__).splitlines() or [""])[0].rstrip(".")

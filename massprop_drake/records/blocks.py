@@ -79,7 +79,7 @@ def require_unique(header: list[str], where: str) -> None:
         seen.add(name)
 
 
-def infinite(where: str, column: str) -> str:
+def infinite_value_message(where: str, column: str) -> str:
     """Returns the error message for an infinite value."""
     return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
 
@@ -99,5 +99,5 @@ def require_meaningful(block: Block, columns: Sequence[str], source: str, place:
         where = f"{source}, {place} {block.lines[row]}"
         value = float(block.values[row, column])
         if math.isinf(value):
-            raise InputError(infinite(where, columns[column]))
+            raise InputError(infinite_value_message(where, columns[column]))
         raise InputError(f"{where}, column {columns[column]}: {value:g} is too large to mean anything")

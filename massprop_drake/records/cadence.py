@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.vehicle.on_times import continued, levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets, rest_of_sample
 from massprop_drake.records.rows import Array, Continuation, Flags
 
 FIRST_INTERVALS = 20  # in which the sample period must show
@@ -25,7 +25,7 @@ class HeldRows:
 
     def __init__(self, n_jets: int, after: Continuation | None):
         self._command = np.full(n_jets, np.nan) if after is None else after.command
-        self._onset_s = levels_alone(n_jets) if after is None or after.onset_s is None else after.onset_s
+        self._onset_s = level_onsets(n_jets) if after is None or after.onset_s is None else after.onset_s
         self._wrench = np.zeros(6) if after is None else after.outside_wrench
         self._told_s = -math.inf if after is None else after.time_s
         self._pushed_s = self._told_s
@@ -43,29 +43,29 @@ class HeldRows:
         """
         commands, onsets_s, wrench = told
         here = np.vstack((self._command, commands))
-        opening = levels_alone(commands.shape) if onsets_s is None else onsets_s
+        opening = level_onsets(commands.shape) if onsets_s is None else onsets_s
         opens = np.vstack((self._onset_s, opening))
-        since, place = _since(self._told_s, times, any_told(commands))
+        since, place = _time_since_given(self._told_s, times, rows_with_values(commands))
         known = (since < HELD * period_s) & recorded
-        acting, acting_s = continued(here[place], opens[place], np.where(known, since, 0.0), period_s)
+        acting, acting_s = rest_of_sample(here[place], opens[place], np.where(known, since, 0.0), period_s)
         acting[~known], acting_s[~known] = np.nan, np.nan
         self._command, self._onset_s = here[place[-1]], opens[place[-1]]
         self._told_s = float(times[-1] - since[-1])
         if wrench is not None:
             pushes = np.vstack((self._wrench, np.nan_to_num(wrench)))
-            since, place = _since(self._pushed_s, times, any_told(wrench))
+            since, place = _time_since_given(self._pushed_s, times, rows_with_values(wrench))
             self._wrench, self._pushed_s = pushes[place[-1]], float(times[-1] - since[-1])
             wrench = np.where(((since < HELD * period_s) & recorded)[:, None], pushes[place], 0.0)
         return acting, None if onsets_s is None else acting_s, wrench
 
 
-def any_told(values: Array) -> Flags:
+def rows_with_values(values: Array) -> Flags:
     """Finds rows in which any command or wrench is given, shape (n,)."""
     told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
     return told
 
 
-def _since(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
+def _time_since_given(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
     """Computes the time since each row's value was given, s, and its row, 0: before the first, shape (n,) each."""
     place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
     return times - np.append(before_s, times)[place], place

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.units import factor
-from massprop_drake.records.names import ColumnName, factor_or_none
+from massprop_drake.inputs.units import si_factor
+from massprop_drake.records.names import ColumnName, si_factor_or_none
 from massprop_drake.records.reader import JITTER
-from massprop_drake.records.stamps import stamp_of
+from massprop_drake.records.stamps import parse_stamp
 from massprop_drake.records.topics import Topic
 
 Array = NDArray[np.float64]
@@ -65,24 +65,27 @@ def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> To
         period_s: the vehicle's sample period, which steps should be about, s.
     """
     named = [name for name in names if name.is_timed]
-    found = [*_in_two_columns(topic, names), *(one for name in named for one in _in_one(topic, names, name, period_s))]
+    found = [
+        *_find_split_times(topic, names),
+        *(one for name in named for one in _read_time_column(topic, names, name, period_s)),
+    ]
     if not any(one.rises for one in found):
         found += [
             one
             for name in names
             if name not in named and _is_text(topic, name)
-            for one in _in_one(topic, names, name, period_s)
+            for one in _read_time_column(topic, names, name, period_s)
         ]
     rising = [one for one in found if one.rises]
     if rising:
-        best = min(rising, key=lambda one: not _is_about(one.steps, period_s))
-        return TopicClock(best.data, f"time: {best.why}", _coarse(best, period_s, rises=True))
+        best = min(rising, key=lambda one: not _steps_divide_period(one.steps, period_s))
+        return TopicClock(best.data, f"time: {best.why}", _describe_coarse_stamps(best, period_s, rises=True))
     standing = [one for one in found if one.steps.size and one.steps.min() >= 0.0 and one.steps.max() > 0.0]
-    counted = _by_numbers(topic, names, period_s)
+    counted = _find_rising_column(topic, names, period_s)
     if counted is not None:
         return counted
     if standing:
-        return TopicClock({}, "", _coarse(standing[0], period_s, rises=False))
+        return TopicClock({}, "", _describe_coarse_stamps(standing[0], period_s, rises=False))
     return None
 
 
@@ -90,7 +93,7 @@ def _is_text(topic: Topic, name: ColumnName) -> bool:
     return topic.columns[name.column].dtype == object
 
 
-def _is_about(steps: Array, period_s: float) -> bool:
+def _steps_divide_period(steps: Array, period_s: float) -> bool:
     """Tests whether the sample period is a whole multiple of the median step, within the jitter."""
     step = float(np.median(steps))
     count = max(round(period_s / step), 1) if step > 0.0 else 1
@@ -106,7 +109,7 @@ def _is_date(topic: Topic, name: ColumnName) -> bool:
     if not _is_text(topic, name):
         return False
     cells = topic.texts(name.column)
-    return any(cells) and all(":" not in cell and stamp_of(cell) is not None for cell in cells)
+    return any(cells) and all(":" not in cell and parse_stamp(cell) is not None for cell in cells)
 
 
 def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
@@ -124,12 +127,14 @@ def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
     return ""
 
 
-def _in_one(topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_s: float) -> list[_ClockColumn]:
+def _read_time_column(
+    topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_s: float
+) -> list[_ClockColumn]:
     """Reads the times of a column, in its name's unit, or one in which its steps are about a sample period."""
     column = name.column
     if _is_text(topic, name):
         cells = topic.texts(column)
-        if not cells or not any(cells) or any(stamp_of(cell) is None for cell in cells):
+        if not cells or not any(cells) or any(parse_stamp(cell) is None for cell in cells):
             return []
         data = {"column": column}
         date = next((one.column for one in names if _is_date(topic, one)), None) if _is_time_of_day(cells) else None
@@ -146,23 +151,27 @@ def _in_one(topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_
     steps = steps[steps > 0.0]
     if not steps.size:
         return []
-    if not unit or factor_or_none(unit, "time") is None or not _is_about(steps * factor(unit, "time"), period_s):
+    if (
+        not unit
+        or si_factor_or_none(unit, "time") is None
+        or not _steps_divide_period(steps * si_factor(unit, "time"), period_s)
+    ):
         step = float(np.median(steps))
-        nearest = min(_UNITS, key=lambda one: abs(math.log(step * factor(one, "time") / period_s)))
-        known = bool(unit) and factor_or_none(unit, "time") is not None
-        if not known or _is_about(steps * factor(nearest, "time"), period_s):
+        nearest = min(_UNITS, key=lambda one: abs(math.log(step * si_factor(one, "time") / period_s)))
+        known = bool(unit) and si_factor_or_none(unit, "time") is not None
+        if not known or _steps_divide_period(steps * si_factor(nearest, "time"), period_s):
             unit = nearest
             why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
     said = f"column {column}, which rises from row to row, in {unit} {why}"
-    return [_ClockColumn({"column": column, "unit": unit}, numbers * factor(unit, "time"), said)]
+    return [_ClockColumn({"column": column, "unit": unit}, numbers * si_factor(unit, "time"), said)]
 
 
-def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
+def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
     """Finds whole seconds in a column, and their fractions in another."""
     timed = [
         name
         for name in names
-        if (name.is_timed or name.is_fraction or factor_or_none(name.unit or "1", "time") is not None)
+        if (name.is_timed or name.is_fraction or si_factor_or_none(name.unit or "1", "time") is not None)
         and not _is_text(topic, name)
     ]
     found = []
@@ -172,11 +181,11 @@ def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockCol
             continue
         for part in timed:
             rest = topic.numbers(part.column)
-            unit = part.unit if part.unit and factor_or_none(part.unit, "time") is not None else _reached(rest)
+            unit = part.unit if part.unit and si_factor_or_none(part.unit, "time") is not None else _fraction_unit(rest)
             alike = part.words == whole.words or part.is_fraction
-            if part is whole or not alike or not unit or (factor(unit, "time") >= 1.0 and not _is_fractional(rest)):
+            if part is whole or not alike or not unit or (si_factor(unit, "time") >= 1.0 and not _is_fractional(rest)):
                 continue
-            share = rest * factor(unit, "time")
+            share = rest * si_factor(unit, "time")
             if (
                 not np.isfinite(share).any()
                 or np.nanmin(share) < 0.0
@@ -195,15 +204,15 @@ def _is_fractional(values: Array) -> bool:
     return bool((there != np.round(there)).any())
 
 
-def _reached(values: Array) -> str:
+def _fraction_unit(values: Array) -> str:
     """Returns the unit in which values stay just below a second; "": none."""
     most = float(np.nanmax(values, initial=0.0))
     if _is_fractional(values):
         return "s" if most < 1.0 else ""
-    return next((unit for unit in ("ms", "us", "ns") if 0.0 < most < 1.0 / factor(unit, "time")), "")
+    return next((unit for unit in ("ms", "us", "ns") if 0.0 < most < 1.0 / si_factor(unit, "time")), "")
 
 
-def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
+def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
     """Finds a column that rises by a sample period from row to row, whatever its name."""
     for name in names:
         if _is_text(topic, name):
@@ -216,14 +225,14 @@ def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> T
         if steps.size < 2 or not (steps > 0.0).mean() > _RISES:
             continue
         step = float(np.median(steps))
-        unit = next((one for one in _UNITS if abs(step * factor(one, "time") - period_s) <= JITTER * period_s), "")
+        unit = next((one for one in _UNITS if abs(step * si_factor(one, "time") - period_s) <= JITTER * period_s), "")
         if unit and float(np.median(np.abs(steps - step))) <= JITTER * step:
             why = f"time: column {name.column} rises by {step:.6g} a row, a sample period in {unit}: a guess"
             return TopicClock({"column": name.column, "unit": unit}, why, "")
     return None
 
 
-def _coarse(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
+def _describe_coarse_stamps(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
     """Describes time stamps that are too coarse to time the rows; "": these are fine enough."""
     steps = read.steps
     column = read.data["column"]

@@ -83,14 +83,14 @@ def two_levels(values: Array) -> Levels | None:
     return None
 
 
-def without_rare(values: Array) -> Array:
+def drop_rare_commands(values: Array) -> Array:
     """Returns the commands without the largest, where these are few and far above the others.
 
     Args:
         values: all commands, without missing ones.
     """
     opened = np.sort(values[values > 0.0])
-    few = _few_of(opened.size)
+    few = _count_possible_errors(opened.size)
     if not few or opened[-1 - few] > opened[-1] / _FAR:
         return values
     return values[values <= opened[-1 - few]]
@@ -150,7 +150,7 @@ class CommandTally:
             return ""
         whose = "no command of the whole record exceeds"
         if self._longer:
-            if self._longer > _few_of(self._opened) or self._full <= self._longer:
+            if self._longer > _count_possible_errors(self._opened) or self._full <= self._longer:
                 return ""
             whose = f"all but {self._longer} of the {self._opened} commands that open a jet are no more than"
         return (
@@ -159,13 +159,13 @@ class CommandTally:
         )
 
 
-def _few_of(opened: int) -> int:
+def _count_possible_errors(opened: int) -> int:
     """Returns how many of the commands that open a jet may be errors."""
     few = max(int(_FEW * opened), 1)
     return few if few <= _RARE * opened else 0
 
 
-def hint_about(values: Array, period_s: float) -> str:
+def scale_hint(values: Array, period_s: float) -> str:
     """Returns advice on commands that are no fractions, to be added to an error; "" where no scale fits.
 
     Args:

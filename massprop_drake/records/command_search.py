@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.records import mapping
-from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
+from massprop_drake.records.command_scales import CommandScale, Levels, drop_rare_commands, possible_scales, two_levels
 from massprop_drake.records.map_search import Array, MapSearch
-from massprop_drake.records.names import JetColumns, factor_or_none, jet_families, read_name
+from massprop_drake.records.names import JetColumns, jet_families, read_name, si_factor_or_none
 from massprop_drake.records.topics import Topic
 
 _PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
@@ -56,7 +56,7 @@ class CommandSearch(MapSearch):
             )
         for column, values in topic.columns.items():
             if values.dtype == object:
-                texts = {word.lower() for text in topic.texts(column) for word in mapping.words(text)}
+                texts = {word.lower() for text in topic.texts(column) for word in mapping.split_jet_list(text)}
                 if texts and texts <= {jet.lower() for jet in self.vehicle.designations}:
                     self.data["commands"] = {"listed": {"column": column}}
                     self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
@@ -90,8 +90,8 @@ class CommandSearch(MapSearch):
         name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
         if not values.size:
             return
-        is_timed = name.is_on_time or factor_or_none(name.unit, "time") is not None
-        is_told = is_timed or factor_or_none(name.unit, "number") is not None
+        is_timed = name.is_on_time or si_factor_or_none(name.unit, "time") is not None
+        is_told = is_timed or si_factor_or_none(name.unit, "number") is not None
         levels = two_levels(values)
         if levels is not None and not is_told and (levels.closed != 0.0 or levels.scatters):
             self._take_levels(levels)
@@ -106,7 +106,7 @@ class CommandSearch(MapSearch):
                 f"{off:g} closed and {on:g} open: a guess"
             )
             return
-        period_s, usual = self.vehicle.sample_period_s, without_rare(values)
+        period_s, usual = self.vehicle.sample_period_s, drop_rare_commands(values)
         scales = possible_scales(values, period_s)
         if usual.size < values.size:
             scales += [one for one in possible_scales(usual, period_s) if one not in scales]
@@ -121,7 +121,7 @@ class CommandSearch(MapSearch):
                 "neither a share, percent, an on-time within the sample period nor the width of a pulse: give "
                 "commands.unit, off, on"
             )
-        self._scales = [_as_data(one) for one in told or scales]
+        self._scales = [_scale_keys(one) for one in told or scales]
         if self._scales:
             best = (told or scales)[0]
             self._is_scale_sure = bool(told) or (usual.size == values.size and best.is_reached(float(values.max())))
@@ -163,7 +163,7 @@ def _pulse_widths(values: Array) -> tuple[float, float]:
     return min(off, least), max(on, most)
 
 
-def _as_data(scale: CommandScale) -> dict[str, Any]:
+def _scale_keys(scale: CommandScale) -> dict[str, Any]:
     """Returns the keys of a map's `commands` that state a scale."""
     if scale.unit != "1":
         return {"unit": scale.unit}
@@ -173,5 +173,5 @@ def _as_data(scale: CommandScale) -> dict[str, Any]:
 def _is_unit_of(unit: str, scale: CommandScale) -> bool:
     """Tests whether the unit in a column's name is that of a command scale."""
     kind = "time" if scale.is_timed else "number"
-    own, wanted = factor_or_none(unit, kind), factor_or_none(scale.unit, kind)
+    own, wanted = si_factor_or_none(unit, kind), si_factor_or_none(scale.unit, kind)
     return own is not None and own == wanted

@@ -119,7 +119,7 @@ def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[
                 f"{source}: not a text file in UTF-8 from line {number} on; expected a table of separated values"
             ) from None
         except OSError as error:
-            raise InputError(unreadable(source, error)) from None
+            raise InputError(unreadable_message(source, error)) from None
         if not line:
             return
         if len(line) >= _LONGEST_LINE:
@@ -136,7 +136,7 @@ def _are_zeros(begin: str, text: TextIO) -> bool:
     return True
 
 
-def unreadable(path: object, error: Exception) -> str:
+def unreadable_message(path: object, error: Exception) -> str:
     """Returns the error message for a file that is missing or cannot be read."""
     if isinstance(error, FileNotFoundError):
         return f"{path}: no such file"

@@ -85,7 +85,7 @@ class JetEvidence(NamedTuple):
         return JetEvidence(meant, self.change)
 
 
-def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
+def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
     """Compares a gyro's or an accelerometer's readings with the effects that the commands should have.
 
     Args:
@@ -96,11 +96,11 @@ def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
     channel, vehicle = record.channels[name], record.vehicle
     steps = np.diff(channel.time_s)[:, None]
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
-    meant = shares @ _effects(vehicle, name) * steps
-    return JetEvidence(meant, _changes(channel, steps, gives or channel.gives))
+    meant = shares @ _jet_effects(vehicle, name) * steps
+    return JetEvidence(meant, _reading_changes(channel, steps, gives or channel.gives))
 
 
-def _changes(channel: Channel, steps: Array, gives: str) -> Array:
+def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:
     """Computes changes of rate or velocity from sample to sample, shape (n - 1, 3)."""
     values = channel.values
     if gives in ("", "integral"):
@@ -108,7 +108,7 @@ def _changes(channel: Channel, steps: Array, gives: str) -> Array:
     return values[1:] if gives == "increment" else values[1:] * steps
 
 
-def _effects(vehicle: Vehicle, name: str) -> Array:
+def _jet_effects(vehicle: Vehicle, name: str) -> Array:
     """Computes the rate at which each jet changes a sensor's reading, with nominal mass properties, (n_jets, 3)."""
     nominal, wrenches = vehicle.nominal, vehicle.wrenches
     turning = (wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])) @ np.linalg.inv(nominal.inertia).T

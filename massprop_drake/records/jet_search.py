@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.units import factor
+from massprop_drake.inputs.units import si_factor
 from massprop_drake.records import channels, evidence, mapping
 from massprop_drake.records.command_search import CommandSearch
 
@@ -36,7 +36,7 @@ class JetSearch(CommandSearch):
         if not gyro or before is None or after is None:
             self._say(f"commands.acts: from_row, since nothing here tells: {usual}")
             return
-        alike = [evidence.followed(one, gyro) for one in (after, before)]
+        alike = [evidence.compare_with_jet_effects(one, gyro) for one in (after, before)]
         if any(math.isnan(one.correlation) for one in alike):
             self._say("commands.acts: from_row, since too few jets fire to tell")
             shown = after
@@ -83,7 +83,7 @@ class JetSearch(CommandSearch):
         """Returns the record as the map has it so far; None where the map cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
-            return mapping.mapped(self.recording, by, self.vehicle)
+            return mapping.apply_map(self.recording, by, self.vehicle)
         except ValueError:  # said when the map is shown
             return None
 
@@ -96,11 +96,11 @@ class JetSearch(CommandSearch):
             return
         entry = self.data["sensors"][gyro]
         period_s = self.vehicle.sample_period_s
-        full = [_full(one, period_s) for one in self._scales] or [1.0]
+        full = [_full_scale(one, period_s) for one in self._scales] or [1.0]
         units = _RATE_UNITS if gyro in self._guessed and self._is_scale_sure else (entry["unit"],)
 
         def misfit(scale: int, unit: str) -> float:
-            times = full[scale] / full[0] * factor(unit, "rate") / factor(entry["unit"], "rate")
+            times = full[scale] / full[0] * si_factor(unit, "rate") / si_factor(entry["unit"], "rate")
             return abs(math.log(shown.slope * times))
 
         scale, unit = min(
@@ -134,7 +134,7 @@ class JetSearch(CommandSearch):
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:
             return  # their unit is that of an acceleration
-        sums, values = (evidence.followed(by, name, gives=gives) for gives in ("integral", "increment"))
+        sums, values = (evidence.compare_with_jet_effects(by, name, gives=gives) for gives in ("integral", "increment"))
         if sums.explained > values.explained + evidence.ODDS:
             gives, followed = "integral", "differences"
         elif values.explained > sums.explained + evidence.ODDS:
@@ -168,14 +168,14 @@ class JetSearch(CommandSearch):
         if name not in self._guessed:
             return usual
         misfit = {"increment": abs(math.log(values.slope))}
-        misfit["mean"] = abs(math.log(evidence.followed(by, name, gives="mean").slope))
+        misfit["mean"] = abs(math.log(evidence.compare_with_jet_effects(by, name, gives="mean").slope))
         misfit[usual] -= _DISFAVOR
         return min(misfit, key=lambda gives: misfit[gives])
 
 
-def _full(scale: Mapping[str, Any], period_s: float) -> float:
+def _full_scale(scale: Mapping[str, Any], period_s: float) -> float:
     """Returns the number that stands for a jet that is open all the time."""
     unit = scale.get("unit", "1")
     if unit == "%":
         return 100.0
-    return float(scale.get("on", 1.0)) if unit == "1" else period_s / factor(unit, "time")
+    return float(scale.get("on", 1.0)) if unit == "1" else period_s / si_factor(unit, "time")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records import mapped_rows
 from massprop_drake.records.clocks import TopicClock
-from massprop_drake.records.names import ColumnName, factor_or_none, kind_of
+from massprop_drake.records.names import ColumnName, column_quantity, si_factor_or_none
 from massprop_drake.records.topics import Recording
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class MapSearch:
     def _kind(self, name: ColumnName) -> str:
         """Finds the quantity of a column, by its words or a package's name; "": not known."""
         called = compact_name("".join(name.words))
-        return next((kind for kind, names in self._called.items() if called in names), kind_of(name))
+        return next((kind for kind, names in self._called.items() if called in names), column_quantity(name))
 
     def _is_own(self, kind: str, words: Sequence[str]) -> bool:
         """Tests whether words name a package of the vehicle."""
@@ -83,9 +83,9 @@ class MapSearch:
         missing = [name for free in self._free.values() for name in free]
         if missing:
             self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
-        used = _used(self.data)
+        used = _used_columns(self.data)
         for name, topic in self.recording.topics.items():
-            left = _folded([column for column in topic.columns if column not in used.get(name, ())])
+            left = _fold_array_names([column for column in topic.columns if column not in used.get(name, ())])
             if name in used or not name:
                 self.left_out += left
                 if left:
@@ -111,7 +111,7 @@ class MapSearch:
 
     def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
         unit = members[min(members)].unit
-        return unit if unit and factor_or_none(unit, kind) is not None else otherwise
+        return unit if unit and si_factor_or_none(unit, kind) is not None else otherwise
 
     def _gives(self, topic: str) -> str:
         """Takes accelerations of a topic for instants, where there are enough to be integrated, or for means."""
@@ -132,7 +132,7 @@ def _texts(data: Any) -> Iterator[str]:
         yield from chain.from_iterable(map(_texts, data))
 
 
-def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
+def _used_columns(data: Mapping[str, Any]) -> dict[str, set[str]]:
     """Returns the columns that a map names, by topic."""
     usual = data.get("topic", "")
     used: dict[str, set[str]] = {}
@@ -144,7 +144,7 @@ def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
     return used
 
 
-def _folded(columns: Sequence[str]) -> list[str]:
+def _fold_array_names(columns: Sequence[str]) -> list[str]:
     """Joins names of columns: elements of an array that follow each other are one entry."""
     split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
     found: list[str] = []

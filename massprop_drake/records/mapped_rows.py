@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.attitude import propagated
+from massprop_drake.maths.attitude import propagate_attitude
 from massprop_drake.maths.signals import AXES
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.blocks import Block, require_meaningful
@@ -119,12 +119,12 @@ def row_places(record: Mapped) -> Places:
         places.append(at - 1 if before else at)
 
 
-def comes_faster(record: Mapped) -> bool:
+def is_oversampled(record: Mapped) -> bool:
     """Tests whether the channel of the rows has several samples in a sample period."""
     return bool(record.rows.interval_s < record.vehicle.sample_period_s * (1.0 - JITTER))
 
 
-def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> MappedTable:
+def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> MappedTable:
     """Makes rows of telemetry of a record, for the estimators.
 
     Of a vehicle that is followed in a fixed frame, or with times of their own, there is a row whenever anything was
@@ -143,10 +143,10 @@ def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> Mappe
         InputError: when the record has not what the estimators need.
     """
     if gyro is None:
-        return _at_any_time(record)
+        return _make_table_at_own_times(record)
     _require_usable(record, gyro)
     if own_times:
-        return _at_any_time(record)
+        return _make_table_at_own_times(record)
     places = row_places(record)
     time_s = record.rows.time_s[places]
     vehicle, notes = record.vehicle, list(record.notes)
@@ -155,12 +155,12 @@ def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> Mappe
     for name, channel in record.channels.items():
         if channel.kind in ("wheel", "engine"):
             names += [f"{name}_{part}" for part in COMPONENTS[channel.kind][: channel.values.shape[1]]]
-            parts.append(_at(channel, time_s, vehicle.sample_period_s))
+            parts.append(_readings_at(channel, time_s, vehicle.sample_period_s))
             continue
         if name in trackers and channel.time_s.size:
-            rates = _at(record.channels[gyro], time_s, vehicle.sample_period_s)
+            rates = _readings_at(record.channels[gyro], time_s, vehicle.sample_period_s)
             names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS["attitude"]]
-            parts.append(_attitudes(channel, rates, time_s, vehicle.sample_period_s))
+            parts.append(_attitudes_at_rows(channel, rates, time_s, vehicle.sample_period_s))
             continue
         if channel.kind not in ("gyro", "accelerometer"):
             notes.append(
@@ -168,7 +168,7 @@ def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> Mappe
             )
             continue
         if channel.gives in ("", "integral"):
-            values, suffix = _at(channel, time_s, vehicle.sample_period_s), ""
+            values, suffix = _readings_at(channel, time_s, vehicle.sample_period_s), ""
         else:
             values, suffix = _mean_acceleration(channel, time_s, vehicle, notes), "_accel"
         if not np.isfinite(values).all(axis=1).any():
@@ -178,11 +178,11 @@ def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> Mappe
             )
         names += [f"{name}{suffix}_{axis}" for axis in AXES]
         parts.append(values)
-    fractions = _fractions(record, time_s)
-    told = _told(record, time_s, fractions)
+    fractions = _open_fractions(record, time_s)
+    told = _command_columns(record, time_s, fractions)
     names += told
     parts += told.values()
-    notes += _about_commands(record, time_s, fractions)
+    notes += _describe_command_gaps(record, time_s, fractions)
     _add_known(record, time_s, names, parts)
     values = np.hstack(parts)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
@@ -199,7 +199,7 @@ def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Arra
             parts.append(mean_over(held, time_s))
 
 
-def _at_any_time(record: Mapped) -> MappedTable:
+def _make_table_at_own_times(record: Mapped) -> MappedTable:
     """Makes a row whenever anything was read or commanded."""
     vehicle, held = record.vehicle, record.commands
     channels = {name: channel for name, channel in record.channels.items() if channel.time_s.size}
@@ -216,7 +216,7 @@ def _at_any_time(record: Mapped) -> MappedTable:
         values = np.full((time_s.size, channel.values.shape[1]), np.nan)
         values[np.searchsorted(time_s, channel.time_s - SAME_S)] = channel.values
         if channel.kind == "accelerometer" and channel.gives != "integral":
-            values = _integral(channel, values, notes)
+            values = _integrate_channel(channel, values, notes)
         names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS[channel.kind]]
         parts.append(values)
     names += [f"jet_{jet}" for jet in vehicle.designations]
@@ -239,7 +239,7 @@ def _at_any_time(record: Mapped) -> MappedTable:
     return made
 
 
-def _integral(channel: Channel, values: Array, notes: list[str]) -> Array:
+def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Array:
     """Integrates accelerations or sums increments, where there are samples, shape (n, 3)."""
     there = np.isfinite(values).all(axis=1)
     added = values[there]
@@ -273,7 +273,7 @@ def _require_usable(record: Mapped, gyro: str) -> None:
             )
 
 
-def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
+def _readings_at(channel: Channel, time_s: Array, period_s: float) -> Array:
     """Returns a channel's readings at some times, NaN where none was taken then, shape (n, m)."""
     nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
     before = np.maximum(nearest - 1, 0)
@@ -283,7 +283,7 @@ def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
     return np.where(there[:, None], channel.values[nearest], np.nan)
 
 
-def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
+def _attitudes_at_rows(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
     """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4)."""
     read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
     after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
@@ -294,7 +294,7 @@ def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -
         if abs(away_s) <= SAME_S:
             found[row] = read[place]
         elif abs(away_s) <= 0.5 * period_s * (1.0 + JITTER):
-            found[row] = propagated(read[place], rates[row], away_s)
+            found[row] = propagate_attitude(read[place], rates[row], away_s)
     return found
 
 
@@ -325,7 +325,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
     hole = np.isnan(added) | (steps > HOLE * every)
     integral = np.cumsum(np.where(hole, 0.0, added), axis=0)
     holes = np.cumsum(hole, axis=0)
-    there = _at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
+    there = _readings_at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
     change = np.diff(there, axis=0, prepend=np.full((1, 6), np.nan))
     mean = np.where(change[:, 3:] == 0.0, change[:, :3], np.nan) / period_s
     if count <= 1 and not hole[0].any():  # what the first sample gives is of the time before it
@@ -362,28 +362,28 @@ def mean_over(held: HeldValues, time_s: Array) -> Array:
     return result
 
 
-def _fractions(record: Mapped, time_s: Array) -> Array:
+def _open_fractions(record: Mapped, time_s: Array) -> Array:
     """Computes the share of the interval from each row for which each jet was open, shape (n, n_jets)."""
     shares = mean_over(record.commands, time_s)
     whole = np.round(shares)  # what is exact stays exact
     return np.where(np.abs(shares - whole) < TOLERANCE, whole, shares)
 
 
-def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
+def _command_columns(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
     """Makes columns of commands by name, shape (n, 1) each: fractions, and onsets of jets that switch within rows."""
     vehicle, part = record.vehicle, record.by.commands
     period_s, opening = vehicle.sample_period_s, None
     told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
-    if part.is_timed and _partial(fractions).any():
+    if part.is_timed and _partly_open(fractions).any():
         opening = onsets(fractions, part.at or vehicle.jet_commands.at, period_s)
     elif _switches_within(record, fractions):
-        opening = _onsets(record.commands, time_s, fractions, period_s)
+        opening = _centered_onsets(record.commands, time_s, fractions, period_s)
     if opening is not None:
         told |= dict(zip(onset_columns(vehicle), opening.T, strict=True))
     return {name: values[:, None] for name, values in told.items()}
 
 
-def _partial(fractions: Array) -> NDArray[np.bool_]:
+def _partly_open(fractions: Array) -> NDArray[np.bool_]:
     """Marks the fractions of jets that are open for a part of a row, in the shape given."""
     return (fractions > 0.0) & (fractions < 1.0)
 
@@ -392,14 +392,14 @@ def _switches_within(record: Mapped, fractions: Array) -> bool:
     """Tests whether valves that are logged as open or closed switch within rows."""
     values = record.commands.values
     whole = np.isin(values, (0.0, 1.0)) | np.isnan(values)
-    return bool(whole.all() and _partial(fractions).any())
+    return bool(whole.all() and _partly_open(fractions).any())
 
 
-def _onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
+def _centered_onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
     """Onsets by which each jet is open about the middle of all its time in a row, s, shape (n, n_jets)."""
     ends_s = np.append(time_s[1:], time_s[-1] + period_s)
     found = np.full_like(fractions, np.nan)
-    for row, jet in np.argwhere(_partial(fractions)).tolist():
+    for row, jet in np.argwhere(_partly_open(fractions)).tolist():
         begin_s, end_s = np.clip((held.begin_s, held.end_s), time_s[row], ends_s[row])
         on_s = (end_s - begin_s) * (held.values[:, jet] > 0.0)
         middle_s = float(on_s @ (0.5 * (begin_s + end_s))) / float(on_s.sum()) - time_s[row]
@@ -408,7 +408,7 @@ def _onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) 
     return found
 
 
-def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
+def _describe_command_gaps(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
     """Describes gaps and ambiguities of the commands."""
     found = []
     held, period_s = record.commands, record.vehicle.sample_period_s
@@ -423,7 +423,7 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
             "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
         )
     if _switches_within(record, fractions):
-        rows = int(_partial(fractions).any(axis=1).sum())
+        rows = int(_partly_open(fractions).any(axis=1).sum())
         found.append(
             f"in {rows} of {time_s.size} rows a jet switches within the row: one that opens more than once there is "
             "taken to be open for as long in one piece"
@@ -434,18 +434,20 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
     return found
 
 
-def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
+def preview_rows(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
     """Formats the first rows as they are understood.
 
     Returns:
         For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by
         designation, of those that are open; None where not known).
     """
-    at_any_time = record.vehicle.needs_pose_filter or comes_faster(record)  # each sample is a row then
+    at_any_time = record.vehicle.needs_pose_filter or is_oversampled(record)  # each sample is a row then
     time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_places(record)]
     shown = time_s[:most]
-    fractions = _fractions(record, time_s)[:most]
-    at = {name: _at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()}
+    fractions = _open_fractions(record, time_s)[:most]
+    at = {
+        name: _readings_at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()
+    }
     rows = []
     for index, time in enumerate(shown.tolist()):
         sensors = {}

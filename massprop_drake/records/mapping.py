@@ -1,7 +1,7 @@
 """Sensor readings and jet commands, and rows of telemetry, from a recording and a map.
 
-`mapped` gives every channel of the map at its own times, in the vehicle's units and axes: poses and attitudes as well
-as rates. `table` makes of them the rows that the estimators read.
+`apply_map` gives every channel of the map at its own times, in the vehicle's units and axes: poses and attitudes as
+well as rates. `table` makes of them the rows that the estimators read.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from massprop_drake.inputs.record_map import (
     WheelMap,
     rotation_of,
 )
-from massprop_drake.inputs.units import factor, is_of
+from massprop_drake.inputs.units import is_unit_of, si_factor
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.blocks import LARGEST
 from massprop_drake.records.channels import HOLE, SAME_S, TOLERANCE, Array, Channel, HeldValues, Mapped, Places
@@ -56,7 +56,7 @@ _KINDS = {
 _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are of no use but for that
 
 
-def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
+def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
     """Applies a map to a recording.
 
     Args:
@@ -68,7 +68,7 @@ def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = 
     Raises:
         InputError: when map, recording and vehicle do not belong together, a clock goes back, or a unit cannot be.
     """
-    _require_of_the_vehicle(by, vehicle, source)
+    _require_vehicle_parts(by, vehicle, source)
     work = _Mapping(recording, by, vehicle, source)
     channels = {name: work.channel(name, sensor) for name, sensor in by.sensors.items()}
     commands = work.commands(by.commands)
@@ -77,7 +77,7 @@ def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = 
     return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes)
 
 
-def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> None:
+def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
     problems = []
     kinds = {package.name: kind for key, kind in _KINDS.items() for package in getattr(vehicle, key)}
     for name, sensor in by.sensors.items():
@@ -173,10 +173,10 @@ class _Mapping:
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
         """Returns times as they are logged, s."""
         if time.column is not None:
-            whole = topic.times_s(time.column, factor(time.unit, "time"), time.date)
+            whole = topic.times_s(time.column, si_factor(time.unit, "time"), time.date)
             if time.fraction is None:
                 return whole
-            return whole + topic.numbers(time.fraction) * factor(time.fraction_unit, "time")
+            return whole + topic.numbers(time.fraction) * si_factor(time.fraction_unit, "time")
         if topic.stamps_s is not None:
             return topic.stamps_s
         if time.differences:  # without any stamp: the steps alone
@@ -192,11 +192,11 @@ class _Mapping:
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
         each = []
         for pair in time.differences:
-            value, size = topic.numbers(pair.value)[places], factor(pair.value_unit, "length", "angle")
+            value, size = topic.numbers(pair.value)[places], si_factor(pair.value_unit, "length", "angle")
             quantum, value = _quantum(value) * size, value * size
-            rate = topic.numbers(pair.rate)[places[1:]] * factor(pair.rate_unit, "velocity", "rate")
+            rate = topic.numbers(pair.rate)[places[1:]] * si_factor(pair.rate_unit, "velocity", "rate")
             step = np.diff(value)
-            if is_of(pair.value_unit, "angle"):
+            if is_unit_of(pair.value_unit, "angle"):
                 step = (step + np.pi) % (2.0 * np.pi) - np.pi
             both = np.isfinite(step) & np.isfinite(rate)
             # each in units of its rounding, so that pairs of unlike quantities weigh alike
@@ -220,7 +220,7 @@ class _Mapping:
                 f"{self._source}: time.differences: the steps scatter by more than {100.0 * SCATTER:g} % about "
                 f"{typical:.4g} s: the rate is no backward difference of the value, or its unit is another"
             )
-        if disagreement(np.array(each)) > AGREE:
+        if step_disagreement(np.array(each)) > AGREE:
             raise InputError(
                 f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
                 "been taken over unlike steps in the same row: one is no backward difference, or of another unit"
@@ -244,27 +244,31 @@ class _Mapping:
         topic = self._recording.topic(self._by.topic_of(sensor))
         gives = ""
         if isinstance(sensor, GyroMap):
-            values = self._vector(topic, sensor, factor(sensor.unit, "rate"), places)
+            values = self._vector(topic, sensor, si_factor(sensor.unit, "rate"), places)
             self._require_rates(name, topic, sensor.unit, values)
         elif isinstance(sensor, AccelerometerMap):
             gives = sensor.gives
-            values = self._vector(topic, sensor, factor(sensor.unit, "velocity", "acceleration") / self._length, places)
+            values = self._vector(
+                topic, sensor, si_factor(sensor.unit, "velocity", "acceleration") / self._length, places
+            )
             self._require_accelerations(name, topic, sensor, values, time_s)
         elif isinstance(sensor, VelocityMap):
-            values = self._vector(topic, sensor, factor(sensor.unit, "velocity") / self._length, places)
+            values = self._vector(topic, sensor, si_factor(sensor.unit, "velocity") / self._length, places)
         elif isinstance(sensor, WheelMap):
-            values = topic.numbers(sensor.speed)[places, None] * factor(sensor.unit, "rate")
+            values = topic.numbers(sensor.speed)[places, None] * si_factor(sensor.unit, "rate")
         elif isinstance(sensor, EngineMap):
             values = topic.numbers(sensor.level)[places, None] / sensor.full
             if sensor.gimbal is not None:
                 angles = np.stack([topic.numbers(one)[places] for one in sensor.gimbal], axis=1)
-                values = np.hstack((values, angles * factor(sensor.unit, "angle")))
+                values = np.hstack((values, angles * si_factor(sensor.unit, "angle")))
         else:
             values = self._attitude(topic, sensor, places)
             self._require_turning(name, topic, sensor, values, time_s)
             if isinstance(sensor, PoseMap):
-                position = self._three(topic, sensor.position, places) * (factor(sensor.unit, "length") / self._length)
-                values = np.hstack([_turned(position, rotation_of(sensor.world_axes)), values])
+                position = self._three(topic, sensor.position, places) * (
+                    si_factor(sensor.unit, "length") / self._length
+                )
+                values = np.hstack([_rotate_vectors(position, rotation_of(sensor.world_axes)), values])
         if not np.isfinite(values).any():
             raise InputError(f"{topic.source}: sensor '{name}' has no reading: every value is missing")
         if sensor.every > 1:
@@ -273,7 +277,7 @@ class _Mapping:
 
     def _anew(self, name: str, topic: Topic, values: Array, every: int) -> Array:
         """Removes readings that only repeat the one before."""
-        rows = changes(values)
+        rows = find_changes(values)
         off = rows[(rows - rows[:1]) % every != 0]
         if off.size:
             raise InputError(
@@ -289,7 +293,7 @@ class _Mapping:
         return np.column_stack([nothing if one is None else topic.numbers(one)[places] for one in columns])
 
     def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
-        return _turned((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
+        return _rotate_vectors((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
 
     def _attitude(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
         """Computes quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
@@ -305,7 +309,7 @@ class _Mapping:
             there = np.isfinite(given).all(axis=1)
             turns = Rotation.from_quat(given[there])
         else:
-            size = factor(sensor.angle_unit, "angle")
+            size = si_factor(sensor.angle_unit, "angle")
             if sensor.heading is not None:
                 given = topic.numbers(sensor.heading)[places, None] * size * np.array([0.0, 0.0, 1.0])
             else:
@@ -331,7 +335,7 @@ class _Mapping:
 
     def _require_unit(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
         off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
-        if _many(off):
+        if _exceeds_spikes(off):
             row = int(np.argmax(off))
             raise InputError(
                 f"{topic.where(int(places[row]))}: {', '.join(columns)} have length {np.linalg.norm(given[row]):.4g}, "
@@ -342,10 +346,10 @@ class _Mapping:
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
-        if not _many(size > limit):
+        if not _exceeds_spikes(size > limit):
             return
         largest = float(size.max())
-        hint = "; it looks like degrees: `unit: deg/s`" if is_of(unit, "rate") and largest / 57.3 <= limit else ""
+        hint = "; it looks like degrees: `unit: deg/s`" if is_unit_of(unit, "rate") and largest / 57.3 <= limit else ""
         raise InputError(
             f"{topic.source}: sensor '{name}' turns at up to {largest:.4g} rad/s as {unit}, more than half a turn "
             f"in a sample of {period_s:g} s or than any gyro measures{hint}"
@@ -355,7 +359,7 @@ class _Mapping:
         cosine = np.abs((values[1:] * values[:-1]).sum(axis=1))
         rates = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)) / np.diff(time_s)
         rates = rates[np.isfinite(rates)]
-        if _many(rates > _FASTEST):
+        if _exceeds_spikes(rates > _FASTEST):
             hint = "" if sensor.quaternion is not None else f"; is {sensor.angle_unit} the unit of its angles?"
             raise InputError(
                 f"{topic.source}: sensor '{name}' turns at up to {rates.max():.4g} rad/s from sample to sample, which "
@@ -371,7 +375,7 @@ class _Mapping:
             steps = np.diff(time_s)[:, None]
             sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
         sizes = sizes[np.isfinite(sizes).all(axis=1)]
-        if _many(sizes.max(axis=1, initial=0.0) > most):
+        if _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
             raise InputError(
                 f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
                 f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "
@@ -393,19 +397,19 @@ class _Mapping:
             values = self._from_columns(topic, part, part.columns, places)
         if part.missing == "off":
             values = np.nan_to_num(values, nan=0.0)
-        return _held(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
+        return _hold_values(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
 
     def held(self, part: Any) -> HeldValues:
         """Reads a known outside force or torque, which acts from its row on."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
-        force = is_of(part.unit, "force")
-        size = factor(part.unit, "force", "torque") / (self._force if force else self._force * self._length)
-        return _held(time_s, self._vector(topic, part, size, places))
+        force = is_unit_of(part.unit, "force")
+        size = si_factor(part.unit, "force", "torque") / (self._force if force else self._force * self._length)
+        return _hold_values(time_s, self._vector(topic, part, size, places))
 
     def _from_columns(self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places) -> Array:
-        timed = is_of(part.unit, "time")
-        size = factor(part.unit, "time", "number")
+        timed = is_unit_of(part.unit, "time")
+        size = si_factor(part.unit, "time", "number")
         full = self._vehicle.sample_period_s if timed else 1.0
         on = full if part.on is None else part.on * size
         off = part.off * size
@@ -454,7 +458,7 @@ class _Mapping:
         texts = topic.texts(part.listed.column)
         values = np.zeros((places.size, len(jets)))
         for row, place in enumerate(places):
-            for word in words(texts[place]):
+            for word in split_jet_list(texts[place]):
                 if word.lower() not in names:
                     known = [part.listed.names.get(jet) or jet for jet in jets]
                     raise InputError(
@@ -465,7 +469,7 @@ class _Mapping:
         return values
 
 
-def disagreement(steps: Array) -> float:
+def step_disagreement(steps: Array) -> float:
     """Computes the median relative difference between the steps by several pairs; 0 of one pair alone.
 
     Args:
@@ -478,23 +482,23 @@ def disagreement(steps: Array) -> float:
     return float(np.median(apart) / np.abs(np.nanmedian(both)))
 
 
-def changes(values: Array) -> Places:
+def find_changes(values: Array) -> Places:
     """Finds rows whose values, shape (n, m), differ from those of the row before."""
     with np.errstate(invalid="ignore"):
         return np.flatnonzero((np.abs(np.diff(values, axis=0)) > 0.0).any(axis=1)) + 1
 
 
-def words(text: str) -> list[str]:
+def split_jet_list(text: str) -> list[str]:
     """Splits a list of jets into names: separators are neither letter, digit nor underscore."""
     return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
 
 
-def _many(flags: NDArray[np.bool_]) -> bool:
+def _exceeds_spikes(flags: NDArray[np.bool_]) -> bool:
     """Tests whether more flags are set than a few spikes would set."""
     return bool(flags.sum() > min(max(_SHARE * flags.size, _SPIKES), 0.5 * flags.size))
 
 
-def _turned(vectors: Array, matrix: Array) -> Array:
+def _rotate_vectors(vectors: Array, matrix: Array) -> Array:
     """Rotates vectors into other axes; a component is NaN where one that it is made of is."""
     missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
@@ -511,7 +515,7 @@ def _quantum(values: Array) -> float:
     return max(1e-12 * largest, 1e-300)
 
 
-def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
+def _hold_values(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
     """Makes values that hold from their time until the next; with `until`, from the previous time to their own."""
     if time_s.size == 1 and on_change and not until:
         return HeldValues(time_s, np.array([math.inf]), values)

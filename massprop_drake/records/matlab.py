@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.completeness import Loss
-from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, needs, plainly
+from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, format_item, missing_extra
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEADER, _MATRIX, _COMPRESSED = 128, 14, 15  # length of the header, and types of variables, to version 7
@@ -33,7 +33,7 @@ _DAMAGED = (
 _SIGNATURE_AT = (0, 512)  # a .mat file of version 7.3 has a header of its own before it
 
 
-def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     """Reads a .mat file: structures are topics, arrays of equal length their columns.
 
     A matrix with a column per component gives `name[0]`, `name[1]`, ...
@@ -50,10 +50,10 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     hdf = any(start[at:].startswith(_SIGNATURE) for at in _SIGNATURE_AT)
     if not hdf and start.startswith(b"MATLAB 7.3"):
         raise InputError(f"{path}: not a .mat file that can be read: it is cut off")
-    content = _hdf(path, losses) if hdf else _classic(path, losses)
+    content = _read_hdf(path, losses) if hdf else _read_classic(path, losses)
     topics, left_out = {}, []
-    for name, variables in _by_topic(content).items():
-        columns, others = _columns(variables, rows)
+    for name, variables in _group_by_topic(content).items():
+        columns, others = _select_columns(variables, rows)
         if columns:
             topics[name] = Topic(f"{path}{f', {name}' if name else ''}", columns)
         left_out += [f"{name}.{other}" if name else other for other in others]
@@ -65,13 +65,13 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     return Recording(str(path), "mat", topics, notes=notes, sha256=digest(path), losses=tuple(losses))
 
 
-def _classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
+def _read_classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
     """Reads the variables of a file up to version 7, each by itself, so that damaged ones can be left out."""
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
     found: dict[str, Any] = {}
-    for begin, part in _variables(path, losses):
+    for begin, part in _split_variables(path, losses):
         try:
             found |= loadmat(io.BytesIO(part), simplify_cells=True)
         except (MatReadError, zlib.error, *_DAMAGED) as error:
@@ -82,7 +82,7 @@ def _classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
+def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
     """Yields files of one variable each, with its place in the whole; of version 4, without lengths, the file at 0.
 
     scipy's compiled reader is not safe from damaged lengths, so that no variable reaches it that is not whole.
@@ -110,17 +110,17 @@ def _variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
         losses.append(Loss("truncated", f"{path}: is cut off: it has no variable"))
 
 
-def _hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
+def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
     try:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
-        raise needs(path, "h5py", "mat", "a .mat file of version 7.3") from None
+        raise missing_extra(path, "h5py", "mat", "a .mat file of version 7.3") from None
     found = {}
     try:
         with h5py.File(path, "r") as file:
             for name in [one for one in file if not one.startswith("#")]:
                 try:
-                    found[name] = _of_hdf(h5py, file, file[name])
+                    found[name] = _hdf_value(h5py, file, file[name])
                 except _DAMAGED as error:
                     losses.append(Loss("damaged", f"{path}: {name} is damaged, and left out: {_first_line(error)}"))
     except _DAMAGED as error:
@@ -131,16 +131,16 @@ def _hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
     return found
 
 
-def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
+def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
     """Returns a variable as scipy would: MATLAB writes arrays with their dimensions reversed."""
     if item is None:
         raise ValueError("a variable is lost")
     if isinstance(item, h5py.Group):
-        return {name: _of_hdf(h5py, file, inner) for name, inner in item.items()}
+        return {name: _hdf_value(h5py, file, inner) for name, inner in item.items()}
     if item.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
     if h5py.check_dtype(ref=item.dtype) is not None:  # a cell array
-        cells = [_of_hdf(h5py, file, file[reference]) for reference in np.asarray(item).T.ravel()]
+        cells = [_hdf_value(h5py, file, file[reference]) for reference in np.asarray(item).T.ravel()]
         found = np.empty(len(cells), dtype=object)
         found[:] = cells
         return found
@@ -150,12 +150,12 @@ def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
     return values.squeeze() if values.ndim > 1 and 1 in values.shape else values
 
 
-def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Groups variables by topic: those at the top, of topic "", and those of each structure or array of structures."""
     topics: dict[str, dict[str, Any]] = {"": {}}
     for name, value in content.items():
         if isinstance(value, dict):
-            topics[name] = dict(_flat(value))
+            topics[name] = dict(_flatten_fields(value))
         elif (rows := _structures(value)) is not None:
             topics[name] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
         else:
@@ -175,17 +175,17 @@ def _is_numeric(value: Any) -> bool:
     return np.asarray(value).dtype.kind in "biuf"
 
 
-def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _flatten_fields(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in fields.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{before}{name}.")
+            yield from _flatten_fields(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
 
 
-def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
+def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
     """Selects columns of the commonest length; also returns what is left out, but single values, with reasons."""
-    arrays = {name: _tall(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
+    arrays = {name: _squeeze(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
     lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1 and _is_table(one))
     length = max(lengths, key=lambda one: (lengths[one], one), default=0)
     columns: dict[str, Column] = {}
@@ -195,7 +195,7 @@ def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Col
         if not value.ndim and value.dtype != object:
             continue
         if not _is_table(value):
-            left_out.append(f"{name} ({_kind(value)})")
+            left_out.append(f"{name} ({_why_no_column(value)})")
         elif len(tall) != length or tall.ndim > 2:
             shape = " x ".join(map(str, value.shape))
             left_out += [f"{name} (of {shape} values)"] if value.size > 1 else []
@@ -204,7 +204,7 @@ def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Col
         elif tall.ndim == 2:
             columns |= {f"{name}[{index}]": tall[:rows, index] for index in range(tall.shape[1])}
         elif tall.dtype == object:
-            columns[name] = _cells(tall[:rows])
+            columns[name] = _cell_column(tall[:rows])
         else:
             columns[name] = tall[:rows] if tall.dtype.kind in "biuf" else tall[:rows].astype(object)
     return columns, left_out
@@ -227,7 +227,7 @@ def _is_table(value: Any) -> bool:
     return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)
 
 
-def _kind(value: Any) -> str:
+def _why_no_column(value: Any) -> str:
     """Returns the reason for which an array gives no columns."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"
@@ -236,17 +236,17 @@ def _kind(value: Any) -> str:
     return "complex numbers" if value.dtype.kind == "c" else "objects"
 
 
-def _tall(value: Any) -> Any:
+def _squeeze(value: Any) -> Any:
     """Removes dimensions of one from an array."""
     return value.squeeze() if value.ndim > 1 and 1 in value.shape else value
 
 
-def _cells(values: Any) -> Column:
+def _cell_column(values: Any) -> Column:
     """Makes a column of cells: numbers if each has one, else text, arrays of numbers with blanks between them."""
     cells = [np.ravel(one) for one in values]
     if all(one.size == 1 and _is_numeric(one) for one in cells):
         return np.array([float(one[0]) for one in cells])
-    return np.array([" ".join(map(plainly, one)) for one in cells], object)
+    return np.array([" ".join(map(format_item, one)) for one in cells], object)
 
 
 def _first_line(error: Exception) -> str:

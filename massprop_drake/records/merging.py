@@ -71,12 +71,12 @@ class MergedTable:
         twice = [str(path) for number, path in enumerate(paths) if path in paths[:number]]
         if twice:
             raise InputError(f"{twice[0]}: is given twice; give each file once")
-        self._parts = [_opened(Path(path)) for path in paths]
+        self._parts = [_open_source(Path(path)) for path in paths]
         self.source = " + ".join(part.source for part in self._parts)
-        self._owner = _owners(self._parts)
+        self._owner = _column_owners(self._parts)
         _require_one_clock(self._parts)
         self.header = ["time_s", *self._owner]
-        self._time_s = _union([part.time_s for part in self._parts])
+        self._time_s = _merge_times([part.time_s for part in self._parts])
         span_s = float(self._time_s[-1] - self._time_s[0])
         self.rows_per_s = (self._time_s.size - 1) / span_s if span_s > 0.0 else 0.0
         self.ragged, self.notes = Ragged(), list[str]()
@@ -135,7 +135,7 @@ class MergedTable:
         self.ragged.last_incomplete |= table.ragged.last_incomplete
         lines = np.concatenate([block.lines for block in blocks])
         read = np.concatenate([block.values for block in blocks])
-        kept = _advancing(read[:, 0])
+        kept = _advancing_rows(read[:, 0])
         if kept.size < len(read):
             left = counted(len(read) - kept.size, "row")
             self.notes.append(f"{part.source}: {left} left out that have no time, or whose time does not go on")
@@ -154,7 +154,7 @@ class MergedTable:
             values[:, told] = np.where(since[:, None] >= 0, own[np.maximum(since, 0)][:, jets], np.nan)
 
 
-def _opened(path: Path) -> _SourceFile:
+def _open_source(path: Path) -> _SourceFile:
     """Reads a telemetry file's header and row times."""
     table = open_table(path)
     try:
@@ -166,20 +166,20 @@ def _opened(path: Path) -> _SourceFile:
     finally:
         table.close()
     times = np.concatenate([np.empty(0), *every])
-    times = times[_advancing(times)]
+    times = times[_advancing_rows(times)]
     if times.size < 2:
         raise InputError(f"{path}: has {counted(times.size, 'row')} with a time of its own; expected two at least")
     return _SourceFile(table.source, path, table.header, table.place, times, float(np.median(np.diff(times))))
 
 
-def _advancing(times: Array) -> NDArray[np.int_]:
+def _advancing_rows(times: Array) -> NDArray[np.int_]:
     """Selects rows whose time is later than that of every row before."""
     latest = np.maximum.accumulate(np.nan_to_num(times, nan=-np.inf))
     before = np.append(-np.inf, latest[:-1])
     return np.flatnonzero(np.nan_to_num(times, nan=-np.inf) > before + _SAME_S)
 
 
-def _owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
+def _column_owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
     """Returns the number of the file of each column; raises InputError for one that two files have."""
     owner: dict[str, int] = {}
     for number, part in enumerate(parts):
@@ -198,7 +198,7 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
         (a0, a1), (b0, b1) = ((float(part.time_s[0]), float(part.time_s[-1])) for part in (one, other))
         spans = f"it runs from {moment(b0)} to {moment(b1)} s, {one.source} from {moment(a0)} to {moment(a1)} s"
         ratio = (b1 - b0) / (a1 - a0)
-        if max(ratio, 1.0 / ratio) > _OTHER_UNIT and (units := factors.near(ratio, factors.of_times())):
+        if max(ratio, 1.0 / ratio) > _OTHER_UNIT and (units := factors.factors_near(ratio, factors.time_factors())):
             raise InputError(f"{other.source}: its clock runs {ratio:.4g} times as fast: {spans}; {units[0].words}?")
         late, end_late = b0 - a0, b1 - a1
         shared = min(a1, b1) - max(a0, b0)
@@ -211,7 +211,7 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
             )
 
 
-def _union(every: Sequence[Array]) -> Array:
+def _merge_times(every: Sequence[Array]) -> Array:
     """Merges all times, ascending, those that are the same once."""
     times = np.unique(np.concatenate(every))
     return times[np.append(True, np.diff(times) > _SAME_S)]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.units import factor
+from massprop_drake.inputs.units import si_factor
 from massprop_drake.records.text_files import unit_in
 
 # units as the last word of a name has them, besides those that `inputs.units` knows
@@ -132,9 +132,9 @@ def read_name(column: str, unit: str = "") -> ColumnName:
     if bracket and not bracket.group(1).isdigit():
         unit, rest = unit_in(bracket.group(1)) or unit, rest[: bracket.start()]
     indexed = re.search(r"\[(\d+)\]", rest)
-    words = _words(re.sub(r"\[\d+\]", "", rest))
+    words = _split_words(re.sub(r"\[\d+\]", "", rest))
     if not unit:
-        unit = _taken_unit(words)
+        unit = _take_unit(words)
     axis = -1
     turn = _QUATERNION.fullmatch("_".join(words[-2:]) if len(words) > 1 else "".join(words))
     if turn is not None and not (words == ["q"] and not indexed) and not set(words) & _NO_READINGS:
@@ -161,7 +161,7 @@ def read_name(column: str, unit: str = "") -> ColumnName:
     return ColumnName(column, tuple(words), axis, unit, indexed is not None)
 
 
-def _words(text: str) -> list[str]:
+def _split_words(text: str) -> list[str]:
     """Splits a name into lowercase words at punctuation and capitals; a speed of roll, pitch or yaw is a rate."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     text = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", text)
@@ -169,7 +169,7 @@ def _words(text: str) -> list[str]:
     return [word for word in re.split(r"[^A-Za-z0-9µ°%]+", text.lower()) if word]
 
 
-def _taken_unit(words: list[str]) -> str:
+def _take_unit(words: list[str]) -> str:
     """Takes the unit at the end of a name from the list of its words; "": none."""
     if len(words) > 3 and words[-2] == "per" and (words[-3], words[-1]) in _QUOTIENTS:
         unit = _QUOTIENTS[words[-3], words[-1]]
@@ -184,7 +184,7 @@ def _taken_unit(words: list[str]) -> str:
     return unit
 
 
-def kind_of(name: ColumnName) -> str:
+def column_quantity(name: ColumnName) -> str:
     """Finds the quantity that a column measures by its words, as `WORDS` has it; "": not known."""
     said = set(name.words)
     if said & _NO_READINGS or ("angular" in said and said & WORDS["accelerometer"]) or "angle" in said:
@@ -197,10 +197,10 @@ def kind_of(name: ColumnName) -> str:
     return "" if name.words else "position"
 
 
-def factor_or_none(unit: str, kind: str) -> float | None:
+def si_factor_or_none(unit: str, kind: str) -> float | None:
     """Returns the factor from a unit to SI; None where it measures another kind of quantity, or is no unit."""
     try:
-        return factor(unit, kind)
+        return si_factor(unit, kind)
     except InputError:
         return None
 
@@ -239,7 +239,7 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
     families: dict[tuple[str, ...], dict[str, str]] = {}
     counted: dict[tuple[str, ...], dict[int, str]] = {}
     for column, tokens in split.items():
-        for (begin, end), designation in _found(tokens, called):
+        for (begin, end), designation in _find_designations(tokens, called):
             families.setdefault((*tokens[:begin], "", *tokens[end:]), {}).setdefault(designation, column)
         for place, token in enumerate(tokens):
             if token.isdigit():
@@ -286,7 +286,9 @@ def _tokens(name: str) -> tuple[str, ...]:
     return tuple(one.lstrip("0") or "0" if one.isdigit() else one for one in re.findall(r"[a-zµ°%]+|\d+", text))
 
 
-def _found(tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]) -> list[tuple[tuple[int, int], str]]:
+def _find_designations(
+    tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]
+) -> list[tuple[tuple[int, int], str]]:
     """Finds jet designations in the tokens of a name, the longest alone: their place (begin, end), and which."""
     for length in sorted({len(one) for one in called}, reverse=True):
         places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]

@@ -55,7 +55,7 @@ class Proposal(NamedTuple):
     warnings: Sequence[str] = ()
 
 
-def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
+def make_proposal(recording: Recording, vehicle: Vehicle) -> Proposal:
     """Proposes a map from a recording's columns to a vehicle's sensors and jets.
 
     Args:
@@ -151,7 +151,7 @@ class RecordingSearch(SensorSearch):
 
     def in_px4(self) -> None:
         """Takes the topics that PX4 logs, in its frame: forward, right, down."""
-        topics = {_base(name): name for name in reversed(list(self.recording.topics))}
+        topics = {_base_topic(name): name for name in reversed(list(self.recording.topics))}
         for base, column, what in _PX4_RATES:
             if self._px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
                 break
@@ -264,5 +264,5 @@ def _has_numbers(values: NDArray[Any]) -> bool:
     return bool(values.dtype.kind in "biuf" and np.isfinite(values).any())
 
 
-def _base(topic: str) -> str:
+def _base_topic(topic: str) -> str:
     return topic.rpartition("/")[2] if topic.startswith("/") else topic.partition("/")[0]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.topics import Recording
 
@@ -39,7 +39,9 @@ class Made(NamedTuple):
     assumed: list[str]
 
 
-def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tuple[float, float, float] | None) -> Made:
+def vehicle_from_log(
+    recording: Recording, name: str, mass: float | None, inertia: tuple[float, float, float] | None
+) -> Made:
     """Makes a vehicle file from the parameters of a PX4 log.
 
     A thruster's axis is the direction of the force on the vehicle, its coefficient the thrust in N at full command, in
@@ -65,7 +67,7 @@ def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tup
         raise InputError(f"{recording.source}: PX4 logs neither mass nor inertia: give --mass and --inertia")
     jets, assumed = _jets(recording, count)
     period_s = _period_s(recording)
-    gyro_noise = _white(recording, _RATES, "xyz")
+    gyro_noise = _white_noise_std(recording, _RATES, "xyz")
     if gyro_noise is None:
         raise InputError(f"{recording.source}: has no topic {_RATES}, and so no gyro")
     data: dict[str, Any] = {
@@ -87,7 +89,7 @@ def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tup
         f"sample_period_s is the median interval of {_COMMANDS} or of the rates, whichever is longer",
         "the gyro's noise is what successive readings differ by",
     ]
-    increments = _white(recording, _IMU, "delta_velocity")
+    increments = _white_noise_std(recording, _IMU, "delta_velocity")
     if increments is not None:
         position = [found.get(f"EKF2_IMU_POS_{axis}", 0.0) for axis in "XYZ"]
         data["accelerometers"] = [{"name": "imu", "position": position, "noise_std": increments}]
@@ -98,7 +100,7 @@ def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tup
     }
     assumed.append("a specific impulse of 60 s (cold gas), no lag, and thrusts known to 10 % are assumed")
     data["jets"] = jets
-    validated(Vehicle, data, source=f"vehicle of {recording.source}")
+    validate_data(Vehicle, data, source=f"vehicle of {recording.source}")
     return Made(data, assumed)
 
 
@@ -112,7 +114,7 @@ def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[
             if name not in recording.parameters:
                 defaulted.add(what)
             values[what] = recording.parameters.get(name, default)
-        axis = [_rounded(values[f"A{letter}"]) for letter in "XYZ"]
+        axis = [_round_to_float32(values[f"A{letter}"]) for letter in "XYZ"]
         length = math.hypot(*axis)
         if length < 1e-6 or values["CT"] <= 0.0:
             raise InputError(
@@ -125,9 +127,9 @@ def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[
                 "designation": f"T{index}",
                 "cluster": index + 1,
                 "kind": "thruster",
-                "position": [_rounded(values[f"P{letter}"]) for letter in "XYZ"],
+                "position": [_round_to_float32(values[f"P{letter}"]) for letter in "XYZ"],
                 "direction": [one / length for one in axis],
-                "thrust": _rounded(values["CT"]),
+                "thrust": _round_to_float32(values["CT"]),
             }
         )
     reach = max(float(np.linalg.norm(jet["position"])) for jet in jets)
@@ -141,7 +143,7 @@ def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[
     return jets, assumed
 
 
-def _rounded(value: float) -> float:
+def _round_to_float32(value: float) -> float:
     """Rounds a parameter to the digits of a 32-bit float."""
     return float(f"{value:.7g}")
 
@@ -158,7 +160,7 @@ def _period_s(recording: Recording) -> float:
     return float(f"{max(intervals):.6g}")
 
 
-def _white(recording: Recording, topic: str, column: str) -> float | None:
+def _white_noise_std(recording: Recording, topic: str, column: str) -> float | None:
     """Estimates 1-sigma of white noise by the median difference of successive readings; None where there are none."""
     there = recording.topics.get(topic)
     if there is None or f"{column}[0]" not in there.columns or there.rows < 3:

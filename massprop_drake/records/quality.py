@@ -109,7 +109,7 @@ class QualityReport:
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[Ratio]] = {name: [] for name in names}
-        self._weighs = params.weighs(scenario)
+        self._weighs = params.mass_is_observable(scenario)
         filters = ["rotation", *(["mass"] if self._weighs else [])]
         self._filter, self._at_stamps = scenario.estimation.filter, scenario.joint.switching == "stamps"
         self._own_times = params.steps_by_readings(scenario)

@@ -246,10 +246,10 @@ def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
     """Names the likely cause of a scale factor."""
     if slope <= 0.0:
         return "; it looks like a wrong sign or wrong axes"
-    found = factors.near(slope, known)
+    found = factors.factors_near(slope, known)
     return f"; it looks like {found[0].name}" if found else ""
 
 
-def from_to(entry: dict[str, Any]) -> str:
+def format_stretch(entry: dict[str, Any]) -> str:
     """Formats a stretch of time, such as "from 1 to 2 s"."""
     return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"

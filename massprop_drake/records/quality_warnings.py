@@ -11,8 +11,8 @@ from massprop_drake.errors import counted, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Accelerometer
-from massprop_drake.maths.signals import SYMBOLS, in_units
-from massprop_drake.records.quality_measures import Array, Package, could_be_off_nominal, from_to, likely_cause
+from massprop_drake.maths.signals import SYMBOLS, fill_unit_template
+from massprop_drake.records.quality_measures import Array, Package, could_be_off_nominal, format_stretch, likely_cause
 
 LISTED = 5  # of each kind, in warnings
 _PERIOD_DIFFERS = 0.005  # of the sample period
@@ -53,16 +53,16 @@ class KnownOfRecord(NamedTuple):
 def warnings_of(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Composes the warnings of a record's quality."""
     return [
-        *_about_units(quality, known),
-        *_about_rows(quality, known),
-        *_about_sensors(quality, known),
-        *_about_samples(quality, known),
+        *_unit_warnings(quality, known),
+        *_row_warnings(quality, known),
+        *_sensor_warnings(quality, known),
+        *_sample_warnings(quality, known),
         *known.about_commands,
-        *_about_tests(known),
+        *_test_warnings(known),
     ]
 
 
-def _about_tests(known: KnownOfRecord) -> list[str]:
+def _test_warnings(known: KnownOfRecord) -> list[str]:
     """Explains why no sample was tested for failed jets, if none was."""
     if known.tested or not known.detects:
         return []
@@ -88,7 +88,7 @@ def _about_tests(known: KnownOfRecord) -> list[str]:
     ]
 
 
-def _about_units(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     found = []
     blamed: dict[tuple[str, ...], list[str]] = {}
     for entry in known.packages:
@@ -101,10 +101,10 @@ def _about_units(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
         if jets:
             blamed.setdefault(tuple(jets), []).append(name)
             continue
-        unit, usual = "rad/s", factors.of_rates(known.vehicle.sample_period_s)
+        unit, usual = "rad/s", factors.rate_factors(known.vehicle.sample_period_s)
         if isinstance(entry.package, Accelerometer):
-            unit = in_units("{length}/s", known.vehicle.unit_names)
-            usual = factors.of_velocities(known.vehicle.units, known.vehicle.sample_period_s)
+            unit = fill_unit_template("{length}/s", known.vehicle.unit_names)
+            usual = factors.velocity_factors(known.vehicle.units, known.vehicle.sample_period_s)
         found.append(
             f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
             f"body axes{likely_cause(slope, usual)}"
@@ -117,7 +117,7 @@ def _about_units(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     return found
 
 
-def _about_rows(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     found = []
     gaps = quality["gaps"]
     if gaps["count"]:
@@ -147,7 +147,7 @@ def _about_rows(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     return found
 
 
-def _about_actuators(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Warns of engines and wheels that a record does not cover."""
     found, absent = list[str](), quality["absent_sensors"]
     for engine in known.vehicle.engines:
@@ -161,7 +161,7 @@ def _about_actuators(quality: dict[str, Any], known: KnownOfRecord) -> list[str]
     return found
 
 
-def _about_sensors(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     found = []
     for name, count in quality["missing"].items():
         if count:
@@ -170,15 +170,15 @@ def _about_sensors(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
         found.append("the vehicle has no accelerometer: its mass is not observable")
     elif known.accelerometers and set(known.accelerometers) <= set(quality["absent_sensors"]):
         found.append("the record has no accelerometer: the mass is not observable in it")
-    found += _about_actuators(quality, known)
+    found += _actuator_warnings(quality, known)
     for entry in quality["unanswered"][:LISTED]:
         found.append(
-            f"{', '.join(entry['jets'])} told to fire {from_to(entry)}, but no "
+            f"{', '.join(entry['jets'])} told to fire {format_stretch(entry)}, but no "
             f"sensor shows it: jets that did not fire, not sensors that stood still"
         )
     for entry in quality["stuck"][:LISTED]:
         found.append(
-            f"{entry['sensor']}_{entry['axis']} stands still {from_to(entry)} "
+            f"{entry['sensor']}_{entry['axis']} stands still {format_stretch(entry)} "
             f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
         )
     if known.n_stuck > LISTED:
@@ -200,7 +200,7 @@ def _about_sensors(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     return found
 
 
-def _about_samples(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+def _sample_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
     found = []
     for name, counts in quality["samples"].items():

@@ -22,8 +22,8 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.signals import AXES
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.blocks import Block, Table
-from massprop_drake.records.cadence import FIRST_INTERVALS, Cadence, HeldRows, any_told
-from massprop_drake.records.command_scales import CommandTally, hint_about
+from massprop_drake.records.cadence import FIRST_INTERVALS, Cadence, HeldRows, rows_with_values
+from massprop_drake.records.command_scales import CommandTally, scale_hint
 from massprop_drake.records.completeness import Loss
 from massprop_drake.records.rows import (
     WRENCH,
@@ -32,10 +32,10 @@ from massprop_drake.records.rows import (
     Flags,
     Record,
     Rows,
-    columns,
     jet_columns,
     on_time_columns,
     onset_columns,
+    telemetry_columns,
 )
 from massprop_drake.records.tables import CsvTable, open_table
 
@@ -92,7 +92,7 @@ class Reader:
         self._period_s = vehicle.sample_period_s
         self.own_times = False
         if isinstance(telemetry, (str, Path)):
-            self._table = _opened(telemetry, stream, rows_per_block)
+            self._table = _open_telemetry(telemetry, stream, rows_per_block)
         else:
             self._table = telemetry
         self.source = self._table.source
@@ -185,7 +185,7 @@ class Reader:
                 if not any(lacking in problem for problem in problems):
                     problems.append(
                         f"{self.source}: has column '{there[0]}' but no '{lacking}'; give all three axes or none"
-                        + meant(lacking, present - used)
+                        + suggest_column(lacking, present - used)
                     )
             elif there and not problems:
                 self._sensor_places[package.name] = place(names)
@@ -208,8 +208,10 @@ class Reader:
         opening = onset_columns(vehicle)
         self._opening = [jet for jet, name in enumerate(opening) if name in present]
         self._opening_places = place(opening[jet] for jet in self._opening)
-        known = [name for name in [*columns(vehicle), *WRENCH] if name not in present]
-        self.record.unknown = {name: _close(name, known) for name in dict.fromkeys(header) if name and name not in used}
+        known = [name for name in [*telemetry_columns(vehicle), *WRENCH] if name not in present]
+        self.record.unknown = {
+            name: _closest_name(name, known) for name in dict.fromkeys(header) if name and name not in used
+        }
 
     @property
     def _own_sensor(self) -> str:
@@ -223,8 +225,8 @@ class Reader:
         if not missing:
             return []
         shown = ", ".join(missing[:_FEW]) + (f" and {len(missing) - _FEW} more" if len(missing) > _FEW else "")
-        strange = present - set(columns(self._vehicle))
-        hint = next((hint for hint in (meant(name, strange) for name in missing) if hint), "")
+        strange = present - set(telemetry_columns(self._vehicle))
+        hint = next((hint for hint in (suggest_column(name, strange) for name in missing) if hint), "")
         return [
             f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
             f"'{self._vehicle.name}' needs time_s, {self._own_sensor} and a column for each jet"
@@ -290,7 +292,7 @@ class Reader:
             return
         row, jet = np.argwhere(wrong)[0]
         value, column = float(commands[row, jet]), f"jet_{self._vehicle.designations[jet]}"
-        hint = hint_about(commands, self._period_s)
+        hint = scale_hint(commands, self._period_s)
         raise InputError(
             f"{self._table.where(int(block.lines[row]), column)}, column {column}: "
             f"{value:g} is no fraction of 0 to 1{hint}"
@@ -350,7 +352,7 @@ class Reader:
             end = ends[bisect.bisect_left(ends, index)]
             before = self._last_s if index == 0 else times[index - 1]
             if end > index and not self._awaiting and self._last_s == before:
-                self._count_steps(steps[index:end], _added_up(self.record.interval_sum_s, steps[index:end]))
+                self._count_steps(steps[index:end], _accumulate_steps(self.record.interval_sum_s, steps[index:end]))
                 taken.extend(range(index, end))
                 self._last_s, self._late_in_a_row = float(times[end - 1]), 0
                 index = end
@@ -448,7 +450,7 @@ class Reader:
         median = float(np.median(self._first_steps))
         off = median > _HOLE * self._period_s if seldom else abs(median - self._period_s) > JITTER * self._period_s
         if off:
-            units = [one.words for one in factors.near(median / self._period_s, factors.of_times())]
+            units = [one.words for one in factors.factors_near(median / self._period_s, factors.time_factors())]
             looks = f", as with {units[0]}" if units else ""
             raise InputError(
                 f"{self.source}: rows are {median:.6g} s apart, but the sample period of vehicle "
@@ -487,7 +489,7 @@ class Reader:
         commands = np.clip(commands, 0.0, 1.0)
         own: Flags | None = None
         if self.own_times:
-            own, told = any_told(commands), (commands, onsets_s, outside)
+            own, told = rows_with_values(commands), (commands, onsets_s, outside)
             commands, onsets_s, outside = self._held.over(times, recorded, told, self._period_s)
         if outside is not None:
             outside = np.nan_to_num(outside)
@@ -520,24 +522,24 @@ class Reader:
         return np.where(missing, np.nan, velocity)
 
 
-def _added_up(start: float, steps: Array) -> float:
+def _accumulate_steps(start: float, steps: Array) -> float:
     """Adds steps to a sum in their order, so that it rounds as row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
-def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
+def _open_telemetry(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
     if stream is not None or str(telemetry) == "-":
         return CsvTable(stream or sys.stdin.buffer, "standard input", 1)
     return open_table(Path(telemetry), rows_per_block=rows_per_block)
 
 
-def _close(word: str, valid: Iterable[str]) -> str:
+def _closest_name(word: str, valid: Iterable[str]) -> str:
     by_lower = {name.lower(): name for name in valid}
     found = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.75)
     return by_lower[found[0]] if found else ""
 
 
-def meant(missing: str, strange: Iterable[str]) -> str:
+def suggest_column(missing: str, strange: Iterable[str]) -> str:
     """Returns a hint when a column that is there looks like the missing one; "": none does."""
-    found = _close(missing, strange)
+    found = _closest_name(missing, strange)
     return f" (is '{found}' meant to be '{missing}'?)" if found else ""

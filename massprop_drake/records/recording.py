@@ -16,7 +16,15 @@ from massprop_drake.records.completeness import Loss
 from massprop_drake.records.parquet import open_parquet, parquet_batches
 from massprop_drake.records.tables import require_file
 from massprop_drake.records.text_files import CHUNK, read_text_file
-from massprop_drake.records.topics import Column, Recording, Topic, besides, digest, require_few, spread
+from massprop_drake.records.topics import (
+    Column,
+    Recording,
+    Topic,
+    digest,
+    require_few_columns,
+    split_lists,
+    unwanted_columns,
+)
 
 _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
@@ -83,11 +91,11 @@ def _has_a_bag(path: Path) -> bool:
         return False
 
 
-def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     pyarrow, file = open_parquet(path)
     every = names = file.schema_arrow.names
     if by is None:
-        require_few(path, every)
+        require_few_columns(path, every)
     else:
         read = {name.partition("[")[0] for name in by.columns} | by.columns
         names = [name for name in names if name in read]
@@ -106,16 +114,16 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _arrow_column(pyarrow, name, table.column(name))
-        notes = _from_the_first(columns)
+        notes = _convert_dates_to_seconds(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
         first_line = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{path}: not a Parquet file that can be read: {first_line}") from None
     lines = np.concatenate([*places, np.empty(0, np.int64)])[: table.num_rows]
-    topic = Topic(str(path), columns, lines=lines, unread=besides(every, names))
+    topic = Topic(str(path), columns, lines=lines, unread=unwanted_columns(every, names))
     return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path), losses=tuple(losses))
 
 
-def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
+def _convert_dates_to_seconds(columns: dict[str, Column]) -> tuple[str, ...]:
     """Converts date columns in place to seconds from the first second of them; returns notes of this."""
     dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
     firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
@@ -135,7 +143,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     if types.is_timestamp(kind):
         return {name: column.cast(arrow.timestamp("ns")).to_numpy()}
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        return spread(name, column.to_pylist())
+        return split_lists(name, column.to_pylist())
     if types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind):
         return {name: np.array([one or "" for one in column.to_pylist()], dtype=object)}
     if types.is_integer(kind) and not column.null_count:
@@ -145,30 +153,30 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     return {}
 
 
-def _mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.matlab import read  # noqa: PLC0415 (scipy is slow to load)
+def _read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.matlab import read_mat as read  # noqa: PLC0415 (scipy is slow to load)
 
     return read(path, by, rows)
 
 
-def _ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.ulog import read  # noqa: PLC0415
+def _read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.ulog import read_ulog as read  # noqa: PLC0415
 
     return read(path, by, rows)
 
 
-def _bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.bags import read  # noqa: PLC0415
+def _read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.bags import read_bag as read  # noqa: PLC0415
 
     return read(path, by, rows)
 
 
 _READERS: dict[str, Callable[[Path, RecordMap | None, int | None], Recording]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt"), read_text_file),
-    **dict.fromkeys((".parquet", ".pq"), _parquet),
-    ".mat": _mat,
-    **dict.fromkeys((".ulg", ".ulog"), _ulog),
-    **dict.fromkeys((".bag", ".mcap", ".db3", ""), _bag),
+    **dict.fromkeys((".parquet", ".pq"), _read_parquet),
+    ".mat": _read_mat,
+    **dict.fromkeys((".ulg", ".ulog"), _read_ulog),
+    **dict.fromkeys((".bag", ".mcap", ".db3", ""), _read_bag),
 }
 _FOREIGN = {
     ".mat": "a .mat file",

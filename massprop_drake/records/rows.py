@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
+from massprop_drake.inputs.scenario import Scenario, filter_of, resolve_scenario, set_field
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.signals import AXES
 
@@ -22,7 +22,7 @@ _TURNING_FAST = {"rotation": {"coupling": "model"}, "mass": {"compensation": "tr
 WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis in AXES)
 
 
-def columns(vehicle: Vehicle) -> list[str]:
+def telemetry_columns(vehicle: Vehicle) -> list[str]:
     """Lists the column names in order: time, three axes per sensor package, each jet."""
     sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
     return ["time_s", *sensors, *vehicle.tracked_columns, *(f"jet_{jet}" for jet in vehicle.designations)]
@@ -73,7 +73,7 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
             given = data.setdefault(block, {})
             if isinstance(given, dict):
                 data[block] = {**keys, **given}
-    return resolved(data)
+    return resolve_scenario(data)
 
 
 class Rows(NamedTuple):
@@ -134,7 +134,7 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
             outside = [] if block.outside_wrench is None else [block.outside_wrench]
             if not heading:
                 opening = [] if block.onsets_s is None else onset_columns(vehicle)
-                writer.writerow([*columns(vehicle), *opening, *(WRENCH if outside else ())])
+                writer.writerow([*telemetry_columns(vehicle), *opening, *(WRENCH if outside else ())])
                 heading = True
             sensors = [block.readings[name] for name in vehicle.sensor_names()]
             tracked = [] if block.tracked is None else [block.tracked]

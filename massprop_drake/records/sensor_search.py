@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.inputs.units import factor
+from massprop_drake.inputs.units import si_factor
 from massprop_drake.records import mapping
 from massprop_drake.records.jet_search import JetSearch
 from massprop_drake.records.map_search import Array, compact_name
-from massprop_drake.records.names import WHEELS, WORDS, ColumnName, factor_or_none
+from massprop_drake.records.names import WHEELS, WORDS, ColumnName, si_factor_or_none
 from massprop_drake.records.topics import Topic
 
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
@@ -32,7 +32,7 @@ class SensorSearch(JetSearch):
             elif name.axis >= 0 and self._kind(name):
                 groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
         found: dict[str, list[dict[int, ColumnName]]] = {}
-        for members in map(_from_zero, groups.values()):
+        for members in map(_number_axes_from_zero, groups.values()):
             if set(members) <= set(range(4 if self._kind(members[min(members)]) == "quaternion" else 3)):
                 found.setdefault(self._kind(members[min(members)]), []).append(members)
         for kind, several in found.items():
@@ -46,10 +46,10 @@ class SensorSearch(JetSearch):
             self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
-            package = self._tracker("velocity", "velocity", f"{_listed(members)}, velocities by their names")
+            package = self._tracker("velocity", "velocity", f"{_join_column_names(members)}, velocities by their names")
             if package:
-                self._add(package, {"kind": "velocity", "columns": _columns(members), "unit": unit})
-                self._say(f"{package}: {_listed(members)}, by their names")
+                self._add(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
+                self._say(f"{package}: {_join_column_names(members)}, by their names")
         self._add_wheels(names)
         self._add_engines(names)
         quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
@@ -112,7 +112,9 @@ class SensorSearch(JetSearch):
                 here = []
                 for axis in sorted(set(members) & set(values)):
                     unit = self._unit({0: values[axis]}, dimension, usual)
-                    steps = _steps(topic, (values[axis].column, unit), (members[axis].column, rate_unit))
+                    steps = _find_difference_steps(
+                        topic, (values[axis].column, unit), (members[axis].column, rate_unit)
+                    )
                     if steps is not None:
                         pair = {"value": values[axis].column, "rate": members[axis].column}
                         pair |= (
@@ -125,7 +127,7 @@ class SensorSearch(JetSearch):
         if not pairs:
             return []
         with np.errstate(invalid="ignore"):
-            disagree = mapping.disagreement(np.vstack([steps for _, steps in pairs]))
+            disagree = mapping.step_disagreement(np.vstack([steps for _, steps in pairs]))
         if disagree > mapping.AGREE:
             columns = ", ".join(pair["rate"] for pair, _ in pairs)
             self._say(f"{columns} are no exact differences: they would have been taken over unlike steps in a row")
@@ -133,7 +135,8 @@ class SensorSearch(JetSearch):
         for kind, members, here in groups:
             found[kind].remove(members)
             self._say(
-                f"{_listed(members)}: backward differences of {', '.join(pair['value'] for pair, _ in here)}, not "
+                f"{_join_column_names(members)}: backward differences of "
+                f"{', '.join(pair['value'] for pair, _ in here)}, not "
                 "measurements of their own: no sensor"
             )
         return pairs
@@ -143,7 +146,7 @@ class SensorSearch(JetSearch):
         typical = float(np.median(steps))
         time = self.data.setdefault("time", {})
         if "column" in time:
-            logged = np.diff(topic.numbers(time["column"])) * factor(time.get("unit", "s"), "time")
+            logged = np.diff(topic.numbers(time["column"])) * si_factor(time.get("unit", "s"), "time")
             usual = float(np.median(logged))
             if float(np.median(np.abs(logged - usual))) > _UNIFORM * usual:
                 return  # a clock that measures
@@ -159,7 +162,7 @@ class SensorSearch(JetSearch):
     def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
         package = self._package("gyro", members[min(members)].words)
         if not package:
-            self._say(f"{_listed(members)}: rates, but the vehicle has no further gyro")
+            self._say(f"{_join_column_names(members)}: rates, but the vehicle has no further gyro")
             return
         unit, why = self._unit(members, "rate", ""), "by their names"
         if not unit:
@@ -170,19 +173,19 @@ class SensorSearch(JetSearch):
             why = f"by their names; {unit} since nothing says otherwise" + (
                 "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
             )
-        entry: dict[str, Any] = {"kind": "gyro", "columns": _columns(members), "unit": unit}
-        every = _every(np.column_stack([topic.numbers(one.column) for one in members.values()]))
+        entry: dict[str, Any] = {"kind": "gyro", "columns": _column_names(members), "unit": unit}
+        every = _rows_per_reading(np.column_stack([topic.numbers(one.column) for one in members.values()]))
         if every > 1:
             entry["every"] = every
             why += f"; they change in every {every} rows at the most, so rows between only repeat them"
         self._add(package, entry)
-        self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
+        self._say(f"{package}: rates {_join_column_names(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
         first = members[min(members)]
         package = self._package("accelerometer", first.words)
         if not package:
-            self._say(f"{_listed(members)}: accelerations, but the vehicle has no further accelerometer")
+            self._say(f"{_join_column_names(members)}: accelerations, but the vehicle has no further accelerometer")
             return
         own = f"{self.vehicle.unit_names['length']}/s" if self._is_own("accelerometer", first.words) else "m/s"
         if increments:
@@ -191,12 +194,12 @@ class SensorSearch(JetSearch):
                 self._unit(members, "velocity", "m/s"),
                 "increments of velocity by their names",
             )
-        elif factor_or_none(first.unit, "velocity") is not None or (
+        elif si_factor_or_none(first.unit, "velocity") is not None or (
             compact_name("".join(first.words)) in self._called["accelerometer"]
-            and factor_or_none(first.unit, "acceleration") is None
+            and si_factor_or_none(first.unit, "acceleration") is None
         ):
             gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
-            if factor_or_none(first.unit, "velocity") is None:
+            if si_factor_or_none(first.unit, "velocity") is None:
                 self._guessed[package] = own
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
@@ -206,13 +209,13 @@ class SensorSearch(JetSearch):
                 "accelerations by their names; taken for the mean over the sample that ended, since one instant a row "
                 "could not be integrated"
             )
-            if abs(float(np.median(sizes)) * factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
+            if abs(float(np.median(sizes)) * si_factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
                 why += "; they hold the reaction to the weight: give what they show at rest as `zero`"
-            if factor_or_none(first.unit, "acceleration") is None:
+            if si_factor_or_none(first.unit, "acceleration") is None:
                 self._guessed[package] = own
-        entry = {"kind": "accelerometer", "columns": _columns(members), "unit": unit, "gives": gives}
+        entry = {"kind": "accelerometer", "columns": _column_names(members), "unit": unit, "gives": gives}
         self._add(package, entry)
-        self._say(f"{package}: {_listed(members)} in {unit}, {why}")
+        self._say(f"{package}: {_join_column_names(members)} in {unit}, {why}")
 
     def _add_pose(
         self, position: Mapping[int, ColumnName], angles: Mapping[int, ColumnName], quaternion: Mapping[int, ColumnName]
@@ -221,13 +224,13 @@ class SensorSearch(JetSearch):
         if quaternion:
             last = quaternion[0].indexed and quaternion[0].axis == 1  # counted from 1
             entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "xyzw" if last else "wxyz"}
-            why = f"quaternion {_listed(quaternion)}"
+            why = f"quaternion {_join_column_names(quaternion)}"
             guess = f", taken for scalar {'last' if last else 'first'}, body to world"
             why += guess if quaternion[0].indexed else ", body to world"
         elif set(angles) == {2}:
             entry, why = {"heading": angles[2].column}, f"heading {angles[2].column} alone: a planar vehicle"
         elif angles:
-            entry, why = {"angles": _columns(angles)}, f"angles {_listed(angles)}"
+            entry, why = {"angles": _column_names(angles)}, f"angles {_join_column_names(angles)}"
         if angles and not quaternion:
             unit = self._unit(angles, "angle", "rad")
             entry |= {} if unit == "rad" else {"angle_unit": unit}
@@ -238,45 +241,45 @@ class SensorSearch(JetSearch):
         if not position and not self._free["pose"]:
             self._say(f"{why}: the vehicle has no sensor of attitude that is not taken")
             return
-        name = self._tracker("pose", kind, f"{_listed(position)}, positions" if position else why)
+        name = self._tracker("pose", kind, f"{_join_column_names(position)}, positions" if position else why)
         if not name:
             return
         if position:
             unit = self._unit(position, "length", "m")
-            said = f"position {_listed(position)} in {unit}" + (f", {why}" if entry else "")
-            entry = {"position": _columns(position), "unit": unit, **entry}
+            said = f"position {_join_column_names(position)} in {unit}" + (f", {why}" if entry else "")
+            entry = {"position": _column_names(position), "unit": unit, **entry}
         else:
             said = why
         self._add(name, {"kind": kind, **entry})
         self._say(f"{name}: {said}")
 
 
-def _from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
+def _number_axes_from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
     """Renumbers axes from zero, where they are counted from 1."""
     indexed = all(one.indexed for one in members.values())
     return {axis - 1: one for axis, one in members.items()} if indexed and 0 not in members else members
 
 
-def _columns(members: Mapping[int, ColumnName]) -> list[str | None]:
+def _column_names(members: Mapping[int, ColumnName]) -> list[str | None]:
     return [members[axis].column if axis in members else None for axis in range(3)]
 
 
-def _every(readings: Array) -> int:
+def _rows_per_reading(readings: Array) -> int:
     """Returns the number of rows per reading where rows, shape (n, m), repeat one until the next; else 1."""
-    rows = mapping.changes(readings)
+    rows = mapping.find_changes(readings)
     return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
 
-def _listed(members: Mapping[int, ColumnName]) -> str:
+def _join_column_names(members: Mapping[int, ColumnName]) -> str:
     return ", ".join(members[axis].column for axis in sorted(members))
 
 
-def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
+def _find_difference_steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
     """Computes the time steps, s, that make a rate the backward difference of a value; None where none do."""
-    change = np.diff(topic.numbers(value[0])) * factor(value[1], "length", "angle")
-    if factor_or_none(value[1], "angle") is not None:
+    change = np.diff(topic.numbers(value[0])) * si_factor(value[1], "length", "angle")
+    if si_factor_or_none(value[1], "angle") is not None:
         change = (change + np.pi) % (2.0 * np.pi) - np.pi
-    speed = topic.numbers(rate[0])[1:] * factor(rate[1], "velocity", "rate")
+    speed = topic.numbers(rate[0])[1:] * si_factor(rate[1], "velocity", "rate")
     moving = (
         np.isfinite(speed)
         & np.isfinite(change)

@@ -18,7 +18,7 @@ _SPELLED = re.compile(r"(\d\d?)[ -]([A-Za-z]{3})[ -](\d{4})(?=\s)")
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
-def stamp_of(text: str) -> np.datetime64 | None:
+def parse_stamp(text: str) -> np.datetime64 | None:
     """Parses a UTC time stamp, one without a date as of 1970-01-01; None for other text.
 
     A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000. One without a zone is UTC.

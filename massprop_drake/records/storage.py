@@ -171,15 +171,15 @@ class Storage:
         """Reads a schema or a channel."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
-            name, place = _text(body, 2)
-            language, place = _text(body, place)
-            schemas[number] = name, language, _text(body, place)[0]
+            name, place = _read_text(body, 2)
+            language, place = _read_text(body, place)
+            schemas[number] = name, language, _read_text(body, place)[0]
         elif op == _CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
-            topic, place = _text(body, 4)
-            encoding, _ = _text(body, place)
+            topic, place = _read_text(body, 4)
+            encoding, _ = _read_text(body, place)
             msgtype, language, definition = schemas.get(schema, ("of no type", "", ""))
-            self.channels[number] = StoredTopic(topic, _in_ros2(msgtype), encoding, language, definition)
+            self.channels[number] = StoredTopic(topic, _ros2_type_name(msgtype), encoding, language, definition)
 
     def _mcap_record(
         self, op: int, body: memoryview, wanted: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
@@ -208,8 +208,8 @@ class Storage:
         try:
             start, end, size, checksum = struct.unpack_from("<QQQI", body)
             where = f"messages between {_NANO * start:.3f} and {_NANO * end:.3f} s are"
-            compression, place = _text(body, 28)
-            data = unpacked(body[place + 8 :][: int.from_bytes(body[place : place + 8], "little")], compression)
+            compression, place = _read_text(body, 28)
+            data = decompress(body[place + 8 :][: int.from_bytes(body[place : place + 8], "little")], compression)
             if not cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
                 raise ValueError("its checksum is another")
             for op, record in _mcap_records(memoryview(data), 0, len(data), strict=not cut):
@@ -234,7 +234,7 @@ class Storage:
                 place += header.size + len(data)
                 try:
                     if header.op == 5:
-                        inner = unpacked(data, header.fields["compression"].decode())
+                        inner = decompress(data, header.fields["compression"].decode())
                         if len(inner) != header.number("size", "<I"):
                             raise ValueError("a chunk is not whole")
                         yield from self._ros1_inner(inner, wanted, strict=True)
@@ -250,7 +250,7 @@ class Storage:
                 with contextlib.suppress(*_DAMAGED):
                     header = _Header.read(content, place)
                     if header.op == 5:
-                        inner = unpacked(content[place + header.size :], header.fields["compression"].decode())
+                        inner = decompress(content[place + header.size :], header.fields["compression"].decode())
                         yield from self._ros1_inner(inner, wanted, strict=False)
                 return
             following = min((one for one in chunks if one > place), default=end)
@@ -284,11 +284,11 @@ class Storage:
         self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
     ) -> Iterator[Message]:
         if header.op == 7:
-            about = _fields(data)
+            about = _split_header(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
             definition = about["message_definition"].decode(errors="replace")
             self.channels[header.number("conn", "<I")] = StoredTopic(
-                topic, _in_ros2(about["type"].decode()), "ros1", "ros1msg", definition, about["md5sum"].decode()
+                topic, _ros2_type_name(about["type"].decode()), "ros1", "ros1msg", definition, about["md5sum"].decode()
             )
         elif header.op == 2:
             seconds, nanoseconds = struct.unpack("<II", header.fields["time"])
@@ -363,7 +363,7 @@ class Storage:
 # ------------------------------------------------------------------------------------------ bytes
 
 
-def _text(body: memoryview, place: int) -> tuple[str, int]:
+def _read_text(body: memoryview, place: int) -> tuple[str, int]:
     """Reads a length-prefixed text; returns it and the place where it ends."""
     begin = place + 4
     end = begin + int.from_bytes(body[place:begin], "little")
@@ -372,7 +372,7 @@ def _text(body: memoryview, place: int) -> tuple[str, int]:
     return body[begin:end].tobytes().decode(), end
 
 
-def _in_ros2(msgtype: str) -> str:
+def _ros2_type_name(msgtype: str) -> str:
     """Returns the name of a type as ROS 2 writes it, `package/msg/Type`."""
     return msgtype if msgtype.count("/") != 1 else msgtype.replace("/", "/msg/")
 
@@ -420,10 +420,10 @@ class _Header(NamedTuple):
         if place + 8 + size > len(content):
             raise ValueError("a header is cut off")
         (length,) = struct.unpack_from("<I", content, place + 4 + size)
-        return _Header(_fields(content[place + 4 : place + 4 + size]), 8 + size, length)
+        return _Header(_split_header(content[place + 4 : place + 4 + size]), 8 + size, length)
 
 
-def _fields(content: memoryview) -> dict[str, bytes]:
+def _split_header(content: memoryview) -> dict[str, bytes]:
     """Splits a header of ROS 1 into fields."""
     found, place = {}, 0
     while place < len(content):
@@ -452,7 +452,7 @@ def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> I
         place = begin + header.length
 
 
-def unpacked(data: memoryview, compression: str) -> bytes:
+def decompress(data: memoryview, compression: str) -> bytes:
     """Decompresses bytes, as far as they are there.
 
     Raises:
@@ -468,29 +468,29 @@ def unpacked(data: memoryview, compression: str) -> bytes:
         return bytes(LZ4FrameDecompressor().decompress(data.tobytes()))
     if compression == "zstd":
         try:
-            return bytes(zstd().ZstdDecompressor().decompress(data))
-        except zstd().ZstdError as error:
+            return bytes(zstd_library().ZstdDecompressor().decompress(data))
+        except zstd_library().ZstdError as error:
             raise ValueError(str(error)) from None
     raise ValueError(f"compression {compression!r} is not known")
 
 
 def unpack_file(path: Path, target: Path) -> Loss | None:
     """Unpacks a file that zstd compressed, as far as it goes; returns what is lost of it."""
-    inflate = zstd().ZstdDecompressor()
+    inflate = zstd_library().ZstdDecompressor()
     with path.open("rb") as packed, target.open("wb") as file:
         while data := packed.read(_PIECE):
             while data:
                 try:
                     file.write(inflate.decompress(data))
-                except (zstd().ZstdError, EOFError) as error:
+                except (zstd_library().ZstdError, EOFError) as error:
                     return Loss("damaged", f"{path}: cannot be unpacked further: {error}")
                 data = inflate.unused_data if inflate.eof else b""
                 if data:
-                    inflate = zstd().ZstdDecompressor()
+                    inflate = zstd_library().ZstdDecompressor()
     return None if inflate.eof else Loss("truncated", f"{path}: is cut off: its compressed data do not end")
 
 
-def zstd() -> Any:
+def zstd_library() -> Any:
     """Returns the library for zstd: Python's own from 3.14 on, before that the one that rosbags brings."""
     if sys.version_info >= (3, 14):
         from compression import zstd as library  # noqa: PLC0415

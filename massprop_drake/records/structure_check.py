@@ -10,7 +10,7 @@ import numpy as np
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.completeness import completeness
-from massprop_drake.records.reader import EXACT, JITTER, ROUNDING, Reader, meant
+from massprop_drake.records.reader import EXACT, JITTER, ROUNDING, Reader, suggest_column
 from massprop_drake.records.tables import open_table
 
 
@@ -57,7 +57,7 @@ def _check_structure(path: Path) -> dict[str, Any]:
     table = open_table(path)
     try:
         if "time_s" not in table.header:
-            hint = meant("time_s", table.header)
+            hint = suggest_column("time_s", table.header)
             raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
         time = table.header.index("time_s")
         wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]

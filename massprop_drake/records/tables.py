@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from massprop_drake.errors import InputError, require_text
-from massprop_drake.records.blocks import Block, Table, infinite, require_meaningful, require_unique
+from massprop_drake.records.blocks import Block, Table, infinite_value_message, require_meaningful, require_unique
 from massprop_drake.records.completeness import (
     FEW_RAGGED,
     MISSING,
@@ -27,7 +27,7 @@ from massprop_drake.records.completeness import (
     Loss,
     Ragged,
     text_lines,
-    unreadable,
+    unreadable_message,
 )
 from massprop_drake.records.parquet import ParquetTable
 
@@ -48,7 +48,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
             return ParquetTable(path, rows_per_block)
         binary = path.open("rb", buffering=0)
     except (OSError, ValueError) as error:
-        raise InputError(unreadable(path, error)) from None
+        raise InputError(unreadable_message(path, error)) from None
     try:
         return CsvTable(binary, str(path), rows_per_block, os.fstat(binary.fileno()).st_size)
     except BaseException:
@@ -231,7 +231,7 @@ class CsvTable:
         if text.lower() in MISSING:
             return np.nan
         if text.lower().lstrip("+-") in ("inf", "infinity"):
-            raise InputError(infinite(f"{self.source}, line {self._line}", column))
+            raise InputError(infinite_value_message(f"{self.source}, line {self._line}", column))
         if not NUMBER.fullmatch(text):
             shown = text if len(text) <= 40 else text[:37] + "..."
             raise InputError(

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import CsvForm, RecordMap
-from massprop_drake.inputs.units import parsed
+from massprop_drake.inputs.units import parse_unit
 from massprop_drake.records.completeness import MISSING, Ending, Loss, Ragged, text_lines
-from massprop_drake.records.stamps import is_number, stamp_of
+from massprop_drake.records.stamps import is_number, parse_stamp
 from massprop_drake.records.tables import require_regular
-from massprop_drake.records.topics import Column, Recording, Topic, besides, digest, require_few
+from massprop_drake.records.topics import Column, Recording, Topic, digest, require_few_columns, unwanted_columns
 
 _LOOKED_AT = 100  # lines of text by which its form is told
 _LOOKED_ACROSS = 200  # cells of such a line that are looked at
@@ -31,23 +31,23 @@ def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Record
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
     losses: list[Loss] = []
     try:
-        form, units = _form_of(path) if by is None else (by.csv, [])
+        form, units = _detect_form(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form, losses)
             where = _Where()
             lined = where.watched(numbered)
             named = next(lined, "")
-            header = _cells(named, form.separator)
+            header = _split_cells(named, form.separator)
             marked = named.strip().partition(form.separator)[0].strip()
-            if by is not None and _mark(named) and marked in by.columns:
+            if by is not None and _comment_mark(named) and marked in by.columns:
                 header[0] = marked
             cells = csv.reader(lined, delimiter=form.separator, strict=True)
             _require_names(header, form, f"{path}, line {where.line}")
             if by is None:
-                require_few(path, header)
+                require_few_columns(path, header)
             read = set(header) if by is None else by.columns
             wanted = [name for name in header if name and name in read]
-            columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
+            columns, lines, ragged = _collect_columns(cells, header, wanted, (form, as_text, rows, where))
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8; expected a table of separated values") from None
     except csv.Error as error:
@@ -61,7 +61,7 @@ def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Record
         None,
         "line",
         lines,
-        besides(header, wanted),
+        unwanted_columns(header, wanted),
         dict(zip(header, map(unit_in, units), strict=False)),
     )
     losses += ragged.losses(str(path))
@@ -76,19 +76,19 @@ _WITH_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
 _BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])])?")  # with its unit in brackets
 
 
-def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
+def _detect_form(path: Path) -> tuple[CsvForm, list[str]]:
     """Detects the format of a text file, and the cells of a line of units below the names."""
     with path.open(encoding="utf-8-sig") as file:
         numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
-        lines = [(number, line, _mark(line)) for number, line in numbered]
+        lines = [(number, line, _comment_mark(line)) for number, line in numbered]
     if not lines:
         return CsvForm(), []
-    counts = {one: [_count(line, one) for _, line, _ in lines] for one in _SEPARATORS}
+    counts = {one: [_count_cells(line, one) for _, line, _ in lines] for one in _SEPARATORS}
     usual = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
     regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
     separator = max(_SEPARATORS, key=lambda one: regular[one])
     whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
-    cells = {index: _cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
+    cells = {index: _split_cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
     first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
     comma = separator != "," and any(
         map(_WITH_COMMA.fullmatch, chain.from_iterable(cells[index] for index in whole if index >= first))
@@ -100,24 +100,24 @@ def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
     below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
     skip = lines[names][0] - 1 if names else 0
     form = CsvForm(separator=separator, decimal="," if comma else ".", skip=skip, below=below, comment=comment)
-    return form, next((_cells(lines[index][1], separator) for index in units if index > names), [])
+    return form, next((_split_cells(lines[index][1], separator) for index in units if index > names), [])
 
 
-def _mark(line: str) -> str:
+def _comment_mark(line: str) -> str:
     """Returns the mark of a comment that a line begins with; "": none."""
     return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
 
 
-def _count(line: str, separator: str) -> int:
+def _count_cells(line: str, separator: str) -> int:
     """Returns the number of cells in a line."""
     if separator == " " or '"' in line:
-        return len(_cells(line, separator))
+        return len(_split_cells(line, separator))
     return line.count(separator) + 1
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def _split_cells(line: str, separator: str) -> list[str]:
     """Returns the cells of a line, without the mark of a comment."""
-    mark = _mark(line)
+    mark = _comment_mark(line)
     line = line.strip(" \r\n").removeprefix(mark)
     if separator == " ":
         return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or set("[(") & set(line) else line.split()
@@ -128,7 +128,7 @@ def _is_value(cell: str) -> bool:
     """Tests whether a cell is a number or a date, so that its line is a row."""
     if cell.strip().lower() in MISSING:
         return False
-    return is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
+    return is_number(cell.replace(",", ".")) or parse_stamp(cell) is not None
 
 
 def _has_units(cells: list[str]) -> bool:
@@ -142,7 +142,7 @@ def unit_in(text: str) -> str:
     text = text.strip().strip("[]()").strip()
     for one in (text, text.lower()):
         try:
-            parsed(one)
+            parse_unit(one)
         except InputError:
             continue
         return one
@@ -180,7 +180,7 @@ def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple
             commented = commented or (number, line)
             continue
         seen += 1
-        if seen == 1 and commented and any(map(_is_value, _cells(line, form.separator))):
+        if seen == 1 and commented and any(map(_is_value, _split_cells(line, form.separator))):
             yield commented
             seen += 1
         if seen == 1 or seen > 1 + form.below:
@@ -202,7 +202,7 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
         raise InputError(f"{where}: column '{twice}' appears twice; keep one of them")
 
 
-def _gathered(
+def _collect_columns(
     cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
@@ -226,7 +226,7 @@ def _gathered(
         above = held[wanted.index(header[-1])]
         return above != [] and all(is_number(one.replace(form.decimal, ".")) for one in above)
 
-    for row in _whole(cells, where):
+    for row in _whole_rows(cells, where):
         cut = (
             where.unended
             and len(row) == len(header)
@@ -245,10 +245,14 @@ def _gathered(
         if most is not None and len(lines) >= most:
             break
     settle()
-    return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, np.int64), ragged
+    return (
+        {name: _join_pieces(piece) for name, piece in zip(wanted, pieces, strict=True)},
+        np.array(lines, np.int64),
+        ragged,
+    )
 
 
-def _whole(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
+def _whole_rows(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
     """Yields the cells of each row; one that ends within quotes, with the file, has none."""
     try:
         yield from cells
@@ -271,7 +275,7 @@ def _as_numbers(cells: list[str], decimal: str) -> Column:
     return np.array(cells, dtype=object)
 
 
-def _joined(pieces: Sequence[Column]) -> Column:
+def _join_pieces(pieces: Sequence[Column]) -> Column:
     if any(piece.dtype == object for piece in pieces):
         pieces = [
             piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.record_map import CsvForm
 from massprop_drake.records.completeness import MISSING, Loss, Ragged
-from massprop_drake.records.stamps import is_number, stamp_of
+from massprop_drake.records.stamps import is_number, parse_stamp
 
 Array = NDArray[np.float64]
 Column = NDArray[Any]
@@ -103,7 +103,7 @@ class Topic:
         filled = [cell for cell in values if str(cell).strip().lower() not in MISSING] if values.dtype == object else []
         if not filled or any(map(is_number, filled)):
             return self.numbers(name) * unit_s
-        stamps = [stamp_of(str(cell)) for cell in values]
+        stamps = [parse_stamp(str(cell)) for cell in values]
         wrong = [row for row, stamp in enumerate(stamps) if stamp is None]
         if wrong:
             raise InputError(
@@ -166,7 +166,7 @@ def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Los
     return InputError(f"{source}: no topic '{name}'{suggestion(name, known)}{lost}")
 
 
-def needs(path: Path, package: str, extra: str, what: str) -> InputError:
+def missing_extra(path: Path, package: str, extra: str, what: str) -> InputError:
     """Makes the error that names the extra to install."""
     return InputError(f"{path}: reading {what} needs {package}: pip install 'massprop-drake[{extra}]'")
 
@@ -182,13 +182,13 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def besides(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+def unwanted_columns(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     """Returns the named columns that are not wanted."""
     known = set(wanted)
     return tuple(name for name in every if name and name not in known)
 
 
-def require_few(path: Path, names: Sequence[str]) -> None:
+def require_few_columns(path: Path, names: Sequence[str]) -> None:
     """Requires that a table has no more columns than a map can be proposed for."""
     if len(names) > _MOST_COLUMNS:
         raise InputError(
@@ -197,22 +197,22 @@ def require_few(path: Path, names: Sequence[str]) -> None:
         )
 
 
-def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
+def split_lists(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
     """Splits a column of short lists into `name[0]`, `name[1]`, ...; where their lengths differ adds their text."""
     lists = [() if one is None else tuple(one) for one in values]
     longest = max(map(len, lists), default=0)
     found: dict[str, Column] = {}
     if any(len(one) != longest for one in lists) or not longest:
-        found[name] = np.array([" ".join(map(plainly, one)) for one in lists], dtype=object)
+        found[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
     if longest <= MOST_ELEMENTS and not any(isinstance(item, str) for one in lists for item in one):
         for index in range(longest):
             found[f"{name}[{index}]"] = np.array([one[index] if index < len(one) else np.nan for one in lists], float)
     elif name not in found and longest <= MOST_ELEMENTS:
-        found[name] = np.array([" ".join(map(plainly, one)) for one in lists], dtype=object)
+        found[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
     return found
 
 
-def plainly(item: Any) -> str:
+def format_item(item: Any) -> str:
     """Returns an item of a list as it is compared with names: whole numbers without a point."""
     if isinstance(item, (float, np.floating)) and float(item).is_integer():
         return str(int(item))

@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.completeness import Loss
-from massprop_drake.records.topics import Column, Recording, Topic, digest, missing_topic, needs
+from massprop_drake.records.topics import Column, Recording, Topic, digest, missing_extra, missing_topic
 
 _MAGIC, _HEADER = b"ULog\x01\x12\x35", 16  # first bytes, and length of the file's header
 _DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError, RecursionError, OSError)
@@ -22,7 +22,7 @@ _LONGEST = 10_000  # bytes of a message; pyulog takes a longer one for damaged
 _MESSAGE = struct.Struct("<HB")  # size and type before each message
 
 
-def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     """Reads a ULog; its topics are `name`, and `name/1` for the second instance of a topic.
 
     Args:
@@ -37,8 +37,8 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         from pyulog import ULog  # noqa: PLC0415 (an extra)
         from pyulog.core import ULogException  # noqa: PLC0415
     except ImportError:
-        raise needs(path, "pyulog", "ulog", "ULog") from None
-    cut = _cut_off(path)
+        raise missing_extra(path, "pyulog", "ulog", "ULog") from None
+    cut = _find_last_message(path)
     wanted = None if by is None else sorted({name.partition("/")[0] for name in by.topics})
     said = io.StringIO()  # pyulog prints what it thinks of the file
     try:
@@ -86,7 +86,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
         )
 
 
-def _cut_off(path: Path) -> tuple[int, int]:
+def _find_last_message(path: Path) -> tuple[int, int]:
     """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole."""
     try:
         content = path.read_bytes()

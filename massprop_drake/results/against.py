@@ -13,13 +13,13 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
-from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns, possible
-from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations, normal, summed_equations
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns, is_physical
+from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations, stretch_equations, sum_equations
 from massprop_drake.maths.estimation.pose.pose_hindsight import PoseEquations
-from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
+from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, fill_unit_template, mass_property_units
 from massprop_drake.results.diagnoses import RATE
-from massprop_drake.results.record_stretches import pieces
-from massprop_drake.results.regression_model import Names, model, names_of, steady
+from massprop_drake.results.record_stretches import regression_pieces
+from massprop_drake.results.regression_model import Names, make_model, vehicle_names, without_shifts
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -129,13 +129,13 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
     """
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
-    variances = model(scenario).variances
+    variances = make_model(scenario).variances
     found: list[Residual] = []
     for number, package in enumerate(packages):
-        unit = in_units("rad/s" if package in vehicle.gyros else "{length}/s", vehicle.unit_names)
+        unit = fill_unit_template("rad/s" if package in vehicle.gyros else "{length}/s", vehicle.unit_names)
         noise = math.sqrt(float(variances[number]))
         named = [f"{package.name}_{letter}" for letter in AXES]
-        found += summed_up(named, unit, noise, differences(signals, package.name))
+        found += summarize_residuals(named, unit, noise, differences(signals, package.name))
     return tuple(found)
 
 
@@ -145,7 +145,9 @@ def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
         yield block["time_s"], block[name] - block[AGAINST + name]
 
 
-def summed_up(named: Sequence[str], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> Iterator[Residual]:
+def summarize_residuals(
+    named: Sequence[str], unit: str, noise: float, left: Iterable[tuple[Array, Array]]
+) -> Iterator[Residual]:
     """Yields the residual of each component of a sensor.
 
     Args:
@@ -175,7 +177,7 @@ def summed_up(named: Sequence[str], unit: str, noise: float, left: Iterable[tupl
         )
 
 
-def explained(
+def explain_differences(
     scenario: Scenario, signals: Spool, reference: SimulatedSide, until_s: float
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns that explain the difference between readings and a simulation of the commands.
@@ -193,18 +195,18 @@ def explained(
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    made = steady(model(scenario))._replace(time_constants_s=reference.time_constants_s)
+    made = without_shifts(make_model(scenario))._replace(time_constants_s=reference.time_constants_s)
     places = columns(made)
     at = np.zeros_like(made.prior)
     at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
     with np.errstate(all="ignore"):
-        parts = pieces(scenario, signals, until_s, made)
-        called = _called(scenario, made, at)
+        parts = regression_pieces(scenario, signals, until_s, made)
+        called = _name_unknowns(scenario, made, at)
 
         def about(there: Array) -> NormalEquations:
-            return summed_equations([normal(part, there, made) for part in parts], made)
+            return sum_equations([stretch_equations(part, there, made) for part in parts], made)
 
-        return causes(about, (at, called), possible, chance=_CHANCE)
+        return find_causes(about, (at, called), is_physical, chance=_CHANCE)
 
 
 Equations = NormalEquations | PoseEquations  # of readings by unknowns, about a point
@@ -218,7 +220,7 @@ class Called(NamedTuple):
     scale: float
 
 
-def causes(
+def find_causes(
     about: Callable[[Array], Equations],
     of: tuple[Array, Sequence[Called | None]],
     possible: Callable[[Array], bool],
@@ -242,16 +244,16 @@ def causes(
     misfit = first.misfit / first.readings
     if misfit <= chance:
         return misfit, ()
-    return misfit, _explaining(first, about, of, possible)
+    return misfit, _select_causes(first, about, of, possible)
 
 
-def _explaining(
+def _select_causes(
     first: Equations,
     about: Callable[[Array], Equations],
     of: tuple[Array, Sequence[Called | None]],
     possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
-    """Selects the unknowns that explain the difference; arguments as those of `causes`."""
+    """Selects the unknowns that explain the difference; arguments as those of `find_causes`."""
     reference, called = of
     diagonal = np.where([one is not None for one in called], first.information.diagonal(), 0.0)
     there = np.flatnonzero(diagonal > 0.0)
@@ -263,11 +265,11 @@ def _explaining(
     shares: list[float] = []
     at, normal = reference, first
     while len(taken) < _MOST:
-        gains = {place: _gain(normal, [*taken, place]) for place in there.tolist() if place not in taken}
+        gains = {place: _misfit_gain(normal, [*taken, place]) for place in there.tolist() if place not in taken}
         best = max(gains, key=lambda place: gains[place], default=-1)
         if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
             break
-        after, fit = _fitted(about, (at, normal), [*taken, best], possible)
+        after, fit = _fit_unknowns(about, (at, normal), [*taken, best], possible)
         if fit.misfit >= normal.misfit:
             break
         at, normal = after, fit
@@ -278,7 +280,7 @@ def _explaining(
     covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
     found = []
     for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
-        what, unit, scale = _known(called[place])
+        what, unit, scale = _require_called(called[place])
         others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
         found.append(
             Explanation(
@@ -288,18 +290,18 @@ def _explaining(
                 unit,
                 min(float(alone[place]) / excess, 1.0),
                 shares[number],
-                tuple(_known(called[other]).what for other in others),
+                tuple(_require_called(called[other]).what for other in others),
             )
         )
     return tuple(found)
 
 
-def _known(one: Called | None) -> Called:
+def _require_called(one: Called | None) -> Called:
     assert one is not None, "what is no unknown explains nothing"
     return one
 
 
-def _fitted(
+def _fit_unknowns(
     about: Callable[[Array], Equations],
     begin: tuple[Array, Equations],
     places: list[int],
@@ -321,7 +323,7 @@ def _fitted(
     return at, normal
 
 
-def _gain(normal: Equations, places: list[int]) -> float:
+def _misfit_gain(normal: Equations, places: list[int]) -> float:
     """Computes the misfit that some unknowns explain together; zero where they are not separable."""
     chosen = np.array(places)
     information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
@@ -335,19 +337,19 @@ def _gain(normal: Equations, places: list[int]) -> float:
 _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
-def called_mass_property(symbol: str, unit: str, value: float) -> Called:
+def name_mass_property(symbol: str, unit: str, value: float) -> Called:
     """Returns the name of a mass property, with the value that a percentage refers to."""
     of_itself = symbol in _IN_PERCENT and value != 0.0
     return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
 
 
-def _called(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
+def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
     """Returns the name of each unknown of the model; None: it is not fitted."""
-    names: Names = names_of(scenario)
+    names: Names = vehicle_names(scenario)
     places = columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
     units = mass_property_units(scenario.vehicle_data.unit_names)
-    named = [called_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]
+    named = [name_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]
     found: list[tuple[str, str, float]] = [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
     found += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: places.lag.stop - places.lag.start]]
     found += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]

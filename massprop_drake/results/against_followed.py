@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRec
 from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
 from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, mass_property_units
 from massprop_drake.results import against
-from massprop_drake.results.against import Called, Explanation, Residual, called_mass_property
+from massprop_drake.results.against import Called, Explanation, Residual, name_mass_property
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
     def add(name: str, axes: Sequence[int], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> None:
         some = ((time_s, off[:, list(axes)]) for time_s, off in left)
-        found.extend(against.summed_up([name + AXES[axis] for axis in axes], unit, noise, some))
+        found.extend(against.summarize_residuals([name + AXES[axis] for axis in axes], unit, noise, some))
 
     followed: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
     for sensor in followed:
@@ -46,20 +46,26 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
         if sensor.position_std is not None:
             add(name, moving, length, sensor.position_std, left)
         if sensor.attitude_std is not None:
-            add(f"{sensor.name} turned, ", turning, "rad", sensor.attitude_std, _turned(signals, sensor.name))
+            add(
+                f"{sensor.name} turned, ",
+                turning,
+                "rad",
+                sensor.attitude_std,
+                _attitude_differences(signals, sensor.name),
+            )
     for package in (*params.gyros(scenario), *params.accelerometers(scenario)):
         axes, unit = (turning, "rad/s") if package in vehicle.gyros else (moving, f"{length}/s")
         add(f"{package.name}_", axes, unit, package.variance**0.5, against.differences(signals, package.name))
     return tuple(found)
 
 
-def _turned(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
+def _attitude_differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
     """Yields times, and rotation vectors from the simulated attitude to the one that was read, body axes."""
     for block in signals.blocks("time_s", name, AGAINST + name):
-        yield block["time_s"], turned(block[name][:, 3:], block[AGAINST + name][:, 3:])
+        yield block["time_s"], rotation_differences(block[name][:, 3:], block[AGAINST + name][:, 3:])
 
 
-def turned(read: Array, simulated: Array) -> Array:
+def rotation_differences(read: Array, simulated: Array) -> Array:
     """Computes rotation vectors from simulated attitudes to those that were read, body axes, rad, shape (n, 3).
 
     Args:
@@ -73,7 +79,7 @@ def turned(read: Array, simulated: Array) -> Array:
     return found
 
 
-def explained(
+def explain_differences(
     scenario: Scenario, record: PoseRecord, vehicle: Assumed, made: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns that explain the difference between readings and a simulation of the commands.
@@ -87,16 +93,16 @@ def explained(
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    movable = setting.movable(params.setup(scenario), made.parts)
+    movable = setting.movable_places(params.filter_setup(scenario), made.parts)
     with np.errstate(all="ignore"):
-        return against.causes(
-            lambda at: pose_hindsight.equations(record, vehicle._replace(at=at), movable, made),
-            (vehicle.at, _called(scenario, made, vehicle.at)),
-            lambda at: pose_hindsight.possible(at, made.parts),
+        return against.find_causes(
+            lambda at: pose_hindsight.record_equations(record, vehicle._replace(at=at), movable, made),
+            (vehicle.at, _name_unknowns(scenario, made, vehicle.at)),
+            lambda at: pose_hindsight.is_physical(at, made.parts),
         )
 
 
-def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
+def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
     """Returns the name of each unknown of the estimator's state; None: it is not fitted."""
     vehicle, parts = scenario.vehicle_data, made.parts
     length = vehicle.unit_names["length"]
@@ -106,7 +112,7 @@ def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | No
     places = [*range(*parts.spin.indices(parts.size)), *range(*parts.center.indices(parts.size)), parts.common.start]
     known = params.known_parameters(scenario)
     for place, fixed, *one in zip(places, known, SYMBOLS, units, values.tolist(), strict=True):
-        found[place] = None if fixed else called_mass_property(*one)
+        found[place] = None if fixed else name_mass_property(*one)
     kinds, poses = list(vehicle.jet_kinds), [pose.name for pose in vehicle.poses]
     gyros, accelerometers = ([one.name for one in few(scenario)] for few in (params.gyros, params.accelerometers))
     nobody, turn = "that nobody commands", "angular acceleration"
@@ -116,8 +122,8 @@ def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | No
         (parts.lag, [f"lag of {kind} jets" for kind in kinds], "ms", 1e3),
         (parts.opening, [f"later opening of {kind} jets" for kind in kinds], "ms", 1e3),
         (parts.drag, ["drag over mass", "drag over moment of inertia"], "1/s", 1.0),
-        (_half(parts.push, 0), [f"acceleration {axis} {nobody}" for axis in AXES], f"{length}/s^2", 1.0),
-        (_half(parts.push, 1), [f"{turn} {axis} {nobody}" for axis in AXES], "rad/s^2", 1.0),
+        (_half_slice(parts.push, 0), [f"acceleration {axis} {nobody}" for axis in AXES], f"{length}/s^2", 1.0),
+        (_half_slice(parts.push, 1), [f"{turn} {axis} {nobody}" for axis in AXES], "rad/s^2", 1.0),
         (parts.tilt, [f"{turn} by the {way} of the heading" for way in ("cosine", "sine")], "rad/s^2", 1.0),
         (parts.point, [f"point of {name}, {axis}" for name in poses for axis in AXES], length, 1.0),
         (parts.gyro_bias, [f"{name}: bias {axis}" for name in gyros for axis in AXES], "rad/s", 1.0),
@@ -133,6 +139,6 @@ def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | No
     return found
 
 
-def _half(part: slice, which: int) -> slice:
+def _half_slice(part: slice, which: int) -> slice:
     """Returns the slice of the first (0) or last (1) three of six elements."""
     return slice(part.start + 3 * which, part.start + 3 * which + 3)

@@ -17,11 +17,11 @@ from massprop_drake.maths.estimation.offline import flight_model, intervals, reg
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.intervals import Cells, Confined, Solve
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
-from massprop_drake.maths.vehicle.on_times import opens_within
+from massprop_drake.maths.vehicle.on_times import has_pulse
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.record_stretches import believed
-from massprop_drake.results.regression_model import model
+from massprop_drake.results.record_stretches import trusted_stretches
+from massprop_drake.results.regression_model import make_model
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -99,40 +99,40 @@ def allowed_intervals(
     """
     onsets = [one.onset_s if one.earliest_s is None else one.earliest_s for one in found if one.withdrawn_s is None]
     until_s = min(onsets, default=None)
-    reason = _unconfined(scenario)
+    reason = _reason_unconfined(scenario)
     if reason is not None:
-        return _none(reason, until_s)
-    made = model(scenario)
+        return _no_intervals(reason, until_s)
+    made = make_model(scenario)
     last_s = math.inf if until_s is None else until_s - made.period_s
-    parts, on_ticks = believed(scenario, signals, last_s, events, made)
+    parts, on_ticks = trusted_stretches(scenario, signals, last_s, events, made)
     chosen = [part for part in parts if not np.isnan(part.readings[:, : made.gyros]).all(axis=(0, 1)).any()]
     chosen = chosen[:: max(-(-len(chosen) // _STRETCHES), 1)]
     if not chosen:
-        return _none("there are too few readings", until_s)
+        return _no_intervals("there are too few readings", until_s)
     if not on_ticks:
-        return _none("time stamps scatter about the ticks at which commands switch", until_s)
+        return _no_intervals("time stamps scatter about the ticks at which commands switch", until_s)
     if any(_opens_within(part) for part in chosen):
-        return _none("jets open and close within samples", until_s)
+        return _no_intervals("jets open and close within samples", until_s)
     cells = _cells(scenario, made)
     begin = made.prior.copy()
-    if flight_model.possible(estimate):  # NaN is not
+    if flight_model.is_physical(estimate):  # NaN is not
         begin[:10] = estimate
     with np.errstate(all="ignore"):
-        fit = regression.fitted(chosen, begin, made)
-        about = fit.at if flight_model.possible(fit.at) else made.prior
+        fit = regression.fit_flight(chosen, begin, made)
+        about = fit.at if flight_model.is_physical(fit.at) else made.prior
         try:
-            allowed = intervals.confined(chosen, about, made, cells, solve)
+            allowed = intervals.find_intervals(chosen, about, made, cells, solve)
         except ArithmeticError as error:
-            return _none(str(error), until_s)
-    return _told(allowed, _given(made, cells, chosen), until_s)
+            return _no_intervals(str(error), until_s)
+    return _make_intervals(allowed, _list_assumptions(made, cells, chosen), until_s)
 
 
 def _opens_within(part: Stretch) -> bool:
     """Tests whether jets open or close within a sample of a stretch."""
-    return part.onsets_s is not None and opens_within(part.commands[:-1], part.onsets_s[:-1])
+    return part.onsets_s is not None and has_pulse(part.commands[:-1], part.onsets_s[:-1])
 
 
-def _unconfined(scenario: Scenario) -> str | None:
+def _reason_unconfined(scenario: Scenario) -> str | None:
     """Explains why no reading confines the motion; None where readings do."""
     vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
     if scenario.estimation.filter == "pose":
@@ -151,7 +151,7 @@ def _unconfined(scenario: Scenario) -> str | None:
         return "the vehicle's disturbance states torques or forces that no reading confines"
     if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):
         return "pulses scatter by the vehicle's repeatability, which no reading confines"
-    made = model(scenario)
+    made = make_model(scenario)
     if made.sigma[flight_model.columns(made).shift].any():
         return "propellant that is used may shift the center of mass; joint.tank_fraction=0 takes it for fixed"
     return None
@@ -162,14 +162,14 @@ def _confines(quantum: float, noise: float) -> bool:
 
 
 def _cells(scenario: Scenario, made: FlightModel) -> Cells:
-    setup = params.setup(scenario)
+    setup = params.filter_setup(scenario)
     packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
     quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
     used = np.array([_confines(one.quantum, one.noise_std) for one in packages])
     return Cells(np.where(used, quanta, 0.0), noise, setup.gyros.bias_std, _WIDEST * setup.widest)
 
 
-def _given(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
+def _list_assumptions(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
     """Names the quantities stated with a 1-sigma that are taken for bounded."""
     places = flight_model.columns(made)
     used = cells.quanta[made.gyros :] > 0.0
@@ -187,16 +187,16 @@ def _given(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[s
     return tuple(given)
 
 
-def _told(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
+def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
     if allowed.is_contradicted:
         words = f"no vehicle explains all readings: some are at least {-allowed.depth:.2g} quanta beyond their cells"
-        return _none(words, until_s)._replace(contradicted=True, given=given)
+        return _no_intervals(words, until_s)._replace(contradicted=True, given=given)
     if np.isnan(allowed.low).all():
-        return _none("readings leave so much open that the motion is not linear in it", until_s)
-    return _by_names(allowed)._replace(given=given, until_s=until_s)
+        return _no_intervals("readings leave so much open that the motion is not linear in it", until_s)
+    return _intervals_by_name(allowed)._replace(given=given, until_s=until_s)
 
 
-def _by_names(allowed: Confined) -> Intervals:
+def _intervals_by_name(allowed: Confined) -> Intervals:
     pairs = [
         None if math.isnan(low) else (low, high)
         for low, high in zip(allowed.low.tolist(), allowed.high.tolist(), strict=True)
@@ -216,6 +216,6 @@ def _by_names(allowed: Confined) -> Intervals:
     )
 
 
-def _none(reason: str, until_s: float | None) -> Intervals:
+def _no_intervals(reason: str, until_s: float | None) -> Intervals:
     unknown = np.full(len(mass_properties.NAMES), np.nan)
-    return _by_names(Confined(unknown, unknown, 0.0, 0.0))._replace(reason=reason, until_s=until_s)
+    return _intervals_by_name(Confined(unknown, unknown, 0.0, 0.0))._replace(reason=reason, until_s=until_s)

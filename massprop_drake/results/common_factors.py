@@ -17,9 +17,9 @@ from massprop_drake.maths.estimation.offline import regression, unexplained_moti
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.results.consistency import Diagnosis
-from massprop_drake.results.diagnoses import EXPLAINED, FEWEST, SCATTER, cost_of, excess, start_from
-from massprop_drake.results.record_stretches import short_enough
-from massprop_drake.results.regression_model import names_of
+from massprop_drake.results.diagnoses import EXPLAINED, FEWEST, SCATTER, excess_misfit, fit_cost, fit_start
+from massprop_drake.results.record_stretches import select_short_pieces
+from massprop_drake.results.regression_model import vehicle_names
 
 _GAINED = 30.0  # log likelihood, twice, that a factor must gain: 5 sigma, of some ten that are tried
 _UNLIKELY = 2.5  # ratio of what readings gain to what jets give by the vehicle's file, beyond which a unit is tried
@@ -39,7 +39,9 @@ class _Rescaled(NamedTuple):
     found: list[Diagnosis]
 
 
-def rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario) -> _Rescaled | None:
+def find_common_factors(
+    parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario
+) -> _Rescaled | None:
     """Finds common factors of gyro and accelerometer readings whose removal explains the record; None without any.
 
     Args:
@@ -50,11 +52,11 @@ def rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario
     """
     ratios = unexplained_motion.gain_ratios(parts, made.prior, made)
     vehicle, gyro = scenario.vehicle_data, np.arange(ratios.size) < made.gyros
-    rates = factors.of_rates(vehicle.sample_period_s)
-    velocities = factors.of_velocities(vehicle.units, vehicle.sample_period_s)
+    rates = factors.rate_factors(vehicle.sample_period_s)
+    velocities = factors.velocity_factors(vehicle.units, vehicle.sample_period_s)
     of_gyros, of_others = _candidates(ratios, gyro, rates), _candidates(ratios, ~gyro, velocities)
     known = (None, *rates, *velocities)
-    names = names_of(scenario)
+    names = vehicle_names(scenario)
     tried: list[tuple[float, _Rescaled]] = []
     for pair in product((None, *of_gyros), (None, *of_others)):
         sizes, words = np.ones(ratios.size), []
@@ -66,14 +68,14 @@ def rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario
                 words.append(f"{', '.join(sensors)}: readings are {factor}")
         if not words:
             continue
-        other = [_times(part, 1.0 / sizes) for part in parts]
-        chosen = short_enough(other, math.inf, made)
-        after = regression.fitted(chosen, made.prior, made)
+        other = [_scale_readings(part, 1.0 / sizes) for part in parts]
+        chosen = select_short_pieces(other, math.inf, made)
+        after = regression.fit_flight(chosen, made.prior, made)
         if after.normal.readings < FEWEST or not after.normal.is_finite:
             continue
-        before = regression.fitted([_times(part, sizes) for part in chosen], start_from(begin, made), made)
-        gained = cost_of(before, made) - cost_of(after, made)
-        settled = excess(after) <= (1.0 - EXPLAINED) * excess(before)
+        before = regression.fit_flight([_scale_readings(part, sizes) for part in chosen], fit_start(begin, made), made)
+        gained = fit_cost(before, made) - fit_cost(after, made)
+        settled = excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
         if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
             continue
         found = [Diagnosis("factor", one, before.normal.per_reading, after.normal.per_reading) for one in words]
@@ -82,7 +84,7 @@ def rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario
     return min(tried, key=lambda one: one[0], default=(0.0, None))[1]
 
 
-def _times(part: Stretch, sizes: Array) -> Stretch:
+def _scale_readings(part: Stretch, sizes: Array) -> Stretch:
     """Multiplies the readings of each package in a stretch by a factor, shape (n_packages,)."""
     return part._replace(readings=part.readings * sizes[:, None])
 
@@ -93,7 +95,7 @@ def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor])
     if not off.size:
         return []
     size = float(np.median(off))
-    return [*factors.near(size, known), Factor(size, "")] if size > 0.0 else []
+    return [*factors.factors_near(size, known), Factor(size, "")] if size > 0.0 else []
 
 
 def _is_plausible(ratios: Array) -> NDArray[np.bool_]:

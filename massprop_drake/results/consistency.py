@@ -9,7 +9,7 @@ are considered. Smaller innovations than claimed, as those of a sensor whose qua
 
 Where a detector follows hypotheses, the verdict judges the innovations of the likeliest history. At a sample at which
 another history becomes the likeliest, sums over its own innovations since the fork replace those that were reported,
-see `of_likeliest_history`. Of such samples the mean is known, and not which are beyond a point. They are counted as
+see `likeliest_innovations`. Of such samples the mean is known, and not which are beyond a point. They are counted as
 the share beyond it that chi-square has when it is scaled to that mean.
 """
 
@@ -134,12 +134,12 @@ def mean_in_words(mean: float | None, within: float | None, beyond: float | None
     """
     if mean is None:
         return "-"
-    if within is None or beyond is None or not ruled(mean, within):
+    if within is None or beyond is None or not is_mean_dominated(mean, within):
         return f"{mean:.2f}"
     return f"{within:.2f} ({mean:.4g} with the {100.0 * beyond:.2g} % beyond their 99 % point)"
 
 
-def ruled(mean: float, within: float) -> bool:
+def is_mean_dominated(mean: float, within: float) -> bool:
     """Tests whether the few samples beyond the 99 % point dominate a mean NIS, given that of the others."""
     return mean >= _RULED * within
 
@@ -247,9 +247,9 @@ class Tally:
             every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
         )
         n = int(n)
-        if _certainly_more(tail, n, _TAIL_ALLOWED):
+        if _is_certainly_more(tail, n, _TAIL_ALLOWED):
             found.append(f"{100.0 * tail / n:.3g} % of the {name} innovations are beyond their 99 % point")
-        if _certainly_more(quarter, n, _QUARTER_ALLOWED):
+        if _is_certainly_more(quarter, n, _QUARTER_ALLOWED):
             found.append(f"{100.0 * quarter / n:.3g} % of the {name} innovations are in their upper quarter")
         return found
 
@@ -280,14 +280,14 @@ def fork_signals(name: str) -> tuple[str, str, str]:
     return "history_since", f"history_{name}_nis", f"history_{name}_components"
 
 
-def forks(name: str, signals: Mapping[str, Array]) -> Forks:
+def find_forks(name: str, signals: Mapping[str, Array]) -> Forks:
     """Finds the samples at which another history became the likeliest; arguments as of `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
     since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
     return Forks(rows, since_s, nis, components)
 
 
-def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
+def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
     """Replaces reported innovations by those of the likeliest history, as mean NIS over each fork's samples.
 
     A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
@@ -312,14 +312,14 @@ def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Inno
     return Innovations(used, nis, components, averaged)
 
 
-def _certainly_more(count: float, n: int, allowed: float) -> bool:
+def _is_certainly_more(count: float, n: int, allowed: float) -> bool:
     """Tests whether a count of n exceeds an allowed share with significance, by the binomial distribution."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
     return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part
 
 
-def judged(
+def judge_consistency(
     rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
 ) -> Consistency:
     """Judges whether a run is consistent.

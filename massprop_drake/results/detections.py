@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.signals import with_deviation
-from massprop_drake.results.events import EventRecord, gained, place, said, telling_apart
+from massprop_drake.maths.signals import format_with_deviation
+from massprop_drake.results.events import (
+    EventRecord,
+    gained_mass_in_words,
+    list_events,
+    place_in_words,
+    separation_in_words,
+)
 
 Array = NDArray[np.float64]
 
@@ -110,10 +116,10 @@ def detection_entries(
         earlier: records from before these samples, some of which may be withdrawn now.
     """
     sensors = vehicle.sensor_names()
-    return followed(vehicle, said(vehicle, sensors, time_s, signals), earlier)
+    return update_detections(vehicle, list_events(vehicle, sensors, time_s, signals), earlier)
 
 
-def followed(
+def update_detections(
     vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
 ) -> list[DetectionRecord]:
     """Updates the records of failures and jumps with further events, and returns all of them.
@@ -127,25 +133,25 @@ def followed(
     for event in events:
         match event.kind:
             case "failed" | "group":
-                records.append(_failure(vehicle, event))
+                records.append(_make_failure(vehicle, event))
             case "jump":
-                records.append(_jump(event))
+                records.append(_make_jump(event))
             case "withdrawn":
-                records = _changed(records, event, withdrawn_s=event.time_s)
+                records = _change_records(records, event, withdrawn_s=event.time_s)
             case "changed":
-                records = _changed(records, event, again=True, withdrawn_s=None, **_force(event))
+                records = _change_records(records, event, again=True, withdrawn_s=None, **_force_fields(event))
             case "erratic":
-                erratic = {"erratic_s": event.time_s, "pattern": event.pattern} | _force(event)
-                records = _changed(records, event, again=True, withdrawn_s=None, **erratic)
+                erratic = {"erratic_s": event.time_s, "pattern": event.pattern} | _force_fields(event)
+                records = _change_records(records, event, again=True, withdrawn_s=None, **erratic)
             case "jump_measured":
                 jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
                 if jumps:
-                    size = _size(event) | {"measured_s": event.time_s}
+                    size = _size_fields(event) | {"measured_s": event.time_s}
                     records[jumps[-1]] = records[jumps[-1]]._replace(**size)
     return [_with_mode(record) for record in records]
 
 
-def _changed(
+def _change_records(
     records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
 ) -> list[DetectionRecord]:
     """Changes fields in the standing records of the event's jet, or in its newest record (`again`)."""
@@ -154,13 +160,13 @@ def _changed(
     return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
 
 
-def weighed_before(
+def note_mass_before_jumps(
     records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
 ) -> list[DetectionRecord]:
     """Notes the estimate of 1/m before each jump whose size the detector has not measured.
 
     Args:
-        records: as `followed` gives them.
+        records: as `update_detections` gives them.
         time_s: of some samples and the one before them, s, shape (n,).
         reciprocal, deviation: estimate of 1/m in these, and its 1-sigma, shape (n,) each.
     """
@@ -175,7 +181,7 @@ def weighed_before(
     return [weighed(record) for record in records]
 
 
-def settled(
+def finalize_detections(
     records: Sequence[DetectionRecord],
     force: Array,
     variance: Array,
@@ -199,10 +205,10 @@ def settled(
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
         return _with_mode(record._replace(jet_index=None, before=None))
 
-    return tuple(map(at_the_end, _weighed(records, (mass_reciprocal, deviation))))
+    return tuple(map(at_the_end, _compute_jump_sizes(records, (mass_reciprocal, deviation))))
 
 
-def placed(
+def bound_jump_times(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
     """Bounds the onset of each jump that the detector by hypotheses has found: earliest and latest time.
@@ -211,7 +217,7 @@ def placed(
     fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
 
     Args:
-        records: as `followed` gives them.
+        records: as `update_detections` gives them.
         blocks: of the whole run in order, with `time_s`, `command`, `alarm` and what sensors read.
         steps: by sensor, how far a reading moves from one sample to the next if something acts.
     """
@@ -219,7 +225,7 @@ def placed(
     jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
     if not jumps:
         return found
-    ended, alarms = _acting(blocks, steps)
+    ended, alarms = _find_activity(blocks, steps)
     for index in jumps:
         onset_s, time_s = records[index].onset_s, records[index].time_s
         first = float(ended[ended <= onset_s + _SAME_S].max(initial=-np.inf))
@@ -229,7 +235,7 @@ def placed(
     return found
 
 
-def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
+def _find_activity(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
     """Returns ends of intervals in which a jet fires or a reading moves, the run's beginning first, and alarms, s."""
     ended, alarms = [], []
     before: dict[str, Array] = {}
@@ -247,7 +253,7 @@ def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -
     return np.concatenate(ended), np.concatenate(alarms)
 
 
-def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
+def _compute_jump_sizes(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
     """Computes the mass of each jump from the estimates before and after it, taken as independent."""
     result, after = [], at_the_end
     for record in reversed(records):
@@ -261,7 +267,7 @@ def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]
     return result[::-1]
 
 
-def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
+def _make_failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
     assert event.magnitude is not None
     assert event.magnitude_std is not None
     assert event.jet_index is not None
@@ -269,7 +275,7 @@ def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
     return DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
-        kind=_kind(event.magnitude, event.magnitude_std, vehicle.jets[event.jet_index].thrust),
+        kind=_detection_kind(event.magnitude, event.magnitude_std, vehicle.jets[event.jet_index].thrust),
         cluster=event.cluster,
         jet=event.jets[0] if alone else None,
         isolated_to="jet" if alone else "group" if event.jets else "cluster",
@@ -285,7 +291,7 @@ def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
     )
 
 
-def _jump(event: EventRecord) -> DetectionRecord:
+def _make_jump(event: EventRecord) -> DetectionRecord:
     record = DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
@@ -300,18 +306,18 @@ def _jump(event: EventRecord) -> DetectionRecord:
     )
     if event.mass is None or event.mass_std is None or abs(event.mass) <= _SIGNIFICANT * event.mass_std:
         return record
-    return record._replace(**_size(event))
+    return record._replace(**_size_fields(event))
 
 
-def _force(event: EventRecord) -> dict[str, Any]:
+def _force_fields(event: EventRecord) -> dict[str, Any]:
     return {"magnitude": event.magnitude, "magnitude_std": event.magnitude_std}
 
 
-def _size(event: EventRecord) -> dict[str, Any]:
+def _size_fields(event: EventRecord) -> dict[str, Any]:
     return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
 
 
-def _kind(magnitude: float, std: float, thrust: float) -> Kind:
+def _detection_kind(magnitude: float, std: float, thrust: float) -> Kind:
     if magnitude > 0.0:
         return "jet_on"
     return "jet_off" if _is_all(magnitude, std, thrust) else "jet_degraded"
@@ -374,11 +380,11 @@ def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = 
     """
     how = _MODES.get(entry.mode) or entry.kind.replace("_", " ").removeprefix("jet ")
     if entry.magnitude is None or entry.magnitude_std is None:
-        how_large = size(entry, units) if whole else ""
+        how_large = size_in_words(entry, units) if whole else ""
         return f"{how}: {how_large}" if how_large else how
-    signed = with_deviation(entry.magnitude, entry.magnitude_std)
+    signed = format_with_deviation(entry.magnitude, entry.magnitude_std)
     force = f"{signed if whole else signed.partition(' ±')[0]} {units['force']}"
-    share = "" if not entry.thrust else f", {_percent(abs(entry.magnitude) / entry.thrust)} of its thrust"
+    share = "" if not entry.thrust else f", {_format_percent(abs(entry.magnitude) / entry.thrust)} of its thrust"
     if entry.mode in ("leak", "loss"):
         how = f"{how} {force[1:]}{share}"
     elif entry.mode in ("intermittent", "drift"):
@@ -389,12 +395,12 @@ def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = 
     return f"{entry.suspects}{cluster}: {how}"
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     """Formats a share in percent, to two digits."""
     return f"{100.0 * share:.{2 if share < 0.995 else 3}g} %"
 
 
-def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
+def size_in_words(entry: DetectionRecord, units: Mapping[str, str]) -> str:
     """Formats the size of a failure or a jump, with 1-sigma; empty where it is not known.
 
     Args:
@@ -402,12 +408,15 @@ def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
         units: names of the vehicle's units, see `Vehicle.unit_names`.
     """
     if entry.magnitude is not None and entry.magnitude_std is not None:
-        return f"{with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
-    mass, where = gained(entry.mass, entry.mass_std, units), place(entry.position, entry.position_std, units)
+        return f"{format_with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
+    mass, where = (
+        gained_mass_in_words(entry.mass, entry.mass_std, units),
+        place_in_words(entry.position, entry.position_std, units),
+    )
     return f"{mass} at {where}" if mass and where else mass
 
 
-def since(entry: DetectionRecord) -> str:
+def onset_in_words(entry: DetectionRecord) -> str:
     """Formats the onset, in words."""
     if entry.earliest_s is None or entry.latest_s is None:
         return f"since {entry.onset_s:.2f} s"
@@ -418,7 +427,7 @@ def remarks(entry: DetectionRecord) -> list[str]:
     """Lists further remarks on a detection."""
     found = []
     if entry.isolated_to == "group":
-        found.append(telling_apart(entry))
+        found.append(separation_in_words(entry))
     if entry.measured_s is not None:
         found.append(f"measured at {entry.measured_s:.2f} s")
     if entry.erratic_s is not None:

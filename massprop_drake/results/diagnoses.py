@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.offline.regression import FlightFit, Reckon
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
 from massprop_drake.results.consistency import Diagnosis
-from massprop_drake.results.record_stretches import off_ticks_of, preceded, rows_of
+from massprop_drake.results.record_stretches import is_off_ticks, prepend_rows, take_rows
 from massprop_drake.results.regression_model import Names
 
 _OFF = 3.0  # 1-sigma from the widest start, beyond which the vehicle's file is not held against the readings
@@ -45,7 +45,7 @@ class _Suspect(NamedTuple):
     threshold: float
 
 
-def diagnosed(
+def diagnose_readings(
     parts: Sequence[Stretch], begin: Array, made: FlightModel, names: Names
 ) -> tuple[list[Diagnosis], FlightFit]:
     """Diagnoses model errors that the readings show, the clearest first; also returns the first fit.
@@ -57,13 +57,13 @@ def diagnosed(
         names: of jets, kinds and sensors.
     """
     found: list[Diagnosis] = []
-    fit = first = regression.fitted(parts, start_from(begin, made), made)
-    if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
+    fit = first = regression.fit_flight(parts, fit_start(begin, made), made)
+    if fit.normal.is_finite and (wider := _widen_prior(fit.at[:10], made)) is not made:
         made = wider
-        fit = first = regression.fitted(parts, fit.at, made)
+        fit = first = regression.fit_flight(parts, fit.at, made)
     if fit.normal.readings < FEWEST or not fit.normal.is_finite:
         return found, first
-    fit, reckoned, found = switched(parts, fit, made)
+    fit, reckoned, found = try_switching(parts, fit, made)
     while len(found) < _MOST:
         best = min(_explanations(parts, fit, reckoned, names), key=lambda one: one.cost, default=None)
         if best is None:
@@ -71,9 +71,9 @@ def diagnosed(
         found.append(best.diagnosis)
         parts, fit, reckoned = best.parts, best.fit, best.made
     if not found and fit.normal.per_reading > _HOPELESS:
-        fit, found = _turned_right(parts, fit, made, names)
+        fit, found = _try_gyro_signs(parts, fit, made, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
-        found += oscillating(parts, fit, reckoned, names) or _scattered(parts, fit, reckoned, names)
+        found += find_oscillation(parts, fit, reckoned, names) or _find_scatter(parts, fit, reckoned, names)
     return found, first
 
 
@@ -100,45 +100,47 @@ def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, n
     suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
-        cause = _named(one, fit, made, names)
+        cause = _describe_cause(one, fit, made, names)
         wider = made._replace(sigma=made.sigma.copy())
         wider.sigma[cause.group] = cause.sigma
-        after = regression.fitted(parts, fit.at, wider)
+        after = regression.fit_flight(parts, fit.at, wider)
         if _explains(after, fit):
-            reason = _late_thrust(cause, after, made, names) if cause.kind == "lag" else cause.reason
+            reason = _describe_lags(cause, after, made, names) if cause.kind == "lag" else cause.reason
             found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
-            yield _Explanation(found, cost_of(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
-    for rows in (1, -1) if excess(fit) > 0.0 and not made.own_times else ():
-        moved = [_commanded_later(part, rows) for part in parts]
-        after = regression.fitted(moved, made.prior, made)
+            yield _Explanation(found, fit_cost(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
+    for rows in (1, -1) if excess_misfit(fit) > 0.0 and not made.own_times else ():
+        moved = [_shift_commands(part, rows) for part in parts]
+        after = regression.fit_flight(moved, made.prior, made)
         if not _explains(after, fit):
             continue
-        same = regression.fitted([rows_of(part, _kept_of(part, rows)) for part in parts], fit.at, made)
-        if excess(same) > 0.0 and _explains(after, same):  # else the row that is left out is all that contradicts
+        same = regression.fit_flight([take_rows(part, _kept_rows(part, rows)) for part in parts], fit.at, made)
+        if excess_misfit(same) > 0.0 and _explains(
+            after, same
+        ):  # else the row that is left out is all that contradicts
             words = f"delay wrong: commands act {1e3 * made.period_s:.3g} ms {'later' if rows > 0 else 'earlier'}"
             reason = f"{words} than they are logged, one sample period"
             found = Diagnosis("delay", reason, fit.normal.per_reading, after.normal.per_reading)
-            yield _Explanation(found, cost_of(after, made) + per_unknown, moved, after, made)
+            yield _Explanation(found, fit_cost(after, made) + per_unknown, moved, after, made)
 
 
 def _explains(after: FlightFit, before: FlightFit) -> bool:
     """Tests whether a fit leaves next to nothing of another fit's misfit beyond rounding."""
-    return after.normal.is_finite and excess(after) <= (1.0 - EXPLAINED) * excess(before)
+    return after.normal.is_finite and excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
 
 
-def _commanded_later(part: Stretch, rows: int) -> Stretch:
+def _shift_commands(part: Stretch, rows: int) -> Stretch:
     """Shifts the commands of a stretch by one row, later (1) or earlier (-1)."""
-    cut, told = rows_of(part, _kept_of(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
+    cut, told = take_rows(part, _kept_rows(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
     opening = None if part.onsets_s is None else part.onsets_s[told]
-    return preceded(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
+    return prepend_rows(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
 
 
-def _kept_of(part: Stretch, rows: int) -> slice:
+def _kept_rows(part: Stretch, rows: int) -> slice:
     """Returns the rows of a stretch that are left once its commands are shifted one row later (1), or earlier (-1)."""
     return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
 
 
-def _late_thrust(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
+def _describe_lags(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
     """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
     places, words = flight_model.columns(made), []
     for place in cause.group.tolist():
@@ -152,15 +154,15 @@ def _late_thrust(cause: _Cause, after: FlightFit, made: FlightModel, names: Name
     return f"lag wrong: {'; '.join(words)}"
 
 
-def oscillating(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
+def find_oscillation(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
     """Looks for a mode inside the vehicle, such as slosh or a panel, that explains drifting residuals.
 
     Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
     """
-    stated = flight_model.gathers(made)
-    if not flight_model.possible(fit.at):
+    stated = flight_model.has_accumulating_noise(made)
+    if not flight_model.is_physical(fit.at):
         return []
-    if oscillation.is_covered(parts, fit, made) if stated else excess(fit) == 0.0:
+    if oscillation.is_covered(parts, fit, made) if stated else excess_misfit(fit) == 0.0:
         return []
     misfit, readings = oscillation.misfit_of(parts, fit, made) if stated else (fit.normal.misfit, fit.normal.readings)
     mode = oscillation.strongest_mode(parts, fit, made)
@@ -169,28 +171,27 @@ def oscillating(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, nam
         if not stated:
             return []
         rate, velocity = oscillation.covering_walk(parts, fit, made, np.zeros_like(fit.at))
-        words = f"readings wander more than is stated; {_covering(rate, velocity)}"
+        words = f"readings wander more than is stated; {_walks_in_words(rate, velocity)}"
         return [Diagnosis("drift", words, misfit / max(readings, 1.0), 1.0)]
     rate, velocity = oscillation.covering_walk(parts, fit, made, mode.change)
-    words = (
-        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; {_covering(rate, velocity)}"
-    )
+    walks = _walks_in_words(rate, velocity)
+    words = f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; {walks}"
     return [Diagnosis("oscillation", words, fit.normal.per_reading, mode.misfit / mode.readings)]
 
 
-def _covering(rate: float, velocity: float) -> str:
+def _walks_in_words(rate: float, velocity: float) -> str:
     return f"joint.rate_walk={rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
 
 
-def start_from(begin: Array, made: FlightModel) -> Array:
+def fit_start(begin: Array, made: FlightModel) -> Array:
     """Returns the start of a fit: the prior, with the given ten parameters where a body can have them."""
     start = made.prior.copy()
-    if flight_model.possible(begin):  # NaN is not
+    if flight_model.is_physical(begin):  # NaN is not
         start[:10] = begin
     return start
 
 
-def _reaching(found: Array, made: FlightModel) -> FlightModel:
+def _widen_prior(found: Array, made: FlightModel) -> FlightModel:
     """Widens the prior of those of the ten parameters that a fit puts far from it; else returns the model itself."""
     off = np.abs(found - made.prior[:10])
     far = off > _OFF * made.sigma[:10]
@@ -201,7 +202,7 @@ def _reaching(found: Array, made: FlightModel) -> FlightModel:
     return made._replace(sigma=sigma)
 
 
-def switched(
+def try_switching(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel
 ) -> tuple[FlightFit, FlightModel, list[Diagnosis]]:
     """Tries commands that switch at stamps instead of regular ticks, or the reverse; takes what explains the readings.
@@ -214,23 +215,23 @@ def switched(
     Returns:
         The fit, the model that it was made with, and the diagnoses, at most one.
     """
-    if made.at_stamps is None or excess(fit) == 0.0 or not off_ticks_of(parts, made):
+    if made.at_stamps is None or excess_misfit(fit) == 0.0 or not is_off_ticks(parts, made):
         return fit, made, []
     other = made._replace(at_stamps=not made.at_stamps)
-    after = regression.fitted(parts, fit.at if flight_model.possible(fit.at) else made.prior, other)
-    if not after.normal.is_finite or excess(after) > (1.0 - EXPLAINED) * excess(fit):
+    after = regression.fit_flight(parts, fit.at if flight_model.is_physical(fit.at) else made.prior, other)
+    if not after.normal.is_finite or excess_misfit(after) > (1.0 - EXPLAINED) * excess_misfit(fit):
         return fit, made, []
     where = "the stamps of their rows" if other.at_stamps else "regular ticks"
     words = f"clock jitter: commands switch at {where}: joint.switching={'stamps' if other.at_stamps else 'ticks'}"
     return after, other, [Diagnosis("jitter", words, fit.normal.misfit, after.normal.misfit)]
 
 
-def excess(fit: FlightFit) -> float:
+def excess_misfit(fit: FlightFit) -> float:
     """Computes the misfit beyond the possible effect of rounding."""
     return max(fit.normal.misfit - SCATTER * fit.normal.readings, 0.0)
 
 
-def _turned_right(
+def _try_gyro_signs(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
 ) -> tuple[FlightFit, list[Diagnosis]]:
     """Tries gyro axes with reversed sign; returns the fit that explains the readings, or `fit`, and diagnoses."""
@@ -239,14 +240,14 @@ def _turned_right(
             signs = np.ones((made.variances.shape[0], 3))
             signs[package, axis] = -1.0
             turned = [part._replace(readings=part.readings * signs) for part in parts]
-            after = regression.fitted(turned, made.prior, made)
-            if after.normal.per_reading < _HOPELESS and excess(after) < (1.0 - EXPLAINED) * excess(fit):
+            after = regression.fit_flight(turned, made.prior, made)
+            if after.normal.per_reading < _HOPELESS and excess_misfit(after) < (1.0 - EXPLAINED) * excess_misfit(fit):
                 reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
                 return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
     return fit, []
 
 
-def cost_of(fit: FlightFit, made: FlightModel) -> float:
+def fit_cost(fit: FlightFit, made: FlightModel) -> float:
     """Computes the objective of a fit: the misfit, and the distance of the unknowns from their prior."""
     free = made.sigma > 0.0
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
@@ -270,13 +271,13 @@ def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
 
-def _scaled(score: ScoreTest, fit: FlightFit, stated: float) -> float:
+def _scale_statistic(score: ScoreTest, fit: FlightFit, stated: float) -> float:
     """Scales a test's statistic by the readings' actual variance, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
 
 
-def _tested(
+def _test_group(
     kind: str,
     group: NDArray[np.int_],
     fit: FlightFit,
@@ -285,30 +286,30 @@ def _tested(
     common: Reckoned | None = None,
 ) -> _Suspect:
     stated = float(made.sigma[group].max())
-    score = regression.score(fit, group, made, stated, clear, common)
+    score = regression.score_test(fit, group, made, stated, clear, common)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
     alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
     if kind.startswith("gyro"):
         alike = float(made.gyros)
     elif kind.startswith("accel"):
         alike = float(made.positions.shape[0])
-    return _Suspect(kind, group, score, _scaled(score, fit, stated) / alike, threshold)
+    return _Suspect(kind, group, score, _scale_statistic(score, fit, stated) / alike, threshold)
 
 
 def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
-    places, common = flight_model.columns(made), regression.reckoned_in(fit, made)
+    places, common = flight_model.columns(made), regression.estimated_unknowns(fit, made)
     for kind, group in _groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
-            yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
+            yield _test_group(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
     lags = [
         place
         for place in range(places.lag.start, places.lag.stop)
         if made.sigma[place] < _WIDE and fit.normal.information[place, place] > 0.0
     ]
     for place in lags:
-        yield _tested("lag", np.array([place]), fit, made, common=common)
+        yield _test_group("lag", np.array([place]), fit, made, common=common)
     if len(lags) > 1:
-        yield _tested("lag", np.array(lags), fit, made, common=common)
+        yield _test_group("lag", np.array(lags), fit, made, common=common)
 
 
 class _Cause(NamedTuple):
@@ -320,11 +321,11 @@ class _Cause(NamedTuple):
     sigma: float
 
 
-def _named(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+def _describe_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Describes a failed test as a cause."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
-        return _of_many(worst, fit, made, names)
+        return _find_single_cause(worst, fit, made, names)
     if kind == "lag":
         return _Cause(kind, "lag wrong", group, 1.0)  # by how much, the fit with it says
     largest = float(np.abs(size).max())
@@ -339,11 +340,11 @@ def _named(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> 
     return _Cause(kind, words, group, 1.0 if kind in ("gyro_bias", "mounting") else 1e6)
 
 
-def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+def _find_single_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-    common = regression.reckoned_in(fit, made)
-    each = [_tested(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
+    common = regression.estimated_unknowns(fit, made)
+    each = [_test_group(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
     best = max(range(len(each)), key=lambda index: each[index].score.statistic)
     gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
     turned = alone and _REVERSED[0] < gain < _REVERSED[1]
@@ -363,7 +364,7 @@ def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -
         words = "turns the other way: its axis, or its speed, is reversed" if turned else gain_of
         return _Cause(kind, f"wheel {names.wheels[best]}: {words}", each[best].group, 3.0)
     if kind == "engine":
-        return _of_engines(gain, each[best], names, best, alone=alone)
+        return _describe_engine_cause(gain, each[best], names, best, alone=alone)
     sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
     axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
     if turned:
@@ -372,7 +373,7 @@ def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -
     return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
 
 
-def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
+def _describe_engine_cause(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
     """Describes a cause by an error of an engine: by how much, or that there are several."""
     if not alone:
         return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)
@@ -385,7 +386,7 @@ def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alo
     return _Cause("engine", f"engine {names.engines[engine]}: {what}", suspect.group, 1.0)
 
 
-def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
+def _find_scatter(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
     """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package."""
     quick, quiet = fit.normal.quick, fit.normal.quiet
     sensors = (*names.gyros, *names.accelerometers)
@@ -394,14 +395,14 @@ def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, name
         gyro = package < len(names.gyros)
         if count < FEWEST / 4 or (found and not gyro):  # accelerometers turn with what gyros show
             continue
-        ratio, allowed = misfit / count, _allowed(count)
+        ratio, allowed = misfit / count, _largest_chance_ratio(count)
         if ratio <= allowed:
             continue
         times = f"{math.sqrt(ratio):.3g} times what is stated"
         if serial > _SMOOTH * misfit:
-            cause = _of_torques(parts, made, names) if gyro else "unmodeled forces"
+            cause = _describe_torques(parts, made, names) if gyro else "unmodeled forces"
             found.append(Diagnosis("drift", f"{sensors[package]}: readings drift {times}: {cause}", ratio, allowed))
-        elif gyro and quick[1] >= FEWEST / 4 and quick[0] / quick[1] > SCATTER * _per_reading(quiet) * 2.0:
+        elif gyro and quick[1] >= FEWEST / 4 and quick[0] / quick[1] > SCATTER * _misfit_per_reading(quiet) * 2.0:
             words = f"clock jitter: {sensors[package]} readings scatter {times} while the rate changes"
             found.append(Diagnosis("jitter", words, ratio, allowed))
         else:
@@ -409,9 +410,9 @@ def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, name
     return found
 
 
-def _of_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
+def _describe_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
     """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
-    momentum, impulse = unexplained_motion.unexplained(parts, made)
+    momentum, impulse = unexplained_motion.unexplained_impulses(parts, made)
     torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
     reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
     if not made.positions.size or momentum < _OUTSIDE * reach * impulse:
@@ -420,11 +421,11 @@ def _of_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> st
     return f"unmodeled torques without a force, such as wheels whose speed changes: {size}"
 
 
-def _allowed(count: float) -> float:
+def _largest_chance_ratio(count: float) -> float:
     """Computes the largest ratio of variances that may be chance."""
     return SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
 
 
-def _per_reading(part: Array) -> float:
+def _misfit_per_reading(part: Array) -> float:
     """Computes the misfit for each reading, at least the stated one."""
     return max(float(part[0] / part[1]), 1.0) if part[1] >= FEWEST / 4 else 1.0

@@ -14,8 +14,8 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, named
-from massprop_drake.maths.signals import AXES, with_deviation
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, jets_by_declaration
+from massprop_drake.maths.signals import AXES, format_with_deviation
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ class EventRecord(NamedTuple):
     jet_index: Count | None = None
 
 
-def said(
+def list_events(
     vehicle: Vehicle,
     sensors: Sequence[str],
     time_s: Array,
@@ -117,15 +117,15 @@ def said(
             at = {name: float(signals[name][k, 0]) for name in STATUS}
             if "verdict" in signals:
                 row = {name: signals[name][k] for name in _OF_HYPOTHESES}
-                told = _by_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
+                told = _events_of_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
                 found += map(_without_nan, told)
             else:
                 nis = float(signals["rotation_nis"][k, 0])
-                found.append(_without_nan(_by_samples(vehicle, float(time_s[k]), at, nis)))
+                found.append(_without_nan(_event_of_samples(vehicle, float(time_s[k]), at, nis)))
     return found[len(earlier) :]
 
 
-def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
+def locate_reading(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
     """Returns the names of sensor and axis of a reading's component, see `EventRecord`.
 
     Args:
@@ -146,7 +146,7 @@ def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tupl
     return vehicle.engines[engine].name, _OF_ENGINES[channel]
 
 
-def kind_of(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
+def sensor_event_kind(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
     """Returns the kind of event that names a sensor or an engine."""
     return "engine_failed" if any(engine.name == sensor for engine in vehicle.engines) else "false_reading"
 
@@ -159,7 +159,7 @@ def _without_nan(event: EventRecord) -> EventRecord:
     return event._replace(**lacking) if lacking else event
 
 
-def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
+def _event_of_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
     """Makes the event of a detector of single samples, or of sums of them."""
     code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
@@ -178,7 +178,7 @@ def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: f
     )
 
 
-def _by_hypotheses(
+def _events_of_hypotheses(
     vehicle: Vehicle,
     sensors: Sequence[str],
     time_s: float,
@@ -188,15 +188,15 @@ def _by_hypotheses(
     """Yields the events of the detector by hypotheses at a sample: any number of jets, at most one other."""
     at, row = told
     how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
-    for jets in named(row["verdict_group"], row["verdict_place"]):
-        event = _of_jets(vehicle, time_s, jets, row)._replace(**how)
-        yield event._replace(pattern=_pattern(earlier, event)) if event.kind == "erratic" else event
+    for jets in jets_by_declaration(row["verdict_group"], row["verdict_place"]):
+        event = _event_of_jets(vehicle, time_s, jets, row)._replace(**how)
+        yield event._replace(pattern=_classify_pattern(earlier, event)) if event.kind == "erratic" else event
     if not np.isnan(row["jump_measured"][0]):
         known, there = np.isfinite(row["jump_mass"][0]), np.isfinite(row["jump_position"]).all()
         yield EventRecord(
             time_s,
             "jump_measured" if row["jump_measured"][0] else "jump",
-            at["onset"] if not row["jump_measured"][0] else _latest(earlier, "jump", at["onset"]),
+            at["onset"] if not row["jump_measured"][0] else _latest_onset(earlier, "jump", at["onset"]),
             mass=float(row["jump_mass"][0]) if known else None,
             mass_std=float(row["jump_mass_std"][0]) if known else None,
             position=_three(row["jump_position"]) if there else None,
@@ -204,8 +204,8 @@ def _by_hypotheses(
             **how,
         )
     if not np.isnan(row["lying_component"][0]):
-        sensor, axis = reading_of(int(row["lying_component"][0]), sensors, vehicle)
-        yield EventRecord(time_s, kind_of(sensor, vehicle), at["onset"], sensor=sensor, axis=axis, **how)
+        sensor, axis = locate_reading(int(row["lying_component"][0]), sensors, vehicle)
+        yield EventRecord(time_s, sensor_event_kind(sensor, vehicle), at["onset"], sensor=sensor, axis=axis, **how)
     if not np.isnan(row["unexplained_since"][0]):
         yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
     if not np.isnan(row["disturbed_since"][0]):
@@ -214,7 +214,7 @@ def _by_hypotheses(
         yield event._replace(torque_std=torque, force_std=force)
 
 
-def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
+def _event_of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
     jet = jets[0]
     by, after_s = float(row["verdict_apart_by"][jet]), float(row["verdict_apart_after"][jet])
     return EventRecord(
@@ -231,14 +231,14 @@ def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str,
     )
 
 
-def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
+def _classify_pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
     """Classifies a jet's changing force as drifting, if always in one direction, or as intermittent."""
     of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
 
 
-def _latest(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
+def _latest_onset(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
     """Returns the onset of the latest event of a kind."""
     return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
 
@@ -261,22 +261,22 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
     since = f"since {event.onset_s:.2f} s"
     match event.kind:
         case "failed" | "group":
-            what = f"{_which(event)} has failed: {_force(event, units)}, {since}"
-            return what if event.kind == "failed" else f"{what}; {telling_apart(event)}"
+            what = f"{_jets_in_words(event)} has failed: {_force_in_words(event, units)}, {since}"
+            return what if event.kind == "failed" else f"{what}; {separation_in_words(event)}"
         case "changed":
-            return f"the failure of {_which(event)} is now {_force(event, units)}"
+            return f"the failure of {_jets_in_words(event)} is now {_force_in_words(event, units)}"
         case "withdrawn":
-            return f"nothing is left of the failure of {_which(event)}"
+            return f"nothing is left of the failure of {_jets_in_words(event)}"
         case "erratic":
             how = "drifts" if event.pattern == "drifting" else "comes and goes"
-            which, force = _which(event), _force(event, units)
+            which, force = _jets_in_words(event), _force_in_words(event, units)
             relied = "it is not relied on" if len(event.jets) == 1 else "what it gives is not relied on"
             return f"{which} is erratic: its failure {how}, now {force}; {relied}"
         case "jump" | "jump_measured":
             of = "a jump of the mass properties" if event.kind == "jump" else "the jump of the mass properties"
             unknown = event.mass is not None and event.mass_std is not None and abs(event.mass) < event.mass_std
-            size = "" if unknown else gained(event.mass, event.mass_std, units)
-            where = place(event.position, event.position_std, units)
+            size = "" if unknown else gained_mass_in_words(event.mass, event.mass_std, units)
+            where = place_in_words(event.position, event.position_std, units)
             told = f": {size}{f' at {where}' if where else ''}" if size else ""
             return f"{of}, seen after {event.onset_s:.2f} s{told}{'; how large it is will show' if unknown else ''}"
         case "false_reading":
@@ -289,7 +289,8 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
             return f"engine {event.sensor} has failed: {stays[str(event.axis)]} is not as told {since}"
         case "disturbance":
             return (
-                f"{acting(event, units)} acts besides the jets {since}, which nobody stated; from then on it is taken "
+                f"{disturbance_in_words(event, units)} acts besides the jets {since}, "
+                "which nobody stated; from then on it is taken "
                 "into account"
             )
         case _:
@@ -299,7 +300,7 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
             )
 
 
-def acting(event: EventRecord, units: Mapping[str, str]) -> str:
+def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
     """Formats torque and force of a disturbance in words, to an order of magnitude.
 
     Args:
@@ -313,7 +314,7 @@ def acting(event: EventRecord, units: Mapping[str, str]) -> str:
     return torque + more
 
 
-def telling_apart(event: Any) -> str:
+def separation_in_words(event: Any) -> str:
     """Describes which firing or wait would separate the jets of a group, of an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
@@ -322,26 +323,26 @@ def telling_apart(event: Any) -> str:
     return "firing none of them alone, nor waiting, would tell them apart"
 
 
-def gained(mass: float | None, std: float | None, units: Mapping[str, str]) -> str:
+def gained_mass_in_words(mass: float | None, std: float | None, units: Mapping[str, str]) -> str:
     """Formats a mass gained, with its 1-sigma; empty where it is not known."""
-    return "" if mass is None or std is None else f"{with_deviation(mass, std)} {units['mass']}"
+    return "" if mass is None or std is None else f"{format_with_deviation(mass, std)} {units['mass']}"
 
 
-def place(position: Sequence[float] | None, std: Sequence[float] | None, units: Mapping[str, str]) -> str:
+def place_in_words(position: Sequence[float] | None, std: Sequence[float] | None, units: Mapping[str, str]) -> str:
     """Formats a place, with its 1-sigma; empty where it is not known."""
     if position is None or std is None:
         return ""
-    parts = ", ".join(with_deviation(value, deviation) for value, deviation in zip(position, std, strict=True))
+    parts = ", ".join(format_with_deviation(value, deviation) for value, deviation in zip(position, std, strict=True))
     return f"({parts}) {units['length']}"
 
 
-def _which(event: EventRecord) -> str:
+def _jets_in_words(event: EventRecord) -> str:
     if len(event.jets) == 1:
         return f"jet {event.jets[0]}"
     return f"one of {', '.join(event.jets)}" if event.jets else f"a jet of cluster {event.cluster}"
 
 
-def _force(event: EventRecord, units: Mapping[str, str]) -> str:
+def _force_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
     assert event.magnitude is not None
     assert event.magnitude_std is not None
-    return f"{with_deviation(event.magnitude, event.magnitude_std)} {units['force']}"
+    return f"{format_with_deviation(event.magnitude, event.magnitude_std)} {units['force']}"

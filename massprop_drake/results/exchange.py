@@ -49,7 +49,7 @@ class Stage:
 
     def exchanged(self, whole: Path, target: Path) -> Path:
         """Puts a finished folder in place of another at once, and returns where that is now."""
-        if swapped(whole, target):
+        if swap_folders(whole, target):
             return whole
         old = self._path / _OLD / target.name
         target.rename(old)
@@ -73,7 +73,7 @@ def lock(descriptor: int, *, wait: bool = True) -> bool:
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Keeps other processes from exchanging anything in a folder, for a short time; waits for its turn."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -86,7 +86,7 @@ def locked(folder: Path) -> Iterator[None]:
 @contextlib.contextmanager
 def stage(folder: Path) -> Iterator[Stage]:
     """Yields a stage in a folder, and removes it with everything in it that is not finished."""
-    with locked(folder):
+    with lock_folder(folder):
         _tidy(folder)
         path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
         descriptor = os.open(path, os.O_RDONLY)
@@ -111,8 +111,8 @@ def recover(path: Path) -> None:
         return
     for folder in (real, *list(real.parents)[:2]):  # a run's folder, or a file in it
         with contextlib.suppress(OSError):  # where nothing may be changed, what is there can still be read
-            if any(_left_over(folder)):
-                with locked(folder):
+            if any(_leftover_stages(folder)):
+                with lock_folder(folder):
                     _tidy(folder)
 
 
@@ -131,7 +131,7 @@ def drop(old: Path, name: Path) -> Path | None:
     return None if manifest.discard(old) else set_aside(old, name)
 
 
-def _left_over(folder: Path) -> Iterator[Path]:
+def _leftover_stages(folder: Path) -> Iterator[Path]:
     """Yields the stages in a folder, those of running processes included."""
     if folder.is_dir():
         for path in sorted(folder.iterdir()):
@@ -141,7 +141,7 @@ def _left_over(folder: Path) -> Iterator[Path]:
 
 def _tidy(folder: Path) -> None:
     """Finishes the work of killed processes in a folder; the folder is locked."""
-    for path in _left_over(folder):
+    for path in _leftover_stages(folder):
         # another user's, of a living process, or of one that has just removed it
         with contextlib.suppress(PermissionError, BlockingIOError, FileNotFoundError):
             descriptor = os.open(path, os.O_RDONLY)
@@ -170,7 +170,7 @@ def _settle(left: Path) -> None:
         left.rmdir()
 
 
-def swapped(one: Path, other: Path) -> bool:
+def swap_folders(one: Path, other: Path) -> bool:
     """Exchanges two folders at once; False where system or file system cannot."""
     library = ctypes.CDLL(None, use_errno=True)
     first, second = os.fsencode(one), os.fsencode(other)

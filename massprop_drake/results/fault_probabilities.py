@@ -13,7 +13,7 @@ from pydantic import Field
 from massprop_drake.inputs.model import NotNegative, Real
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Mode as Code
-from massprop_drake.maths.signals import with_deviation
+from massprop_drake.maths.signals import format_with_deviation
 from massprop_drake.results.detections import Mode
 from massprop_drake.results.spool import Spool
 
@@ -75,12 +75,17 @@ class FaultProbabilities(NamedTuple):
             units: names of the vehicle's units, see `Vehicle.unit_names`.
         """
         shown = [(jet, one) for jet, one in self.jets.items() if one.probability > LEAST_SHOWN]
-        parts = [f"{jet} {rounded(one.probability)}{_how(one, units)}" for jet, one in shown[:_MOST_SHOWN]]
+        parts = [
+            f"{jet} {format_probability(one.probability)}{_failure_in_words(one, units)}"
+            for jet, one in shown[:_MOST_SHOWN]
+        ]
         if len(shown) > _MOST_SHOWN:
             parts.append(f"{len(shown) - _MOST_SHOWN} more jets less")
         words = f"failed with probability: {', '.join(parts)}" if parts else ""
         if self.unknown > LEAST_SHOWN:
-            words += f"{'; ' if words else ''}something unknown pushes with probability {rounded(self.unknown)}"
+            words += (
+                f"{'; ' if words else ''}something unknown pushes with probability {format_probability(self.unknown)}"
+            )
         return words
 
 
@@ -89,7 +94,7 @@ def gives_probabilities(signals: Spool) -> bool:
     return "none_probability" in signals and math.isfinite(signals.last("none_probability")[0])
 
 
-def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
+def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
     """Returns posterior fault probabilities at the end of a run; None where the detector gives none.
 
     Args:
@@ -102,12 +107,12 @@ def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
     probability, *_ = columns = [signals.last(name) for name in names]
     order = np.argsort(-probability, kind="stable")
     told = order[probability[order] > LEAST_TOLD].tolist()
-    jets = {vehicle.designations[jet]: _of_jet(*(float(column[jet]) for column in columns)) for jet in told}
-    none, unknown = (_bounded(signals.last(name)[0]) for name in ("none_probability", "unknown_probability"))
+    jets = {vehicle.designations[jet]: _jet_probability(*(float(column[jet]) for column in columns)) for jet in told}
+    none, unknown = (_limit_probability(signals.last(name)[0]) for name in ("none_probability", "unknown_probability"))
     return FaultProbabilities(jets, none, unknown)
 
 
-def by_jet(content: Any) -> Any:
+def read_fault_probability(content: Any) -> Any:
     """Reads the content of `fault_probability`; keys of jets that a later version wrote are passed over."""
     if not isinstance(content, dict):
         return content
@@ -119,27 +124,27 @@ def by_jet(content: Any) -> Any:
     return {"jets": jets, **{name: content[name] for name in _OF_NO_JET if name in content}}
 
 
-def rounded(probability: float) -> str:
+def format_probability(probability: float) -> str:
     """Formats a probability: two digits of it, or four where it is near 1."""
     if probability > _ROUNDED:
         return f"above {_ROUNDED}"
     return f"{probability:.4f}" if probability >= 1.0 - LEAST_SHOWN else f"{probability:.2g}"
 
 
-def _how(one: JetProbability, units: Mapping[str, str]) -> str:
+def _failure_in_words(one: JetProbability, units: Mapping[str, str]) -> str:
     """Formats mode and force of a failure, in brackets."""
     parts = [] if one.mode is None else [one.mode.replace("_", " ")]
     if one.force is not None and one.force_std is not None:
-        parts.append(f"{with_deviation(one.force, one.force_std)} {units['force']}")
+        parts.append(f"{format_with_deviation(one.force, one.force_std)} {units['force']}")
     return f" ({', '.join(parts)})" if parts else ""
 
 
-def _of_jet(probability: float, mode: float, force: float, force_std: float) -> JetProbability:
+def _jet_probability(probability: float, mode: float, force: float, force_std: float) -> JetProbability:
     known = math.isfinite(force) and math.isfinite(force_std)
     size = (force, force_std) if known else (None, None)
-    return JetProbability(_bounded(probability), _MODES.get(int(mode)), *size)
+    return JetProbability(_limit_probability(probability), _MODES.get(int(mode)), *size)
 
 
-def _bounded(probability: float) -> float:
+def _limit_probability(probability: float) -> float:
     """Limits a sum of weights to a probability: rounding may carry it beyond 0 or 1."""
     return min(max(float(probability), 0.0), 1.0)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.results import manifest
-from massprop_drake.results.exchange import Stage, drop, lock, locked, recover, set_aside, stage
+from massprop_drake.results.exchange import Stage, drop, lock, lock_folder, recover, set_aside, stage
 from massprop_drake.results.manifest import Manifest
 
 Written = bytes | Callable[[Path], object]  # a file's content, or what writes it to a path where nothing is
@@ -69,24 +69,24 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
     Raises:
         InputError: when the target holds anything but what we have written, or cannot be written.
     """
-    with _told(target):
-        path = _found(target)
+    with _explain_os_error(target):
+        path = _resolve_folder(target)
         path.parent.mkdir(parents=True, exist_ok=True)
         with stage(path.parent):  # can be made
             pass
-        with locked(path.parent):  # nobody exchanges it while it is looked at
+        with lock_folder(path.parent):  # nobody exchanges it while it is looked at
             found = manifest.read(path)
-            may_stay = force and found is not None and not _others(path, found)  # a run that is flown again
-            _require_replaceable(target, path, [one for one in reads if not (may_stay and _real(one) == path)])
+            may_stay = force and found is not None and not _foreign_in_words(path, found)  # a run that is flown again
+            _require_replaceable(target, path, [one for one in reads if not (may_stay and _resolve_path(one) == path)])
             if force:
-                _require_apart(target, path, _within(path))
+                _require_apart(target, path, _inner_work_folders(path))
             elif path.exists():
                 _require_ours(target, path, found)
         return Place(path, target, force, None if found is None else found.id)
 
 
 @contextlib.contextmanager
-def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
+def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
     """Yields the place of `require_writable`; folders made for it are removed if nothing is written into them.
 
     Args:
@@ -95,9 +95,9 @@ def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] =
     Raises:
         InputError: as there; or the target is in the folder of a campaign.
     """
-    with _told(target):
-        _require_apart(target, _found(target))
-        made = [folder for folder in _found(target).parents if not os.path.lexists(folder)]
+    with _explain_os_error(target):
+        _require_apart(target, _resolve_folder(target))
+        made = [folder for folder in _resolve_folder(target).parents if not os.path.lexists(folder)]
     place = require_writable(target, force=force, reads=reads)
     touched = place.path.parent.stat().st_mtime_ns
     try:
@@ -125,15 +125,15 @@ def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> It
             where the new folder is.
     """
     path = place.path
-    with _told(place.shown), stage(path.parent) as prepared:
+    with _explain_os_error(place.shown), stage(path.parent) as prepared:
         partial = prepared.partial / path.name
         partial.mkdir()
         yield partial
         (partial / manifest.NAME).write_bytes(manifest.listing(partial).as_bytes())
         whole = prepared.finished(path.name)
-        with locked(path.parent):
+        with lock_folder(path.parent):
             try:
-                replaced = _placed(whole, place._replace(force=place.force or beside()), prepared)
+                replaced = _put_in_place(whole, place._replace(force=place.force or beside()), prepared)
             except (InputError, OSError) as error:
                 kept = place.named(set_aside(whole, path))
                 raise InputError(
@@ -144,7 +144,7 @@ def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> It
             raise InputError(f"{place.shown}: is written; what is not ours of the old one is in {place.named(rest)}")
 
 
-def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
+def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
     """Puts a finished folder in its place, and returns the new path of the replaced one, or None.
 
     Raises:
@@ -153,13 +153,13 @@ def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
     path = place.path
     if place.force and os.path.lexists(path) and not _is_empty(path):
         set_aside(path, path)
-    if _took(whole, path):
+    if _take_free_place(whole, path):
         return None
     if not path.is_dir() or path.is_symlink():
         raise InputError("has become something else than a folder")
-    with locked(path):  # nobody puts pages into it
+    with lock_folder(path):  # nobody puts pages into it
         found = manifest.read(path)
-        if others := _others(path, found):
+        if others := _foreign_in_words(path, found):
             raise InputError(f"has got files that are not ours ({others})")
         if found is None or found.id != place.found:
             raise InputError("has got another run")
@@ -172,8 +172,8 @@ def require_no_run(folder: Path) -> None:
     Raises:
         InputError: when it is.
     """
-    with _told(folder):
-        path = _found(folder)
+    with _explain_os_error(folder):
+        path = _resolve_folder(folder)
         _require_apart(folder, path)
         owned = manifest.read(path)
         if (path / _MARKER).is_file() or (owned is not None and owned.has(path / "summary.json", path)):
@@ -191,7 +191,7 @@ def require_files(folder: Path, names: Iterable[str], *, force: bool = False) ->
     Raises:
         InputError: when a file of a name is there and not ours, or the folder cannot be written.
     """
-    _require(folder, names, _Rule(force))
+    _require_writable_files(folder, names, _Rule(force))
 
 
 def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = False, found: str | None = None) -> None:
@@ -222,7 +222,7 @@ def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[
         InputError: when something is there that must not be replaced, or the folder cannot be written.
     """
     _require_folder_of(path)
-    _require(path.parent, [path.name], _Rule(force, kind, tuple(map(Path, reads))))
+    _require_writable_files(path.parent, [path.name], _Rule(force, kind, tuple(map(Path, reads))))
 
 
 def write_file(
@@ -253,7 +253,7 @@ def write_page(path: Path, text: str, kind: str, *, force: bool = False, reads: 
     Raises:
         InputError: as `require_file`; nothing has changed.
     """
-    write_file(path, manifest.sealed(text, kind), kind, force=force, reads=reads)
+    write_file(path, manifest.seal_page(text, kind), kind, force=force, reads=reads)
 
 
 def is_ours(folder: Path, name: str) -> bool:
@@ -284,13 +284,13 @@ class _Rule(NamedTuple):
 
     def reason_to_stay(self, path: Path, folder: Path) -> str | None:
         """Explains why what is at a path in a folder must not even get another name; None: it may."""
-        real = _real(path)
+        real = _resolve_path(path)
         if path.is_dir():
             return "is a folder; give a file"
         if not (path.is_file() or path.is_symlink()):
             return "is no regular file; give another place"
         for source in self.reads:
-            if _real(source) in (real, *real.parents, *path.parents):
+            if _resolve_path(source) in (real, *real.parents, *path.parents):
                 return f"belongs to what is read, {source}; give another place"
         for above in path.parents:
             owned = manifest.read(above)
@@ -323,15 +323,15 @@ class _Rule(NamedTuple):
 
 
 def _require_folder_of(path: Path) -> None:
-    with _told(path):
+    with _explain_os_error(path):
         if path.is_dir() or not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
 
 
-def _require(folder: Path, names: Iterable[str], rule: _Rule) -> None:
+def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> None:
     """Checks that files can be written into a folder by a rule."""
-    with _told(folder):
-        path = _found(folder)
+    with _explain_os_error(folder):
+        path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)
         with stage(path):  # can be made
             pass
@@ -340,8 +340,8 @@ def _require(folder: Path, names: Iterable[str], rule: _Rule) -> None:
 
 def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str | None = None) -> None:
     """Writes files into a folder by a rule, and lists them where it has a manifest, or is to have one."""
-    with _told(folder):
-        path = _found(folder)
+    with _explain_os_error(folder):
+        path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)
         with stage(path) as prepared:
             ready = {name: prepared.partial / str(number) for number, name in enumerate(files)}
@@ -350,7 +350,7 @@ def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str |
                     content(ready[name])
                 else:
                     ready[name].write_bytes(content)
-            with locked(path):
+            with lock_folder(path):
                 before = manifest.read(path)
                 if found is not None and (before is None or before.id != found):
                     raise InputError(f"{folder}: has been replaced meanwhile; try again")
@@ -359,14 +359,14 @@ def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str |
                     set_aside(path / name, path / name)
                 begun = before or (manifest.empty() if own else None)
                 if begun is None:
-                    _put(ready, path)
+                    _put_files(ready, path)
                     return
                 entries = {name: manifest.entry(file) for name, file in ready.items()}
                 parents = {str(parent) for name in files for parent in list(Path(name).parents)[:-1]}
                 after = begun.model_copy(update={"folders": tuple(sorted({*begun.folders, *parents}))})
-                _note(after.model_copy(update={"pending": entries}), prepared.partial, path)
-                _put(ready, path)
-                _note(after.model_copy(update={"files": {**after.files, **entries}}), prepared.partial, path)
+                _write_manifest(after.model_copy(update={"pending": entries}), prepared.partial, path)
+                _put_files(ready, path)
+                _write_manifest(after.model_copy(update={"files": {**after.files, **entries}}), prepared.partial, path)
 
 
 @contextlib.contextmanager
@@ -384,8 +384,8 @@ def resumable_folder(
     Raises:
         InputError: when the target is taken by anything else, cannot be written, or another process is at work in it.
     """
-    with _told(target):
-        path = _found(target)
+    with _explain_os_error(target):
+        path = _resolve_folder(target)
         _require_apart(target, path)
         marker = path / _MARKER
         others = path.exists() and not marker.is_file() and not _is_empty(path)
@@ -393,9 +393,9 @@ def resumable_folder(
             _require_replaceable(target, path, reads)
             if not force:
                 raise InputError(
-                    f"{target}: holds files that are not of an earlier {kind}; {_ELSEWHERE}, or {_kept(path)}"
+                    f"{target}: holds files that are not of an earlier {kind}; {_ELSEWHERE}, or {_force_hint(path)}"
                 )
-            _require_apart(target, path, _within(path), [path] if manifest.read(path) else [])
+            _require_apart(target, path, _inner_work_folders(path), [path] if manifest.read(path) else [])
             set_aside(path, path)
         path.mkdir(parents=True, exist_ok=True)
         with marker.open("a", encoding="utf-8") as file:
@@ -411,7 +411,7 @@ def resumable_folder(
             yield path
 
 
-def _found(target: Path) -> Path:
+def _resolve_folder(target: Path) -> Path:
     """Returns the folder that a path stands for, without links; killed processes may have left it incomplete."""
     recover(target)
     try:
@@ -426,14 +426,14 @@ def _found(target: Path) -> Path:
     return path
 
 
-def _real(path: str | Path) -> Path:
+def _resolve_path(path: str | Path) -> Path:
     return Path(os.path.realpath(path))
 
 
 def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) -> None:
     """Refuses to replace a folder that must stay: it holds what is read, or the work goes on in it."""
     for source in map(Path, reads):
-        real, link = _real(source), _real(source.parent) / source.name
+        real, link = _resolve_path(source), _resolve_path(source.parent) / source.name
         if path in (real, *real.parents, *link.parents) and real.exists():
             raise InputError(f"{target}: holds what is to be read, and would be replaced; {_ELSEWHERE} with --out")
     if path in (here := Path.cwd(), *here.parents):
@@ -457,7 +457,7 @@ def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
         raise InputError(f"{target}: holds the run or campaign in {inner}, which stays where it is; {_ELSEWHERE}")
 
 
-def _within(path: Path) -> Iterator[Path]:
+def _inner_work_folders(path: Path) -> Iterator[Path]:
     """Yields folders of work that can be interrupted in a folder, itself included, and of runs below it."""
     for folder, below, names in os.walk(path):
         below.sort()
@@ -467,7 +467,7 @@ def _within(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def _told(target: Path) -> Iterator[None]:
+def _explain_os_error(target: Path) -> Iterator[None]:
     """Turns an error of the operating system into an `InputError` that names the target."""
     try:
         yield
@@ -478,28 +478,28 @@ def _told(target: Path) -> Iterator[None]:
 
 
 def _require_ours(target: Path, path: Path, found: Manifest | None) -> None:
-    others = _others(path, found)
+    others = _foreign_in_words(path, found)
     if not others:
         return
     why = "" if found is not None else f" (it has no {manifest.NAME} of ours, which runs of 0.2 and before lack)"
     raise InputError(
         f"{target}: holds files that are not of an earlier run, or changed since{why}: {others}; "
-        f"{_ELSEWHERE}, or {_kept(path)}"
+        f"{_ELSEWHERE}, or {_force_hint(path)}"
     )
 
 
-def _kept(path: Path) -> str:
+def _force_hint(path: Path) -> str:
     return f"--force to keep what is there as {path.name}.1"
 
 
-def _others(path: Path, found: Manifest | None) -> str:
+def _foreign_in_words(path: Path, found: Manifest | None) -> str:
     """Names the first few entries of a folder that are not ours; empty when all are."""
-    names = list(islice(manifest.foreign(path, found), _COUNTED + 1))
+    names = list(islice(manifest.foreign_entries(path, found), _COUNTED + 1))
     more = f" and {'more than ' * (len(names) > _COUNTED)}{min(len(names), _COUNTED) - _NAMED} more"
     return ", ".join(names[:_NAMED]) + (more if len(names) > _NAMED else "")
 
 
-def _took(whole: Path, path: Path) -> bool:
+def _take_free_place(whole: Path, path: Path) -> bool:
     """Moves a folder to a free place or over an empty folder; False where something is there."""
     try:
         whole.rename(path)
@@ -514,12 +514,12 @@ def _is_empty(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
-def _put(ready: Mapping[str, Path], path: Path) -> None:
+def _put_files(ready: Mapping[str, Path], path: Path) -> None:
     for name, file in ready.items():
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         file.replace(path / name)
 
 
-def _note(content: Manifest, partial: Path, path: Path) -> None:
+def _write_manifest(content: Manifest, partial: Path, path: Path) -> None:
     (partial / manifest.NAME).write_bytes(content.as_bytes())
     (partial / manifest.NAME).replace(path / manifest.NAME)

@@ -52,11 +52,13 @@ class Identifiability(NamedTuple):
     bound: Real | None = None
 
 
-def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None) -> Array:
+def unobservable_combinations(
+    vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None
+) -> Array:
     """Computes combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
 
-    A row each, as `observability.unobservable` gives them, in units of the 1-sigma at the start; not what is hidden by
-    chance with the center of mass where it is now.
+    A row each, as `observability.unobservable_combinations` gives them, in units of the 1-sigma at the start; not what
+    is hidden by chance with the center of mass where it is now.
 
     Args:
         vehicle: its jets.
@@ -68,22 +70,24 @@ def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.boo
     scale = mass_properties.initial_standard_deviation(parameters, vehicle.uncertainty, floor)
     parameters[mass_properties.CENTER_OF_MASS] += _OFFSET * floor
     free = np.ones(10, dtype=np.bool_) if known is None else ~known
-    return _hidden(*(array.tobytes() for array in (vehicle.wrenches, parameters, scale, free)), accelerometer).copy()
+    return _hidden_combinations(
+        *(array.tobytes() for array in (vehicle.wrenches, parameters, scale, free)), accelerometer
+    ).copy()
 
 
 @lru_cache(maxsize=64)
-def _hidden(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
+def _hidden_combinations(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
     """Computes the hidden combinations from arrays' content; cached over the runs of a campaign."""
     jets = np.frombuffer(wrenches).reshape(-1, 6)
     jacobian = observability.impulse_jacobian(jets, np.frombuffer(parameters), accelerometer=accelerometer)
     places = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
-    found = observability.unobservable(jacobian[:, places], np.frombuffer(scale)[places])
+    found = observability.unobservable_combinations(jacobian[:, places], np.frombuffer(scale)[places])
     whole = np.zeros((found.shape[0], 10))
     whole[:, places] = found
     return whole
 
 
-def identified(
+def classify_parameters(
     scenario: Scenario, estimate: Array, covariance: Array, bound: Array | None = None
 ) -> tuple[Identifiability, ...]:
     """Classifies each parameter at the end of a run: identified, weak, not excited, not observable or fixed.
@@ -97,20 +101,20 @@ def identified(
     vehicle = scenario.vehicle_data
     least = np.full(10, math.nan) if bound is None else bound
     limits, known = params.convergence_limits(scenario), params.known_parameters(scenario)
-    weighs = params.weighs(scenario)
+    weighs = params.mass_is_observable(scenario)
     deviation = np.sqrt(covariance.diagonal())
-    good = bool(mass_properties.converged_rows(deviation[None], estimate[None], limits, known)[0])
+    good = bool(mass_properties.are_converged(deviation[None], estimate[None], limits, known)[0])
     scaling = estimate if good else vehicle.nominal.vector()  # what is not known yet scales nothing
-    limit = identifiability.asked(scaling, limits)
+    limit = identifiability.requested_deviation(scaling, limits)
     start = np.sqrt(params.initial_covariance(scenario).diagonal())
-    hidden = unobservable(vehicle, accelerometer=weighs, known=known)
-    found = identifiability.flags(start, deviation, limit, (hidden != 0.0).any(axis=0))
+    hidden = unobservable_combinations(vehicle, accelerometer=weighs, known=known)
+    found = identifiability.classify_parameters(start, deviation, limit, (hidden != 0.0).any(axis=0))
     found = [Flag.FIXED if fixed else flag for fixed, flag in zip(known, found, strict=True)]
 
     jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
     jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
     noise = increments_noise(scenario)
-    best = identifiability.foretold(covariance, jacobian, noise)
+    best = identifiability.predict_best_firing(covariance, jacobian, noise)
 
     entries = []
     for element, (name, flag) in enumerate(zip(mass_properties.NAMES, found, strict=True)):
@@ -140,7 +144,7 @@ def increments_noise(scenario: Scenario) -> Array:
     speeds = [package.variance for package in accelerometers[:1]] + [3.0 * (std / period_s) ** 2 for std in moving]
     speeds += [sensor.noise_std**2 for sensor in vehicle.velocities]
     noise = increment_noise(min(rates))
-    if not params.weighs(scenario):
+    if not params.mass_is_observable(scenario):
         return noise
     nothing = np.zeros((3, 3))
     return np.block([[noise, nothing], [nothing, increment_noise(min(speeds, default=_UNMEASURED))]])
@@ -206,12 +210,12 @@ def bound_in_words(
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
     allowed = "would allow had no jet failed" if failed else "allows"
-    same = _times(least) == _times(most)
-    above = f"{_times(least)}{'' if same else f' to {_times(most)} ({high})'}"
-    span = above if least >= _LESS else f"{_times(least)} ({low}) to {_times(most)} ({high})"
+    same = _format_ratio(least) == _format_ratio(most)
+    above = f"{_format_ratio(least)}{'' if same else f' to {_format_ratio(most)} ({high})'}"
+    span = above if least >= _LESS else f"{_format_ratio(least)} ({low}) to {_format_ratio(most)} ({high})"
     return f"1-sigma is {span} times the least this flight {allowed} for rounding taken as noise"
 
 
-def _times(value: float) -> str:
+def _format_ratio(value: float) -> str:
     """Formats a ratio to two digits, without a power of ten where it is below a million."""
     return f"{value:.2g}" if not 99.5 <= value < 1e6 else f"{float(f'{value:.2g}'):.0f}"

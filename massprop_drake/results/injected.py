@@ -89,7 +89,7 @@ _BECAME: dict[InjectedOutcome, str] = {
 }
 
 
-def what_became(
+def injected_outcomes(
     scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
 ) -> tuple[InjectedRecord, ...]:
     """Finds the outcome of each failure and jump of a simulated run, and when it acted.
@@ -102,7 +102,7 @@ def what_became(
     Returns:
         A record each, failures of jets first, in the scenario's order.
     """
-    followed = _followed(scenario)
+    followed = _make_followers(scenario)
     if not followed:
         return ()
     names = [name for name in ("command", "thrust", "tested", "alarm") if name in signals]
@@ -110,7 +110,7 @@ def what_became(
         for one in followed:
             one.add(block["time_s"], block)
     vehicle = scenario.vehicle_data
-    right = _right(vehicle, [one.record for one in followed], found)
+    right = _match_declarations(vehicle, [one.record for one in followed], found)
     free = [index for index in range(len(found)) if index not in right.values()]
     records = []
     for number, one in enumerate(followed):
@@ -119,17 +119,19 @@ def what_became(
         if number in right:
             entry = found[right[number]]
             named = record.is_jump or entry.isolated_to == "jet"
-            record = _declared(record._replace(outcome="named" if named else "group"), entry)
+            record = _with_declaration(record._replace(outcome="named" if named else "group"), entry)
             if acted is not None and entry.time_s < acted - _ACTS:  # it was known when it acted again
                 record = record._replace(declared_s=acted)
         elif acted is not None:
             wrong = next((index for index in free if found[index].time_s >= acted - _ACTS), None)
             if wrong is not None:
                 free.remove(wrong)
-                record = _declared(record._replace(outcome="wrong", taken_for=_name(found[wrong])), found[wrong])
+                record = _with_declaration(
+                    record._replace(outcome="wrong", taken_for=_name_declared(found[wrong])), found[wrong]
+                )
             else:
                 record = record._replace(outcome="missed" if one.tested else "not_tested")
-        records.append(_own_alarm(record))
+        records.append(_drop_late_alarm(record))
     return tuple(records)
 
 
@@ -140,13 +142,13 @@ def false_declarations(
 
     Args:
         vehicle: whose jets they are.
-        injected: as `what_became` tells.
+        injected: as `injected_outcomes` tells.
         found: all that was declared, in its order.
 
     Returns:
         The cause is what had acted last before: "healthy" (nothing), "failure" or "jump".
     """
-    right = _right(vehicle, injected, found).values()
+    right = _match_declarations(vehicle, injected, found).values()
     return {index: _cause(injected, entry.time_s) for index, entry in enumerate(found) if index not in right}
 
 
@@ -157,7 +159,9 @@ def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
     return "jump" if max(before)[1] else "failure"
 
 
-def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
+def _match_declarations(
+    vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
+) -> dict[int, int]:
     """Matches injected events to the declarations that are right for them: index of the event to index of declaration.
 
     Each declaration is right for one; one that stands is so for whatever else its jet does.
@@ -168,7 +172,11 @@ def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence
             continue
         standing = next((index for index in right.values() if _stands(one, found[index])), None)
         for index, entry in enumerate(found):
-            if index not in right.values() and entry.time_s >= one.first_acted_s - _ACTS and _is(vehicle, one, entry):
+            if (
+                index not in right.values()
+                and entry.time_s >= one.first_acted_s - _ACTS
+                and _is_match(vehicle, one, entry)
+            ):
                 right[number] = index
                 break
         else:
@@ -184,7 +192,7 @@ def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
     return one.jet is not None and entry.jet == one.jet and not over
 
 
-def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
+def _is_match(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
     """Tests whether a declaration matches a failure."""
     if one.jet is None or entry.kind == JUMP:
         return one.jet is None and entry.kind == JUMP
@@ -195,18 +203,18 @@ def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
     return entry.cluster == vehicle.jets[vehicle.designations.index(one.jet)].cluster
 
 
-def _declared(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
+def _with_declaration(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
     return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
 
 
-def _own_alarm(record: InjectedRecord) -> InjectedRecord:
+def _drop_late_alarm(record: InjectedRecord) -> InjectedRecord:
     """Removes a first alarm that came after the declaration, since it is of something else."""
     alarm_s, declared_s = record.first_alarm_s, record.declared_s
     late = alarm_s is not None and declared_s is not None and alarm_s > declared_s + _ACTS
     return record._replace(first_alarm_s=None) if late else record
 
 
-def _name(entry: DetectionRecord) -> str:
+def _name_declared(entry: DetectionRecord) -> str:
     """Returns the jet, jump or cluster that a detection names."""
     return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
 
@@ -214,20 +222,20 @@ def _name(entry: DetectionRecord) -> str:
 # ----------------------------------------------------------------------------- when a failure acts
 
 
-def _followed(scenario: Scenario) -> list[_Followed]:
+def _make_followers(scenario: Scenario) -> list[_Followed]:
     vehicle = scenario.vehicle_data
     thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
     lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
     followed = []
     for failure in true_params.jet_failures(scenario):
         kind, jet = failure.kind.name.lower(), failure.jet
-        record = _unknown(kind, vehicle.designations[jet], failure.start_s)
+        record = _unacted_record(kind, vehicle.designations[jet], failure.start_s)
         response = float(lag.remaining[jet]), float(lag.mean[jet])
         followed.append(_Followed(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s))
-    return followed + [_Followed(_unknown(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps]
+    return followed + [_Followed(_unacted_record(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps]
 
 
-def _unknown(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
+def _unacted_record(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
     return InjectedRecord(kind, jet, start_s, None, None, None, "never_acted")
 
 

@@ -22,12 +22,12 @@ def null_for_nan(values: Array) -> Any:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
-def kept_onsets(onset_s: Array) -> dict[str, Any]:
+def write_onsets(onset_s: Array) -> dict[str, Any]:
     """Makes a saved state's entry of a command's onsets, shape (n_jets,); empty where all are levels."""
     return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
 
 
-def by_name(parameters: Array) -> dict[str, Any]:
+def parameters_by_name(parameters: Array) -> dict[str, Any]:
     """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
     values = null_for_nan(parameters)
     matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
@@ -38,8 +38,8 @@ def by_name(parameters: Array) -> dict[str, Any]:
     }
 
 
-def from_names(values: Mapping[str, Any]) -> Array:
-    """Reads what `by_name` writes: the ten parameters, None as NaN, shape (10,)."""
+def parameters_from_names(values: Mapping[str, Any]) -> Array:
+    """Reads what `parameters_by_name` writes: the ten parameters, None as NaN, shape (10,)."""
     inverse = np.array(values["inverse_inertia"], dtype=float)
     center = np.array(values["center_of_mass"], dtype=float)
     reciprocal = np.array([values["mass_reciprocal"]], dtype=float)

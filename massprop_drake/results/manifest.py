@@ -96,7 +96,7 @@ def read(folder: Path) -> Manifest | None:
         return None
 
 
-def foreign(folder: Path, manifest: Manifest | None) -> Iterator[str]:
+def foreign_entries(folder: Path, manifest: Manifest | None) -> Iterator[str]:
     """Names entries of a folder that are not in its manifest, or differ from it."""
     for name, path in _walk(folder):
         if manifest is not None and name == NAME:
@@ -133,7 +133,7 @@ def entry(path: Path) -> FileEntry:
         return FileEntry(sha256=digest, bytes=file.tell())
 
 
-def sealed(text: str, kind: str) -> bytes:
+def seal_page(text: str, kind: str) -> bytes:
     """Seals a page, so that it can be recognized and checked anywhere: its last line has the digest of the rest.
 
     Args:
@@ -145,7 +145,7 @@ def sealed(text: str, kind: str) -> bytes:
 
 
 def sealed_kind(path: Path) -> str | None:
-    """Returns the kind of a page sealed by `sealed`, "" where its seal has none; None: the path holds no such page."""
+    """Returns the kind of a page sealed by `seal_page`, "" where its seal has none; None: no such page."""
     if not _is_plain(path):
         return None
     with path.open("rb") as file:

@@ -18,10 +18,16 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.signals import SYMBOLS
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judged
-from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before
-from massprop_drake.results.events import EventRecord, said
-from massprop_drake.results.recent import COLUMNS, Recent, nothing_seen
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judge_consistency
+from massprop_drake.results.detections import (
+    JUMP,
+    DetectionRecord,
+    finalize_detections,
+    note_mass_before_jumps,
+    update_detections,
+)
+from massprop_drake.results.events import EventRecord, list_events
+from massprop_drake.results.recent import COLUMNS, Recent, empty_recent
 
 Array = NDArray[np.float64]
 
@@ -46,7 +52,7 @@ class Said(NamedTuple):
 
     Attributes:
         events: in the order in which they were said.
-        detections: see `results.detections.followed`.
+        detections: see `results.detections.update_detections`.
     """
 
     events: tuple[EventRecord, ...] = ()
@@ -85,7 +91,7 @@ class FlightMonitor:
         }
         self._filters = [name for name in COMPONENTS if f"{name}_nis" in self._places]
         unknown = (math.nan,) * 3
-        older, rows = nothing_seen(_WINDOW if followed_by else 1)
+        older, rows = empty_recent(_WINDOW if followed_by else 1)
         self.counts = self._layout.pack((older, older, *unknown, self._no_force, self._no_force, rows, rows))
         self.said = Said()
 
@@ -135,12 +141,12 @@ class FlightMonitor:
     def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
         """Updates the detector's declarations after a sample at which there are any; arguments as of `counted`."""
         signals = self._signals(reports)
-        events = said(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
-        records = followed(self._vehicle, events, said_before.detections)
+        events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
+        records = update_detections(self._vehicle, events, said_before.detections)
         if "verdict" not in signals:
             last = self._layout.columns(np.vstack([counts, self.counted(counts, time_s, reports)]))
             times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
-            records = weighed_before(records, times_s, reciprocal, np.sqrt(variance))
+            records = note_mass_before_jumps(records, times_s, reciprocal, np.sqrt(variance))
         return Said((*said_before.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
@@ -155,7 +161,7 @@ class FlightMonitor:
         """Returns detections so far, their sizes as they are known now."""
         now = self._layout.read(counts)
         forces = now.known_force, now.known_force_variance
-        return settled(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
+        return finalize_detections(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
 
     def failed_jets(self, said_now: Said) -> Array:
         """Marks with 1 each jet that a standing declaration names, alone or among others, shape (n_jets,)."""
@@ -170,4 +176,4 @@ class FlightMonitor:
     def verdict(self, counts: Array) -> Consistency:
         """Returns the verdict on the innovations so far."""
         rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
-        return judged(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)
+        return judge_consistency(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import factors, params
-from massprop_drake.inputs.factors import Factor, in_words
+from massprop_drake.inputs.factors import Factor, format_factor
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
@@ -93,7 +93,7 @@ class _Start(NamedTuple):
         )
 
 
-def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
+def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
     """Finds a contradiction of final estimates with the start; None: there is none, or the start claims nothing.
 
     Args:
@@ -103,7 +103,7 @@ def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagno
     """
     if scenario.estimation.start == "zero":
         return None
-    used = _propellant(scenario, signals)
+    used = _used_propellant(scenario, signals)
     begun = estimate.copy()
     if begun[MASS_RECIPROCAL] > 0.0:
         begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
@@ -113,8 +113,8 @@ def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagno
     found = start.departure(begun)
     explaining: list[tuple[float, _Group, float]] = []
     for group in _groups(scenario, start, begun):
-        factor, sigmas = _factor(start, begun, group.members)
-        left = start.departure(_scaled(begun, group.members, factor))
+        factor, sigmas = _common_factor(start, begun, group.members)
+        left = start.departure(_divide_by_factor(begun, group.members, factor))
         if not left.is_allowed:
             continue
         beyond = sigmas**2 > chi_square_limit(_COMMON, 1)
@@ -129,7 +129,7 @@ def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagno
     if explaining:
         _, group, factor = min(explaining, key=lambda one: one[0])
         sigmas = direct[group.members].max()
-        words = f"{group.ends} at {in_words(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
+        words = f"{group.ends} at {format_factor(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
         return Diagnosis("factor", f"{words}, {group.in_words(factor)}", found.statistic, limit)
     worst = int(np.argmax(np.where(start.tested, direct, -1.0)))
     words = f"{SYMBOLS[worst]} ends {direct[worst]:.3g} of the start's sigmas from it"
@@ -149,7 +149,7 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
     return _Start(values, covariance, tested)
 
 
-def _propellant(scenario: Scenario, signals: Spool) -> float:
+def _used_propellant(scenario: Scenario, signals: Spool) -> float:
     """Computes the propellant that the commands have used, slug or kg."""
     vehicle = scenario.vehicle_data
     if params.steps_by_readings(scenario):
@@ -181,9 +181,9 @@ class _Group(NamedTuple):
     def in_words(self, factor: float) -> str:
         """Describes what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
         size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
-        found = factors.near(size, self.known)
-        likely = f"; {found[0].name} would make it {in_words(found[0].size)}" if found else ""
-        return f"as if {self.cause} were {in_words(size)} times what acts{likely}"
+        found = factors.factors_near(size, self.known)
+        likely = f"; {found[0].name} would make it {format_factor(found[0].size)}" if found else ""
+        return f"as if {self.cause} were {format_factor(size)} times what acts{likely}"
 
 
 def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Group]:
@@ -194,13 +194,13 @@ def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Gro
     inertia, mass = usable & ~of_mass, usable & of_mass
     if usable.sum() >= _FEWEST:
         said, ends = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
-        yield _Group(usable, said, ends, factors.of_impulses(units, period_s), True)
+        yield _Group(usable, said, ends, factors.impulse_factors(units, period_s), True)
     if inertia.any() and mass.any():
-        yield _Group(inertia, "rates", "inertia alone ends", factors.of_rates(period_s), False)
-        yield _Group(mass, "accelerometers", "mass alone ends", factors.of_velocities(units, period_s), False)
+        yield _Group(inertia, "rates", "inertia alone ends", factors.rate_factors(period_s), False)
+        yield _Group(mass, "accelerometers", "mass alone ends", factors.velocity_factors(units, period_s), False)
 
 
-def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
+def _common_factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
     """Computes the factor that some scales have in common, and its significance in sigmas if their errors are one."""
     logarithms, relative = np.log(estimate[members] / start.values[members]), start.relative[members]
     weights = 1.0 / relative**2
@@ -208,7 +208,7 @@ def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple
     return math.exp(mean), abs(mean) / float(relative.max())
 
 
-def _scaled(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
+def _divide_by_factor(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
     """Divides the inverse inertia, 1/m, or both, as `members` name them, by a factor; returns all ten parameters."""
     result = estimate.copy()
     if members[_DIAGONAL].any():

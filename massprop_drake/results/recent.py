@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.results.consistency import Forks, Innovations, Tally, of_likeliest_history
+from massprop_drake.results.consistency import Forks, Innovations, Tally, likeliest_innovations
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Recent(NamedTuple):
         """Returns the innovations after one more sample; arguments as the fields of `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
         was_used = rows[0, 1] != 0.0
-        return Recent(_counted(self.older, rows[:1]) if was_used else self.older, rows[1:])
+        return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replaced(self, since_s: float, nis: float, components: float) -> Recent:
         """Returns the innovations once another history is the likeliest; of an old fork its share of those kept.
@@ -42,16 +42,16 @@ class Recent(NamedTuple):
         share = min((last_s - first_s) / (last_s - since_s), 1.0) if since_s < last_s else 1.0
         sums = (np.array([share * value]) for value in (nis, components))
         found = Forks(np.array([self.rows.shape[0] - 1]), np.array([since_s]), *sums)
-        seen = of_likeliest_history(_innovations(self.rows), self.rows[:, 0], found)
+        seen = likeliest_innovations(_innovations(self.rows), self.rows[:, 0], found)
         return Recent(self.older, np.column_stack([self.rows[:, 0], *seen]))
 
     @property
     def tally(self) -> Tally:
         """Tally of all innovations."""
-        return Tally.of(_counted(self.older, self.rows))
+        return Tally.of(_add_counts(self.older, self.rows))
 
 
-def nothing_seen(window: int) -> Recent:
+def empty_recent(window: int) -> Recent:
     """Returns the record of innovations before the first sample.
 
     Args:
@@ -67,7 +67,7 @@ def _innovations(rows: Array) -> Innovations:
     return Innovations(used != 0.0, nis, components, averaged != 0.0)
 
 
-def _counted(older: Array, rows: Array) -> Array:
+def _add_counts(older: Array, rows: Array) -> Array:
     tally = Tally.of(older)
     tally.take(_innovations(rows))
     return tally.numbers

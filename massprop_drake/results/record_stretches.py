@@ -15,10 +15,10 @@ from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest,
 from massprop_drake.maths.estimation.offline import thrust_course
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.regression_model import Names, moved_by_noise, names_of
+from massprop_drake.results.regression_model import Names, motion_sigma, vehicle_names
 from massprop_drake.results.spool import Spool
 
 _ROWS = 1024  # of a stretch
@@ -46,11 +46,11 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     optional = ("gap", "outside_wrench", "command_onset")
     wanted = ["time_s", "command", *(name for name in optional if name in signals)]
-    flows, lengths_s = scenario.vehicle_data.mass_flows, _lengths(scenario)
-    felt = _felt(scenario)
+    flows, lengths_s = scenario.vehicle_data.mass_flows, _interval_lengths(scenario)
+    felt = _lingering_intervals(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
     fired_s, has_tanks = np.zeros(flows.size), bool(scenario.vehicle_data.tanks)
-    opened = levels_alone((felt, flows.size))  # onsets of these
+    opened = level_onsets((felt, flows.size))  # onsets of these
     wheels = [wheel.name for wheel in scenario.vehicle_data.wheels]
     engines = [engine.name for engine in scenario.vehicle_data.engines if engine.name in signals]
     setting: EngineSettings | None = None
@@ -83,11 +83,11 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         counts = np.arange(unknown.size)
         last_unknown = np.maximum.accumulate(np.where(unknown, counts, since))
         since = int(last_unknown[-1]) - unknown.size
-        for first, last in _runs(counts - last_unknown > felt):
+        for first, last in _find_runs(counts - last_unknown > felt):
             if last - first > 1:
-                yield rows_of(whole, slice(first, last + 1))
-        before = _with_rows(before, known[:-1])
-        opened = opened if onsets_s is None else _with_rows(opened, onsets_s[:-1])
+                yield take_rows(whole, slice(first, last + 1))
+        before = _append_rows(before, known[:-1])
+        opened = opened if onsets_s is None else _append_rows(opened, onsets_s[:-1])
 
 
 class _Burns(NamedTuple):
@@ -105,8 +105,8 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
     used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
     if not any(engine.name in block for engine in vehicle.engines):
         return _Burns(None, used, loose, before)
-    setup = params.setup(scenario)
-    made, has, period_s = setup.engines, channels(setup.engines), setup.period_s
+    setup = params.filter_setup(scenario)
+    made, has, period_s = setup.engines, channel_mask(setup.engines), setup.period_s
     least = np.sqrt([each.min(initial=np.inf) for each in (setup.gyro_variances, setup.accelerometer_variances)])
     read, nothing = np.zeros((rows, *has.shape)), np.zeros(setup.engine_sigmas.size)
     each = (block.get(one.name, np.full((rows, len(one.columns)), np.nan)) for one in vehicle.engines)
@@ -114,32 +114,32 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
     points = np.zeros((rows, len(has), 3, N_CHANNELS))
     if before is None:
         _, before = burnt(at_rest(len(has)), read[0], period_s, made)
-    lengths_s = np.broadcast_to(_lengths(scenario)(block["time_s"]), rows - 1)
+    lengths_s = np.broadcast_to(_interval_lengths(scenario)(block["time_s"]), rows - 1)
     for row in range(1, rows):
         length_s = float(lengths_s[row - 1])
         burn, before = burnt(before, read[row], length_s, made)
         if burn.points.any():
             given = push(burn, nothing, length_s, made)
             points[row - 1], used[row - 1] = burn.points, given.used
-            loose[row - 1] = (moved_by_noise(given.noise, vehicle.nominal) > least).any()
+            loose[row - 1] = (motion_sigma(given.noise, vehicle.nominal) > least).any()
     return _Burns(points, used, loose, before)
 
 
-def _felt(scenario: Scenario) -> int:
+def _lingering_intervals(scenario: Scenario) -> int:
     """Returns the number of intervals for which thrust of unknown commands lingers, after a gap or before a record."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
-    return max(1, math.ceil(longest * params.rates(scenario).steps * math.log(1.0 / _LINGERS)))
+    return max(1, math.ceil(longest * params.filter_step_rates(scenario).steps * math.log(1.0 / _LINGERS)))
 
 
-def _lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
+def _interval_lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
     """Returns the function from row times to interval lengths, s: their differences, or the sample period."""
     if params.steps_by_readings(scenario):
         return np.diff
     return lambda _: scenario.vehicle_data.sample_period_s
 
 
-def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _find_runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Returns the first index, and one past the last, of each run of True."""
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
@@ -162,10 +162,10 @@ def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
     """Returns all stretches, with the propellant counted to the end of the last."""
     parts = list(stretches(scenario, signals))
     used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
-    return _ended(parts, used)
+    return _recount_propellant(parts, used)
 
 
-def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
+def _recount_propellant(parts: Sequence[Stretch], used: float) -> list[Stretch]:
     """Adds `used`, slug or kg, to the propellant used after each row of stretches; recounts seconds to the last end."""
     found = [part._replace(used_after=part.used_after + used) for part in parts]
     if not parts or parts[-1].seconds is None:
@@ -174,7 +174,7 @@ def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
     return [one._replace(seconds=one.seconds - later) for one in found if one.seconds is not None]
 
 
-def without_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
+def remove_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
     """Removes readings that were declared false, from their onset on until a while after the declaration."""
     sensors = [*names.gyros, *names.accelerometers]
     false = [each for each in events if each.kind == "false_reading"]
@@ -192,15 +192,15 @@ def without_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecor
     return found
 
 
-def short_enough(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
+def select_short_pieces(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
     """Selects pieces of stretches up to a time that are short enough to be regressed, evenly spread if many."""
-    seen = (piece for part in parts for piece in _seen(cut_at(part, until_s), made))
-    every = [piece for part in seen for piece in _slow_enough(part, made)]
+    seen = (piece for part in parts for piece in _split_at_lost_rates(cut_at(part, until_s), made))
+    every = [piece for part in seen for piece in _split_by_coupling(part, made)]
     rows = sum(piece.time_s.size for piece in every)
     return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
 
 
-def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
+def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
     """Returns the stretches of a record up to a time, in pieces short enough for regression.
 
     Args:
@@ -209,10 +209,10 @@ def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel
         until_s: up to when, s; infinity: all of it.
         made: see `model`.
     """
-    return short_enough(whole_record(scenario, signals), until_s, made)
+    return select_short_pieces(whole_record(scenario, signals), until_s, made)
 
 
-def believed(
+def trusted_stretches(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
 ) -> tuple[list[Stretch], bool]:
     """Returns stretches of a record up to a time, without readings declared false; 1/m is that at its end.
@@ -227,38 +227,38 @@ def believed(
     Returns:
         Stretches, and whether their stamps lie on the ticks at which commands switch.
     """
-    parts = without_false_readings(whole_record(scenario, signals), list(events), names_of(scenario))
+    parts = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
     found = [cut for part in parts if (cut := cut_at(part, until_s)).time_s.size > 2]
-    found = _ended(found, -found[-1].used_after[-1] if found else 0.0)
-    return found, bool(made.at_stamps) or not off_ticks_of(found, made)
+    found = _recount_propellant(found, -found[-1].used_after[-1] if found else 0.0)
+    return found, bool(made.at_stamps) or not is_off_ticks(found, made)
 
 
 def cut_at(part: Stretch, time_s: float) -> Stretch:
     """Returns the rows of a stretch before a time, s."""
-    return rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
+    return take_rows(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
 
 
-def rows_of(part: Stretch, rows: slice) -> Stretch:
+def take_rows(part: Stretch, rows: slice) -> Stretch:
     """Takes some rows of a stretch; commands before them still act by thrust lag."""
     own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
-    return preceded(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
+    return prepend_rows(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
 
 
-def preceded(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
+def prepend_rows(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
     """Prepends rows of the original's commands to the commands before a cut stretch."""
-    cut = cut._replace(before=_with_rows(part.before, part.commands[rows]))
+    cut = cut._replace(before=_append_rows(part.before, part.commands[rows]))
     if part.onsets_s is None or part.before_onsets_s is None:
         return cut
-    return cut._replace(before_onsets_s=_with_rows(part.before_onsets_s, part.onsets_s[rows]))
+    return cut._replace(before_onsets_s=_append_rows(part.before_onsets_s, part.onsets_s[rows]))
 
 
-def _with_rows(before: Array, later: Array) -> Array:
+def _append_rows(before: Array, later: Array) -> Array:
     """Appends rows to the commands before a stretch; the oldest go, and as many stay."""
     rows = before.shape[0]
     return np.concatenate((before, later[-rows:]))[-rows:]
 
 
-def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+def _split_at_lost_rates(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
     """Splits a stretch where the rate is not read for long; yields the pieces."""
     unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
     lost, hole = np.asarray(unread.any(axis=1)), _HOLE
@@ -266,14 +266,14 @@ def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
         hole = max(
             _HOLE, math.ceil(_HOLE * made.period_s / float(np.median(np.diff(part.time_s)))) if lost.size > 1 else 0
         )
-    for first, last in _runs(lost):
+    for first, last in _find_runs(lost):
         if last - first <= hole:
             lost[first:last] = False
-    for first, last in _runs(~lost):
-        yield rows_of(part, slice(first, last))
+    for first, last in _find_runs(~lost):
+        yield take_rows(part, slice(first, last))
 
 
-def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+def _split_by_coupling(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
     """Splits a stretch into pieces so short that rate noise does not accumulate by dynamic coupling; yields them."""
     n = part.time_s.size
     if n <= 2:
@@ -284,9 +284,9 @@ def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
     rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
     if rows >= _SHORTEST:
         for first in range(0, n - 2, rows):
-            yield rows_of(part, slice(first, min(first + rows + 1, n)))
+            yield take_rows(part, slice(first, min(first + rows + 1, n)))
 
 
-def off_ticks_of(parts: Sequence[Stretch], made: FlightModel) -> bool:
+def is_off_ticks(parts: Sequence[Stretch], made: FlightModel) -> bool:
     """Tests whether the time stamps of any stretch are off the regular ticks."""
-    return any(thrust_course.off_ticks(part, made) for part in parts)
+    return any(thrust_course.is_off_ticks(part, made) for part in parts)

@@ -41,7 +41,7 @@ class Names(NamedTuple):
     length: str = ""
 
 
-def names_of(scenario: Scenario) -> Names:
+def vehicle_names(scenario: Scenario) -> Names:
     """Returns the names of jets, sensors and units of a scenario's vehicle."""
     vehicle = scenario.vehicle_data
     units = vehicle.unit_names
@@ -58,9 +58,9 @@ def names_of(scenario: Scenario) -> Names:
     )
 
 
-def model(scenario: Scenario) -> FlightModel:
+def make_model(scenario: Scenario) -> FlightModel:
     """Makes the batch regression's model of the vehicle from a scenario's filter settings."""
-    setup, vehicle = params.setup(scenario), scenario.vehicle_data
+    setup, vehicle = params.filter_setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
     n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
@@ -90,11 +90,11 @@ def model(scenario: Scenario) -> FlightModel:
         kinds=thrust.kinds,
         positions=setup.accelerometer_positions,
         variances=variances,
-        quanta=np.concatenate((_steps(gyros), _steps(accelerometers))),
+        quanta=np.concatenate((_undithered_quanta(gyros), _undithered_quanta(accelerometers))),
         gyros=gyros.quanta.size,
         prior=prior,
         sigma=sigma,
-        compute=record_kernels.compute(compiled=scenario.execution.compiled),
+        compute=record_kernels.choose_kernels(compiled=scenario.execution.compiled),
         at_stamps=(scenario.joint.switching == "stamps" or params.steps_by_readings(scenario)) if joint else None,
         walks=_walks(scenario, setup) if joint else (0.0, 0.0),
         disturbance=setup.disturbance if joint else NO_DISTURBANCE,
@@ -119,7 +119,7 @@ def model(scenario: Scenario) -> FlightModel:
     fed = setup.tanks.feeds.sum(axis=0)  # of each jet 1 or 0
     if (thrust.flows * (1.0 - fed)).any():  # one way, by as much as what drifts has become once so much has been used
         share = setup.nominal[9] / _DRIFTED
-        sigma[places.shift] = np.sqrt(drift_of(scenario, setup.nominal)[:9] * share)
+        sigma[places.shift] = np.sqrt(propellant_variances(scenario, setup.nominal)[:9] * share)
     return made
 
 
@@ -131,7 +131,7 @@ def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     at = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
     at[:, :, 0] = 1.0
     full = push(Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines)
-    gathered = moved_by_noise(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
+    gathered = motion_sigma(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
     least = (setup.gyro_variances, setup.accelerometer_variances)
     for place, variances in enumerate(least):
         if gathered[place] * math.sqrt(_GATHERS_S) < math.sqrt(variances.min(initial=math.inf)):
@@ -140,7 +140,7 @@ def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     return rate, velocity
 
 
-def moved_by_noise(noise: Array, body: MassProperties) -> Array:
+def motion_sigma(noise: Array, body: MassProperties) -> Array:
     """Computes 1-sigma of a body's rate and velocity by independent impulses, shape (2,).
 
     Args:
@@ -152,19 +152,19 @@ def moved_by_noise(noise: Array, body: MassProperties) -> Array:
     return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, noise[:, 3:] / body.mass)])
 
 
-def steady(made: FlightModel) -> FlightModel:
+def without_shifts(made: FlightModel) -> FlightModel:
     """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
     sigma = made.sigma.copy()
     sigma[flight_model.columns(made).shift] = 0.0
     return made._replace(sigma=sigma)
 
 
-def _steps(packages: Instruments) -> Array:
+def _undithered_quanta(packages: Instruments) -> Array:
     """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
     return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
 
 
-def drift_of(scenario: Scenario, at: Array) -> Array:
+def propellant_variances(scenario: Scenario, at: Array) -> Array:
     """Computes variances that each unit of propellant adds, as in the joint filter, shape (10,)."""
     joint, vehicle = scenario.joint, scenario.vehicle_data
     fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)

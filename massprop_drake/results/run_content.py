@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
-from massprop_drake.inputs.kinds import about_folder, bundled
+from massprop_drake.inputs.kinds import bundled_files, describe_folder
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.yaml import exists
@@ -24,14 +24,14 @@ from massprop_drake.maths.signals import (
     Signal,
     accelerometer_signal,
     engine_signal,
+    fill_unit_template,
     gyro_signal,
-    in_units,
-    is_own,
+    is_user_signal,
     joint_signal,
-    own_signal,
     pose_signal,
     propellant_signal,
     simulated_signal,
+    user_signal,
     velocity_signal,
     wheel_signal,
 )
@@ -42,7 +42,7 @@ from massprop_drake.results.parts import Ended
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import read_json
 from massprop_drake.results.summary import Summary
-from massprop_drake.results.thinning import outstanding_rows, picked
+from massprop_drake.results.thinning import outstanding_rows, pick_rows
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def read_summary(folder: Path) -> Summary:
     if not exists(folder):
         raise InputError(f"{folder}: there is no such run{_runs_like(folder)}")
     if exists(folder / "plan.parquet"):
-        raise InputError(f"{folder}: {about_folder(folder)}")
+        raise InputError(f"{folder}: {describe_folder(folder)}")
     if not exists(path):
         raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
     return Summary.from_json(read_json(path), str(path))
@@ -75,7 +75,7 @@ def _runs_like(folder: Path) -> str:
     found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
     there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
-    if not same and str(folder) in bundled("scenario"):
+    if not same and str(folder) in bundled_files("scenario"):
         return f"; 'massprop run {folder}' makes one in runs/{folder}"
     return suggestion(folder, same[:1] or there)
 
@@ -162,14 +162,16 @@ class RunContent:
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         if isinstance(plant := self.scenario.plant, MultibodyBlock):
             packages[JOINTS] = joint_signal(plant.joint_columns, plant.joint_units)
-        own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
+        own = {
+            name: user_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_user_signal(name)
+        }
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each signal, in the vehicle's unit system."""
         names = self.scenario.vehicle_data.unit_names
-        return {name: in_units(signal.unit, names) for name, signal in self.descriptions.items()}
+        return {name: fill_unit_template(signal.unit, names) for name, signal in self.descriptions.items()}
 
     @cached_property
     def components(self) -> dict[str, tuple[str, ...]]:
@@ -187,7 +189,7 @@ class RunContent:
             return self
         keys = (params.main_sensor(self.scenario),)
         rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
-        signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
+        signals = pick_rows(self._rows, rows, leaving_out=_NOT_SHOWN)
         shown = type(self)(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
         return shown

@@ -13,13 +13,25 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.offline import flight_bound, flight_model, regression
 from massprop_drake.results import prior
-from massprop_drake.results.common_factors import rescaled
+from massprop_drake.results.common_factors import find_common_factors
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
-from massprop_drake.results.diagnoses import FEWEST, diagnosed, excess, oscillating, start_from, switched
-from massprop_drake.results.events import EventRecord, acting
-from massprop_drake.results.record_stretches import off_ticks_of, short_enough, whole_record, without_false_readings
-from massprop_drake.results.regression_model import drift_of, model, names_of, steady
+from massprop_drake.results.diagnoses import (
+    FEWEST,
+    diagnose_readings,
+    excess_misfit,
+    find_oscillation,
+    fit_start,
+    try_switching,
+)
+from massprop_drake.results.events import EventRecord, disturbance_in_words
+from massprop_drake.results.record_stretches import (
+    is_off_ticks,
+    remove_false_readings,
+    select_short_pieces,
+    whole_record,
+)
+from massprop_drake.results.regression_model import make_model, propellant_variances, vehicle_names, without_shifts
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -39,7 +51,7 @@ class Hindsight(NamedTuple):
     diagnoses: tuple[Diagnosis, ...]
 
 
-def looked_back(
+def analyze_run(
     scenario: Scenario,
     signals: Spool,
     estimate: Array,
@@ -61,21 +73,25 @@ def looked_back(
         events: what was said besides; readings that were said to be false are left out.
         resumed: whether it goes on from another run, of which the signals tell nothing.
     """
-    back = _looked_back(scenario, signals, estimate, (found, events), resumed=resumed)
-    return back._replace(diagnoses=(*back.diagnoses, *_disturbed(scenario, events, back.diagnoses)))
+    back = _analyze_readings(scenario, signals, estimate, (found, events), resumed=resumed)
+    return back._replace(diagnoses=(*back.diagnoses, *_diagnose_disturbance(scenario, events, back.diagnoses)))
 
 
-def _disturbed(scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]) -> list[Diagnosis]:
+def _diagnose_disturbance(
+    scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]
+) -> list[Diagnosis]:
     """Diagnoses a disturbance that is not stated, where no other diagnosis names it."""
     found = [one for one in events if one.kind == "disturbance" and one.torque_std is not None]
     if not found or any(one.kind in _OF_DISTURBANCES for one in told):
         return []
     largest = max(found, key=lambda one: one.torque_std or 0.0)
-    words = f"{acting(largest, scenario.vehicle_data.unit_names)} acts besides the jets; nothing states it"
+    words = (
+        f"{disturbance_in_words(largest, scenario.vehicle_data.unit_names)} acts besides the jets; nothing states it"
+    )
     return [Diagnosis("disturbance", words, largest.torque_std or 0.0, 0.0)]
 
 
-def _looked_back(
+def _analyze_readings(
     scenario: Scenario,
     signals: Spool,
     estimate: Array,
@@ -83,48 +99,48 @@ def _looked_back(
     *,
     resumed: bool,
 ) -> Hindsight:
-    """Runs the batch regression of `looked_back`; `said` are the detections (failures and jumps), and the events."""
+    """Runs the batch regression of `analyze_run`; `said` are the detections (failures and jumps), and the events."""
     found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)
-    apart = None if resumed or jumped else prior.contradiction(scenario, signals, estimate)
+    apart = None if resumed or jumped else prior.find_contradiction(scenario, signals, estimate)
     if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
         return Hindsight(np.full(10, np.nan), () if apart is None else (apart,))
-    made = model(scenario)
+    made = make_model(scenario)
     unseen_s = made.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
     until_s = min((one.onset_s - unseen_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        parts = without_false_readings(whole_record(scenario, signals), list(events), names_of(scenario))
+        parts = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
         begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
-        if until_s < math.inf and off_ticks_of(parts, made):  # what was declared may be the clock's doing
-            every = short_enough(parts, math.inf, made)
-            if switched(every, regression.fitted(every, start_from(begin, made), made), made)[-1]:
+        if until_s < math.inf and is_off_ticks(parts, made):  # what was declared may be the clock's doing
+            every = select_short_pieces(parts, math.inf, made)
+            if try_switching(every, regression.fit_flight(every, fit_start(begin, made), made), made)[-1]:
                 until_s = math.inf
-        names = names_of(scenario)
-        chosen = short_enough(parts, until_s, made)
-        diagnoses, fit = diagnosed(chosen, begin, made, names)
-        if until_s < math.inf and excess(fit) > 0.0:  # what was declared may be the doing of what moves inside
-            every = short_enough(parts, math.inf, made)
-            whole = regression.fitted(every, start_from(begin, made), made)
-            diagnoses = oscillating(every, whole, made, names) or diagnoses
+        names = vehicle_names(scenario)
+        chosen = select_short_pieces(parts, until_s, made)
+        diagnoses, fit = diagnose_readings(chosen, begin, made, names)
+        if until_s < math.inf and excess_misfit(fit) > 0.0:  # what was declared may be the doing of what moves inside
+            every = select_short_pieces(parts, math.inf, made)
+            whole = regression.fit_flight(every, fit_start(begin, made), made)
+            diagnoses = find_oscillation(every, whole, made, names) or diagnoses
         if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
-            whole_of_it, _ = diagnosed(short_enough(parts, math.inf, made), begin, made, names)
+            whole_of_it, _ = diagnose_readings(select_short_pieces(parts, math.inf, made), begin, made, names)
             diagnoses = whole_of_it if any(one.kind == "wheel" for one in whole_of_it) else diagnoses
-        if diagnoses or apart is not None or excess(fit) > 0.0 or fit.normal.readings < FEWEST:
-            scaled = rescaled(parts, begin, made, scenario)
+        if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
+            scaled = find_common_factors(parts, begin, made, scenario)
             if scaled is not None:
                 parts, apart = scaled.parts, None
-                others, fit = diagnosed(short_enough(parts, until_s, made), scaled.begin, made, names)
+                others, fit = diagnose_readings(select_short_pieces(parts, until_s, made), scaled.begin, made, names)
                 diagnoses = [*scaled.found, *others]
         if apart is not None:
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
         tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
-        if resumed or jumped or tracked or not flight_model.possible(fit.at):
+        if resumed or jumped or tracked or not flight_model.is_physical(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
-        start, drift = params.initial_covariance(scenario), drift_of(scenario, fit.at)
+        start, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
-        known = fit.normal.information if all_of_it and not flight_model.gathers(made) else None
-        bound = flight_bound.least_deviation(parts, fit.at, start, drift, steady(made), known)
+        known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(made) else None
+        bound = flight_bound.least_deviation(parts, fit.at, start, drift, without_shifts(made), known)
     return Hindsight(bound, tuple(diagnoses))
 
 

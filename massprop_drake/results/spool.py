@@ -33,10 +33,10 @@ class Signals(dict[str, Array]):
     """Signals by name, shape (n_samples, components), with a short text of them."""
 
     def __repr__(self) -> str:
-        return described({name: values.shape for name, values in self.items()})
+        return describe_signals({name: values.shape for name, values in self.items()})
 
 
-def described(shapes: Mapping[str, tuple[int, ...]]) -> str:
+def describe_signals(shapes: Mapping[str, tuple[int, ...]]) -> str:
     """Describes signals in a short text, from the shape of each."""
     names = [f"{name} ({shape[1]})" for name, shape in shapes.items() if len(shape) == 2]
     rows = next(iter(shapes.values()))[0] if shapes else 0
@@ -115,7 +115,7 @@ class Spool(Mapping[str, Array]):
     def __repr__(self) -> str:
         held: Mapping[str, Array | _Piece] = self._waiting[-1] if self._waiting else {}
         parts = held or {name: pieces[-1] for name, pieces in self._pieces.items()}
-        return described({name: (self.n_rows, *parts[name].shape[1:]) for name in self})
+        return describe_signals({name: (self.n_rows, *parts[name].shape[1:]) for name in self})
 
     @property
     def in_memory(self) -> bool:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted, moment
-from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validated
+from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validate_data
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -31,7 +31,7 @@ from massprop_drake.inputs.yaml import read_text
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
-from massprop_drake.maths.signals import AXES, JOINTS, PROPELLANT, SIGNALS, is_own
+from massprop_drake.maths.signals import AXES, JOINTS, PROPELLANT, SIGNALS, is_user_signal
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.parts import PartsMade
@@ -53,21 +53,21 @@ def read_json(path: Path) -> Any:
     """
     text = read_text(path)
     try:
-        return json.loads(text, parse_float=_finite, parse_constant=_finite)
+        return json.loads(text, parse_float=_parse_finite, parse_constant=_parse_finite)
     except ValueError as error:
         raise InputError(f"{path}: not valid JSON: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply; no file of ours needs more than a few levels") from None
 
 
-def _finite(text: str) -> float:
+def _parse_finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is not finite; what is not known is null")
     return value
 
 
-def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
+def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
     """Replaces numbers that are not finite in content for JSON by null, so that it can be read back.
 
     A record in a list that cannot be without such a number is left out.
@@ -77,7 +77,7 @@ def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
         schema: of the file.
         parts: is told each such number.
     """
-    kept = _without_infinite(content, (), parts)
+    kept = _replace_infinite(content, (), parts)
     if not parts.missing:
         return kept
     try:
@@ -89,11 +89,11 @@ def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
     return kept
 
 
-def _without_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
+def _replace_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
     if isinstance(content, Mapping):
-        return {key: _without_infinite(value, (*path, key), parts) for key, value in content.items()}
+        return {key: _replace_infinite(value, (*path, key), parts) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [_without_infinite(value, (*path, index), parts) for index, value in enumerate(content)]
+        return [_replace_infinite(value, (*path, index), parts) for index, value in enumerate(content)]
     if isinstance(content, float) and not math.isfinite(content):
         parts.note(dotted(path), ArithmeticError("is no finite number"))
         return None
@@ -181,7 +181,7 @@ _ELSEWHERE: Any = {
 }
 
 
-def made_with(scenario: Scenario) -> dict[str, Any]:
+def state_origin(scenario: Scenario) -> dict[str, Any]:
     """Returns a saved filter state's entry on its origin: vehicle, its digest, and the scenario's settings."""
     vehicle = scenario.vehicle_data
     return {"vehicle": vehicle.name, "vehicle_sha256": digest(vehicle), "settings": _settings(scenario)}
@@ -191,7 +191,7 @@ def _settings(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude=_ELSEWHERE)
 
 
-def require_made_with(state: EstimatorState, scenario: Scenario, source: str) -> None:
+def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) -> None:
     """Checks that a saved state was made with a scenario's vehicle and settings.
 
     One of format 1 does not say; that is told in a warning, once more.
@@ -227,7 +227,7 @@ def require_made_with(state: EstimatorState, scenario: Scenario, source: str) ->
     here = _settings(scenario)
     if made.settings == here:
         return
-    there = validated(Scenario, made.settings, source=f"{source}: made_with.settings")  # with what is new since
+    there = validate_data(Scenario, made.settings, source=f"{source}: made_with.settings")  # with what is new since
     differences = list(_differences(_settings(there), here))
     if differences:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
@@ -291,7 +291,7 @@ def read_history(
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             _require_groups(set(members), vehicle)
             time_s = _read_array(archive, members["time_s"], None, 0)
-            wanted = [name for name in members if name in columns or is_own(name)]
+            wanted = [name for name in members if name in columns or is_user_signal(name)]
             signals = {name: _read_array(archive, members[name], time_s.size, columns.get(name)) for name in wanted}
     except MemoryError:
         raise InputError(f"{path}: is too large for the memory of this machine") from None

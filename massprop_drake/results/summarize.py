@@ -26,19 +26,19 @@ from massprop_drake.results.consistency import (
     Consistency,
     Diagnosis,
     Tally,
+    find_forks,
     fork_signals,
-    forks,
     innovations,
-    judged,
-    of_likeliest_history,
+    judge_consistency,
+    likeliest_innovations,
     used_nis,
 )
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.fault_probabilities import gives_probabilities
-from massprop_drake.results.identified import identified
-from massprop_drake.results.injected import InjectedRecord, what_became
+from massprop_drake.results.identified import classify_parameters
+from massprop_drake.results.injected import InjectedRecord, injected_outcomes
 from massprop_drake.results.parts import PartsMade
-from massprop_drake.results.shown_in_hindsight import looked_back
+from massprop_drake.results.shown_in_hindsight import analyze_run
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.summary import AutopilotSummary, Findings, Provenance, RunTiming, Summary
 
@@ -53,7 +53,7 @@ def summarize(
     timing: RunTiming,
     parts: PartsMade,
 ) -> Summary:
-    """Makes the summary of a simulated run, without batch analysis, see `looked_back_on`, and autopilot authority.
+    """Makes the summary of a simulated run, without batch analysis, see `add_batch_analysis`, and autopilot authority.
 
     Args:
         scenario: as run.
@@ -64,8 +64,8 @@ def summarize(
         parts: makes what may fail.
     """
     estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
-    truth = _true_at_end(scenario, signals)
-    return composed(
+    truth = _final_truth(scenario, signals)
+    return compose_summary(
         scenario,
         duration_s=float(signals.last("time_s")),
         estimate=estimate,
@@ -75,19 +75,19 @@ def summarize(
         found=found,
         consistency=parts.make(
             "consistency",
-            lambda: _judged(signals, estimate, deviation, truth, found.detections),
+            lambda: _judge_run(signals, estimate, deviation, truth, found.detections),
             Consistency(None, None, 0, TOO_LITTLE),
         ),
         bound=None,
-        autopilot=parts.make("autopilot", lambda: _flown(scenario, signals), AutopilotSummary(0, 0.0)),
+        autopilot=parts.make("autopilot", lambda: _autopilot_summary(scenario, signals), AutopilotSummary(0, 0.0)),
         timing=timing,
-        injected=parts.make("injected", lambda: what_became(scenario, signals, found.detections), None)
+        injected=parts.make("injected", lambda: injected_outcomes(scenario, signals, found.detections), None)
         if "thrust" in signals
         else None,
     )
 
 
-def _true_at_end(scenario: Scenario, signals: Spool) -> Array:
+def _final_truth(scenario: Scenario, signals: Spool) -> Array:
     """Returns the true ten parameters at the end, NaN where unknown, shape (10,).
 
     Where the estimators are told of parts that swing, and follow them, those at the start, when a model's parts rest.
@@ -100,17 +100,17 @@ def _true_at_end(scenario: Scenario, signals: Spool) -> Array:
     return signals.last("truth")
 
 
-def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
+def _autopilot_summary(scenario: Scenario, signals: Spool) -> AutopilotSummary:
     """Counts firings and propellant."""
     return AutopilotSummary(
-        firings=_firings(signals),
-        propellant_mass=_propellant(scenario, signals),
-        **_selection(signals),
+        firings=_count_run_firings(signals),
+        propellant_mass=_used_propellant(scenario, signals),
+        **_count_selections(signals),
         **_jets_in_question(scenario.vehicle_data, signals),
     )
 
 
-def not_summed_up(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summary:
+def summarize_last_estimates(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summary:
     """Makes the summary of a run of which only its last estimates are known.
 
     Args:
@@ -130,7 +130,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summ
         standard_deviations=signals.last("standard_deviation"),
         covariance=np.full((10, 10), np.nan),
         derived=Derived(None, None, None, None, False),
-        truth=_true_at_end(scenario, signals),
+        truth=_final_truth(scenario, signals),
         percent_error=unknown,
         detections=(),
         consistency=Consistency(None, None, 0, TOO_LITTLE),
@@ -140,7 +140,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summ
     )
 
 
-def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
+def add_batch_analysis(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
     """Adds the batch analysis of a simulated run to its summary: diagnoses and identifiability.
 
     Args:
@@ -148,16 +148,18 @@ def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summ
         scenario, signals: of the run.
     """
     estimate, covariance = results.estimates, results.covariance
-    back = looked_back(scenario, signals, estimate, results.detections, results.events)
+    back = analyze_run(scenario, signals, estimate, results.detections, results.events)
     verdict = results.consistency
     if back.diagnoses:
-        verdict = _judged(
+        verdict = _judge_run(
             signals, estimate, results.standard_deviations, results.truth, results.detections, back.diagnoses
         )
-    return replace(results, consistency=verdict, identifiability=identified(scenario, estimate, covariance, back.bound))
+    return replace(
+        results, consistency=verdict, identifiability=classify_parameters(scenario, estimate, covariance, back.bound)
+    )
 
 
-def _judged(
+def _judge_run(
     signals: Spool,
     estimate: Array,
     deviation: Array,
@@ -167,11 +169,11 @@ def _judged(
 ) -> Consistency:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
-    rotation, mass = (_tallied(signals, name, found) for name in ("rotation", "mass"))
-    return judged(rotation, mass, ratios, SYMBOLS, diagnoses)
+    rotation, mass = (_tally_nis(signals, name, found) for name in ("rotation", "mass"))
+    return judge_consistency(rotation, mass, ratios, SYMBOLS, diagnoses)
 
 
-def composed(
+def compose_summary(
     scenario: Scenario,
     *,
     duration_s: float,
@@ -220,7 +222,7 @@ def composed(
         estimates=estimate,
         standard_deviations=deviation,
         covariance=covariance,
-        derived=mass_properties.derived(estimate, certain),
+        derived=mass_properties.derive_mass_and_inertia(estimate, certain),
         truth=truth,
         percent_error=mass_properties.percent_error(estimate, truth),
         detections=found.detections,
@@ -233,12 +235,12 @@ def composed(
             digest(scenario),
             telemetry,
             telemetry_sha256,
-            _executed(scenario, simulated=telemetry is None),
+            _execution_in_words(scenario, simulated=telemetry is None),
         ),
         timing=timing,
         data_quality=data_quality,
         injected=injected,
-        identifiability=() if bound is None else identified(scenario, estimate, covariance, bound),
+        identifiability=() if bound is None else classify_parameters(scenario, estimate, covariance, bound),
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,
@@ -254,7 +256,7 @@ def version(package: str) -> str:
     return metadata.version(package)
 
 
-def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
+def _execution_in_words(scenario: Scenario, *, simulated: bool) -> str | None:
     """Describes engine and compiler of a run; None for a record that was read without compiled kernels."""
     words: list[str] = [scenario.execution.engine] if simulated else []
     if scenario.execution.compiled:
@@ -262,7 +264,7 @@ def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
     return ", ".join(words) or None
 
 
-def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
+def count_firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
     """Counts off-to-on transitions over all jets.
 
     Args:
@@ -272,7 +274,7 @@ def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
     return int((on & ~np.vstack([before, on[:-1]])).sum())
 
 
-def _intervals(signals: Spool, name: str) -> Iterator[Array]:
+def _interval_rows(signals: Spool, name: str) -> Iterator[Array]:
     """Yields the rows of a signal at the beginning of an interval: all but the last, block by block."""
     left = signals.n_rows - 1
     for block in blocks(signals, name):
@@ -280,31 +282,31 @@ def _intervals(signals: Spool, name: str) -> Iterator[Array]:
         left -= len(block[name])
 
 
-def _firings(signals: Spool) -> int:
+def _count_run_firings(signals: Spool) -> int:
     count, before = 0, np.zeros(signals.last("command").size, dtype=bool)
-    for commands in _intervals(signals, "command"):
+    for commands in _interval_rows(signals, "command"):
         on = commands > 0.0
-        count += firings(on, before)
+        count += count_firings(on, before)
         before = on[-1] if len(on) else before
     return count
 
 
-def _propellant(scenario: Scenario, signals: Spool) -> float:
+def _used_propellant(scenario: Scenario, signals: Spool) -> float:
     """Computes propellant used, slug or kg: by the thrust of every sample or, where it is not known, its command."""
     vehicle = scenario.vehicle_data
     full, flows = np.linalg.norm(vehicle.thrusts, axis=1), true_params.plant_mass_flows(scenario)
     name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
-    flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _intervals(signals, name)])
+    flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _interval_rows(signals, name)])
     return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
+def _tally_nis(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
     """Tallies the NIS of a filter at the samples it used; all at once, so that sums do not depend on storage."""
     tally = Tally()
     if f"{name}_nis" in signals:
         parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
         tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    return explained(tally, signals, name, found)
+    return exclude_explained(tally, signals, name, found)
 
 
 def _nis_signals(name: str, signals: Spool) -> list[str]:
@@ -312,7 +314,7 @@ def _nis_signals(name: str, signals: Spool) -> list[str]:
     return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
 
 
-def explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
+def exclude_explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
     """Excludes samples that later declarations explain from a filter's NIS tally.
 
     Where hypotheses are followed it is that of the likeliest history, see `of_likeliest_history`. Of other detectors
@@ -327,7 +329,7 @@ def explained(tally: Tally, signals: Spool, name: str, found: Sequence[Detection
     if f"{name}_nis" not in signals:
         return tally
     if gives_probabilities(signals):
-        return _of_likeliest_history(tally, signals, name)
+        return _tally_likeliest_history(tally, signals, name)
     named = [one for one in found if one.kind == JUMP or one.isolated_to == "jet"]
     spans = [(one.onset_s, one.time_s) for one in named if one.withdrawn_s is None]
     if spans:
@@ -341,15 +343,15 @@ def explained(tally: Tally, signals: Spool, name: str, found: Sequence[Detection
     return tally
 
 
-def _of_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
+def _tally_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
     """Returns the tally of the likeliest history; the tally itself where that has never become another."""
     names = ("time_s", *_nis_signals(name, signals), *fork_signals(name))
     columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
-    found = forks(name, columns)
+    found = find_forks(name, columns)
     if not found.rows.size:
         return tally
     judged_by = Tally()
-    judged_by.take(of_likeliest_history(innovations(name, columns), columns["time_s"], found))
+    judged_by.take(likeliest_innovations(innovations(name, columns), columns["time_s"], found))
     return judged_by
 
 
@@ -364,7 +366,7 @@ def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
     }
 
 
-def _selection(signals: Spool) -> dict[str, Any]:
+def _count_selections(signals: Spool) -> dict[str, Any]:
     """Counts jet selections solved, and those that could not meet the request; empty without an autopilot."""
     if "selection_counts" not in signals:
         return {}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
-from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, validated
+from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, validate_data
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import N_ROTATION, Derived
 from massprop_drake.maths.signals import SYMBOLS
@@ -24,10 +24,10 @@ from massprop_drake.results.consistency import (
 )
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.fault_probabilities import FaultProbabilities, by_jet
+from massprop_drake.results.fault_probabilities import FaultProbabilities, read_fault_probability
 from massprop_drake.results.identified import Identifiability, bound_in_words
 from massprop_drake.results.injected import InjectedRecord
-from massprop_drake.results.json_arrays import by_name, from_names, null_for_nan
+from massprop_drake.results.json_arrays import null_for_nan, parameters_by_name, parameters_from_names
 from massprop_drake.results.parts import Ended
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 
@@ -258,22 +258,22 @@ class Summary:
             "duration_s": self.duration_s,
             "completeness": self.completeness,
             "completeness_detail": list(self.completeness_detail),
-            "estimates": by_name(self.estimates),
-            "standard_deviations": by_name(self.standard_deviations),
+            "estimates": parameters_by_name(self.estimates),
+            "standard_deviations": parameters_by_name(self.standard_deviations),
             "covariance": null_for_nan(self.covariance),
             "derived": {
                 **derived._asdict(),
                 "mass_std": None if derived.mass_std is None or math.isnan(derived.mass_std) else derived.mass_std,
                 "inertia": None if derived.inertia is None else null_for_nan(derived.inertia),
                 "inertia_std": None if derived.inertia_std is None else null_for_nan(derived.inertia_std),
-                "nearest_possible": None if nearest is None else by_name(nearest),
+                "nearest_possible": None if nearest is None else parameters_by_name(nearest),
             },
-            "truth": by_name(self.truth),
-            "percent_error": by_name(self.percent_error),
-            "detections": [_without(record, "jet_index", "before") for record in self.detections],
-            "events": [_without(record, "jet_index") for record in self.events],
-            "unconfirmed": [_without(record) for record in self.unconfirmed],
-            "untested": [_without(record) for record in self.untested],
+            "truth": parameters_by_name(self.truth),
+            "percent_error": parameters_by_name(self.percent_error),
+            "detections": [_without_fields(record, "jet_index", "before") for record in self.detections],
+            "events": [_without_fields(record, "jet_index") for record in self.events],
+            "unconfirmed": [_without_fields(record) for record in self.unconfirmed],
+            "untested": [_without_fields(record) for record in self.untested],
             "fault_probability": None if self.fault_probability is None else self.fault_probability.as_json(),
             "consistency": {
                 **self.consistency._asdict(),
@@ -310,10 +310,10 @@ class Summary:
         Raises:
             InputError: when it is no summary; the message names each field that is wrong.
         """
-        read = validated(SummaryFile, content, source=source)
+        read = validate_data(SummaryFile, content, source=source)
         made: dict[str, Any] = {field.name: getattr(read, field.name) for field in fields(Summary)}
         for name in ("estimates", "standard_deviations", "truth", "percent_error"):
-            made[name] = from_names(made[name].model_dump())
+            made[name] = parameters_from_names(made[name].model_dump())
         found = read.derived
         inertia, inertia_std = (None if one is None else np.array(one) for one in (found.inertia, found.inertia_std))
         made["derived"] = Derived(found.mass, found.mass_std, inertia, inertia_std, found.physically_possible)
@@ -328,7 +328,7 @@ _Maybe3 = tuple[_Maybe, _Maybe, _Maybe]
 _Maybe10 = tuple[_Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe]
 
 
-def _known_to(kind: Any) -> BeforeValidator:
+def _drop_unknown_keys(kind: Any) -> BeforeValidator:
     """Passes over keys that a later version of a named tuple wrote."""
 
     def known(content: Any) -> Any:
@@ -379,21 +379,21 @@ class SummaryFile(_Stored):
     derived: _Derived
     truth: _ByName
     percent_error: _ByName
-    detections: tuple[Annotated[DetectionRecord, _known_to(DetectionRecord)], ...]
-    consistency: Annotated[Consistency, _known_to(Consistency)]
-    autopilot: Annotated[AutopilotSummary, _known_to(AutopilotSummary)]
-    provenance: Annotated[Provenance, _known_to(Provenance)]
-    timing: Annotated[RunTiming, _known_to(RunTiming)]
+    detections: tuple[Annotated[DetectionRecord, _drop_unknown_keys(DetectionRecord)], ...]
+    consistency: Annotated[Consistency, _drop_unknown_keys(Consistency)]
+    autopilot: Annotated[AutopilotSummary, _drop_unknown_keys(AutopilotSummary)]
+    provenance: Annotated[Provenance, _drop_unknown_keys(Provenance)]
+    timing: Annotated[RunTiming, _drop_unknown_keys(RunTiming)]
     data_quality: dict[str, Any] | None = None
-    injected: tuple[Annotated[InjectedRecord, _known_to(InjectedRecord)], ...] | None = None
-    identifiability: tuple[Annotated[Identifiability, _known_to(Identifiability)], ...] = ()
-    events: tuple[Annotated[EventRecord, _known_to(EventRecord)], ...] = ()
-    unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
-    untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
-    fault_probability: Annotated[FaultProbabilities, BeforeValidator(by_jet)] | None = None
-    against: Annotated[Against, _known_to(Against)] | None = None
-    intervals: Annotated[Intervals, _known_to(Intervals)] | None = None
-    ended: Annotated[Ended, _known_to(Ended)] | None = None
+    injected: tuple[Annotated[InjectedRecord, _drop_unknown_keys(InjectedRecord)], ...] | None = None
+    identifiability: tuple[Annotated[Identifiability, _drop_unknown_keys(Identifiability)], ...] = ()
+    events: tuple[Annotated[EventRecord, _drop_unknown_keys(EventRecord)], ...] = ()
+    unconfirmed: tuple[Annotated[UnconfirmedRecord, _drop_unknown_keys(UnconfirmedRecord)], ...] = ()
+    untested: tuple[Annotated[UntestedRecord, _drop_unknown_keys(UntestedRecord)], ...] = ()
+    fault_probability: Annotated[FaultProbabilities, BeforeValidator(read_fault_probability)] | None = None
+    against: Annotated[Against, _drop_unknown_keys(Against)] | None = None
+    intervals: Annotated[Intervals, _drop_unknown_keys(Intervals)] | None = None
+    ended: Annotated[Ended, _drop_unknown_keys(Ended)] | None = None
     missing: tuple[Text, ...] = ()
     completeness: Completeness = "complete"
     completeness_detail: tuple[Text, ...] = ()
@@ -407,7 +407,7 @@ class SummaryFile(_Stored):
         return value
 
 
-def _without(record: Any, *names: str) -> dict[str, Any]:
+def _without_fields(record: Any, *names: str) -> dict[str, Any]:
     """Returns a record as JSON has it, without some of its fields."""
     kept = {key: value for key, value in record._asdict().items() if key not in names}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in kept.items()}

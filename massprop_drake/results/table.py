@@ -66,11 +66,11 @@ class Sheet(NamedTuple):
 
 
 def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[Sheet, Sheet]:
-    """Makes the sheets of `blocks`, with columns of truth and error where asked; the second with bounds where known.
+    """Makes the sheets of `property_rows`, with truth and error where asked; the second with bounds where known.
 
-    Args: as `parameters`.
+    Args: as `parameter_rows`.
     """
-    first, rest = blocks(results, units, truth=truth)
+    first, rest = property_rows(results, units, truth=truth)
     bounded = any(row.bound != "-" for row in rest)
     return _sheet(first, truth, bounded=False), _sheet(rest, truth, bounded=bounded)
 
@@ -92,25 +92,25 @@ def _sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
 
 
 def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
-    """Makes the table of guaranteed intervals, see `intervals`."""
+    """Makes the table of guaranteed intervals, see `interval_rows`."""
     inside = "estimate\ninside"
     headings = ("parameter", "unit", "low", "middle", "high", inside)
-    return Sheet(headings, intervals(results, units), ("parameter", "unit", inside))
+    return Sheet(headings, interval_rows(results, units), ("parameter", "unit", inside))
 
 
 def residual_sheet(found: Against) -> Sheet:
-    """Makes the table of differences from a simulation, see `residuals`."""
+    """Makes the table of differences from a simulation, see `residual_rows`."""
     headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
-    return Sheet(headings, residuals(found), ("signal", "unit"))
+    return Sheet(headings, residual_rows(found), ("signal", "unit"))
 
 
 def cause_sheet(found: Against) -> Sheet:
-    """Makes the table of possible causes of differences, see `causes`."""
+    """Makes the table of possible causes of differences, see `cause_rows`."""
     headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
-    return Sheet(headings, causes(found), ("cause", "unit"))
+    return Sheet(headings, cause_rows(found), ("cause", "unit"))
 
 
-def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
+def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
     """Makes the table rows of the ten parameters.
 
     Args:
@@ -124,47 +124,47 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
         entry = told.get(one.name)
         flag, bound = ("", None) if entry is None else (entry.flag, entry.bound)
         if math.isnan(one.estimate):
-            power = _power(one.truth if truth else math.nan)
-            true = _scaled(one.truth, math.nan, power)
-            row = Row(symbol, _in_power(unit, power), "not observable", true, "-", "-", "-")
+            power = _power_of_ten(one.truth if truth else math.nan)
+            true = _format_scaled(one.truth, math.nan, power)
+            row = Row(symbol, _unit_with_power(unit, power), "not observable", true, "-", "-", "-")
         else:
-            row = _row(symbol, unit, one)
+            row = _parameter_row(symbol, unit, one)
             inside = "yes" if one.within_three_sigma else "no"
             if flag == Flag.FIXED:
                 inside, row = "fixed", row._replace(error="-")
             row = row._replace(inside="not excited" if flag == "not_excited" and inside == "yes" else inside)
             if bound is not None:
-                power = _power(_larger(one), one.truth)
-                row = row._replace(bound=_scaled(bound, bound, power))
+                power = _power_of_ten(_larger_magnitude(one), one.truth)
+                row = row._replace(bound=_format_scaled(bound, bound, power))
         rows.append(row._replace(flag=flag.replace("_", " ")))
     return rows
 
 
-def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
+def derived_rows(results: Summary, units: Mapping[str, str]) -> list[Row]:
     """Makes the table rows of mass and inertia, derived from the estimates."""
-    found, true = results.derived, mass_properties.derived(results.truth, np.zeros((10, 10)))
-    rows = [_of_derived("m", units["mass"], found.mass, found.mass_std, true.mass)]
+    found, true = results.derived, mass_properties.derive_mass_and_inertia(results.truth, np.zeros((10, 10)))
+    rows = [_derived_row("m", units["mass"], found.mass, found.mass_std, true.mass)]
     if found.inertia is not None and found.inertia_std is not None:
         unit = f"{units['mass']}-{units['length']}^2"
         for name, i, j in INERTIA:
             truth = None if true.inertia is None else float(true.inertia[i, j])
-            rows.append(_of_derived(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
+            rows.append(_derived_row(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
     return rows
 
 
-def blocks(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
+def property_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
     """Makes table rows of mass, center of mass and inertia, and others of inverse inertia and 1/m.
 
-    Args: as `parameters`.
+    Args: as `parameter_rows`.
     """
-    ten, (mass, *inertia) = parameters(results, units, truth=truth), derived(results, units)
+    ten, (mass, *inertia) = parameter_rows(results, units, truth=truth), derived_rows(results, units)
     elements, reciprocal = ten[INVERSE_INERTIA], ten[MASS_RECIPROCAL]
     unsure = [row.flag for row in elements if row.flag != Flag.IDENTIFIED] or [row.flag for row in elements]
     first = [mass._replace(inside=reciprocal.inside, flag=reciprocal.flag), *ten[CENTER_OF_MASS]]
     return [*first, *(row._replace(flag=unsure[0]) for row in inertia)], [*elements, reciprocal]
 
 
-def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
+def interval_rows(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
     """Returns rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
 
     Low is rounded down and high is rounded up, to two digits of half of the width.
@@ -182,77 +182,77 @@ def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...
             rows.append((symbol, unit, "-", "-", "-", "-"))
             continue
         low, high = pair
-        power = _power(max(abs(low), abs(high)))
+        power = _power_of_ten(max(abs(low), abs(high)))
         digits = max(0, 1 - math.floor(math.log10(0.5 * (high - low) / 10.0**power)))
         step = 10.0 ** (power - digits)
         ends = (math.floor(low / step), round(0.5 * (low + high) / step), math.ceil(high / step))
         texts = [f"{end / 10.0**digits:.{digits}f}" for end in ends]
         inside = "-" if math.isnan(one.estimate) else "yes" if low <= one.estimate <= high else "no"
-        rows.append((symbol, _in_power(unit, power), *texts, inside))
+        rows.append((symbol, _unit_with_power(unit, power), *texts, inside))
     return rows
 
 
-def residuals(found: Against) -> list[tuple[str, ...]]:
+def residual_rows(found: Against) -> list[tuple[str, ...]]:
     """Returns rows of differences from a simulation: signal, unit, RMS and largest difference, when, 1-sigma."""
     rows: list[tuple[str, ...]] = []
     for one in found.residuals:
-        power = _power(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
+        power = _power_of_ten(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
         size, largest, noise = (
             "-" if value is None else f"{value / 10.0**power:.4g}" for value in (one.rms, one.largest, one.noise)
         )
         when = "-" if one.largest_s is None else f"{one.largest_s:.2f} s"
-        rows.append((one.signal, _in_power(one.unit, power), size, largest, when, noise))
+        rows.append((one.signal, _unit_with_power(one.unit, power), size, largest, when, noise))
     return rows
 
 
-def causes(found: Against) -> list[tuple[str, ...]]:
+def cause_rows(found: Against) -> list[tuple[str, ...]]:
     """Returns rows of possible causes of differences: cause, size with its 1-sigma, unit, shares alone and together."""
     rows: list[tuple[str, ...]] = []
     for one in found.causes:
-        power = _power(one.size)
-        size, deviation = (_scaled(value, one.size_std, power) for value in (one.size, one.size_std))
+        power = _power_of_ten(one.size)
+        size, deviation = (_format_scaled(value, one.size_std, power) for value in (one.size, one.size_std))
         sign = "+" if one.size >= 0.0 else ""
         shares = (f"{100.0 * share:.1f} %" for share in (one.alone, one.together))
-        rows.append((one.what, f"{sign}{size} ± {deviation}", _in_power(one.unit, power), *shares))
+        rows.append((one.what, f"{sign}{size} ± {deviation}", _unit_with_power(one.unit, power), *shares))
     return rows
 
 
-def _of_derived(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
+def _derived_row(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
     fixed = deviation == 0.0
     known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
     error = 100.0 * (known - true) / abs(true) if true and not fixed else math.nan
     one = Parameter(name, known, math.nan if fixed else sigma, true, error)
-    row = _row(name, unit, one)
+    row = _parameter_row(name, unit, one)
     if fixed:
         return row._replace(inside="fixed")
     return row if math.isnan(true - known) else row._replace(inside="yes" if one.within_three_sigma else "no")
 
 
-def _row(symbol: str, unit: str, one: Parameter) -> Row:
-    power = _power(_larger(one), one.truth)
+def _parameter_row(symbol: str, unit: str, one: Parameter) -> Row:
+    power = _power_of_ten(_larger_magnitude(one), one.truth)
     numbers = (one.estimate, one.truth, one.standard_deviation)
-    estimate, truth, sigma = (_scaled(number, one.standard_deviation, power) for number in numbers)
-    error, percent = _percent(one.percent_error, "+"), _percent(one.percent_deviation)
-    return Row(symbol, _in_power(unit, power), estimate, truth, error, sigma, percent)
+    estimate, truth, sigma = (_format_scaled(number, one.standard_deviation, power) for number in numbers)
+    error, percent = _format_percent(one.percent_error, "+"), _format_percent(one.percent_deviation)
+    return Row(symbol, _unit_with_power(unit, power), estimate, truth, error, sigma, percent)
 
 
-def _larger(one: Parameter) -> float:
+def _larger_magnitude(one: Parameter) -> float:
     """Returns the larger of an estimate and its 1-sigma, whichever are known, in magnitude; NaN for neither."""
     return float(np.fmax(abs(one.estimate), one.standard_deviation))
 
 
-def _power(*values: float) -> int:
+def _power_of_ten(*values: float) -> int:
     """Returns the power of ten, a multiple of three, in which to write values, by the first nonzero one."""
     size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
     return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
 
 
-def _in_power(unit: str, power: int) -> str:
+def _unit_with_power(unit: str, power: int) -> str:
     """Writes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
     return unit if not power else f"1e{power}{unit.removeprefix('1')}" if unit.startswith("1/") else f"1e{power} {unit}"
 
 
-def _scaled(value: float, deviation: float, power: int) -> str:
+def _format_scaled(value: float, deviation: float, power: int) -> str:
     """Formats a value by a power of ten, to two digits of its 1-sigma and to six of its own at the most."""
     if math.isnan(value):
         return "-"
@@ -264,7 +264,7 @@ def _scaled(value: float, deviation: float, power: int) -> str:
     return f"{scaled:.{max(0, digits)}f}"
 
 
-def _percent(value: float, sign: str = "") -> str:
+def _format_percent(value: float, sign: str = "") -> str:
     """Formats a percentage; '-' for NaN."""
     if math.isnan(value):
         return "-"

@@ -100,7 +100,7 @@ def _note_extremes(
                 best[key] = (value, offset + int(row))
 
 
-def picked(
+def pick_rows(
     signals: Mapping[str, Array], rows: NDArray[np.int_], *, leaving_out: tuple[str, ...] = ()
 ) -> dict[str, Array]:
     """Returns the chosen rows of every signal by name, reading spooled signals once.

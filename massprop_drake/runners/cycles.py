@@ -15,12 +15,12 @@ from massprop_drake.maths.estimation import cycle, joint_desk, quiet_cycles, who
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.whole import Samples, ThesisAsked, ThesisRows
-from massprop_drake.maths.kernels import chosen, held, released, shared
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder, make_shared_holder, read_holder
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import all_ten
+from massprop_drake.maths.mass_properties import join_ten_parameters
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
-from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, Stopwatch, timed
+from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, Stopwatch, time_call
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class Stepped:
         self._stopwatch = Stopwatch()
         self.spent_s = self._stopwatch.spent_s
         self.spent_s.update(dict.fromkeys((ESTIMATORS, DETECTOR), 0.0))
-        self.asked = whole.nothing_asked(state.level.size)
+        self.asked = whole.empty_requests(state.level.size)
         self._params, self._state = made, state
         self._done: EstimationStep | None = None
         self._next = 0
@@ -121,7 +121,7 @@ class Stepped:
         before = self._state.detector
         try:
             with self._stopwatch:
-                done = cycle.step(self._state, sample, self._params, timed)
+                done = cycle.step(self._state, sample, self._params, time_call)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, ESTIMATOR) from None
         self._log.put(row, done, before)
@@ -135,7 +135,7 @@ class Stepped:
     def reported(self) -> tuple[Array, Array]:
         """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         assert self._done is not None
-        return cycle.reported(self._done)
+        return cycle.reported_estimate(self._done)
 
     def rotation_nis(self) -> float:
         """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
@@ -146,7 +146,7 @@ class Stepped:
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         published = None if self._done is None else self._done.filtered.known
-        return published or cycle.known(self._state, self._params)
+        return published or cycle.estimate_and_covariance(self._state, self._params)
 
 
 def row_sample(record: RecordRows, row: int) -> Sample:
@@ -186,7 +186,7 @@ class Watched(Stepped):
         if self._apart and self._watch.on:
             self._state = self._watch.state()
             self._watch.on = False
-        samples = _writable(record.samples)
+        samples = _require_writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
         rows = joint_desk.JointRows(*(log.rows[name] for name in joint_desk.JointRows._fields))
         onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
@@ -219,7 +219,7 @@ class Watched(Stepped):
         if self._done is not None:
             return super().reported()
         rows, last = self._log.rows, self._next - 1
-        return _reported(
+        return _estimate_and_sigma(
             ROTATION_REPORT.read(rows["rotation_report"][last]), MASS_REPORT.read(rows["mass_report"][last])
         )
 
@@ -232,19 +232,19 @@ class Watched(Stepped):
 
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
-        return super().known() if self._done is not None else cycle.known(self.state(), self._params)
+        return super().known() if self._done is not None else cycle.estimate_and_covariance(self.state(), self._params)
 
 
-def _writable(samples: Samples) -> Samples:
+def _require_writable(samples: Samples) -> Samples:
     """Converts samples to the form that compiled code takes."""
     return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
 
 
-def _reported(rotation: Any, mass: Any) -> tuple[Array, Array]:
+def _estimate_and_sigma(rotation: Any, mass: Any) -> tuple[Array, Array]:
     """Returns estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
     return (
-        all_ten(rotation.estimate, mass.mass_reciprocal),
-        all_ten(rotation.standard_deviation, np.sqrt(mass.variance)),
+        join_ten_parameters(rotation.estimate, mass.mass_reciprocal),
+        join_ten_parameters(rotation.standard_deviation, np.sqrt(mass.variance)),
     )
 
 
@@ -263,10 +263,10 @@ class Whole:
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         self.spent_s = {ESTIMATORS: 0.0}
-        self.asked = whole.nothing_asked(state.level.size)
+        self.asked = whole.empty_requests(state.level.size)
         self._params, self._compiled = made, compiled
-        self._advance = chosen(whole.advance, compiled)
-        self.given, self.holder = whole.params_of(made), held(state, compiled)
+        self._advance = compile_kernel_if(whole.advance, compiled)
+        self.given, self.holder = whole.kernel_params(made), make_holder(state, compiled)
         self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._has_detector = made.detector is not None
         self._rows: ThesisRows | None = None
@@ -274,16 +274,16 @@ class Whole:
 
     @cached_property
     def _held(self) -> Any:
-        return held(self.given, self._compiled)
+        return make_holder(self.given, self._compiled)
 
     def state(self) -> EstimationState:
         """Returns the state with which the next cycle begins."""
-        state: EstimationState = released(self.holder)
+        state: EstimationState = read_holder(self.holder)
         return state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Sets the rows to estimate from, and the log to fill in."""
-        samples, rows = _writable(record.samples), log.rows
+        samples, rows = _require_writable(record.samples), log.rows
         self._rows = ThesisRows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
@@ -297,7 +297,7 @@ class Whole:
         reached[:] = self._next, until
         began = time.perf_counter()
         if self._shared is None:
-            self._shared = shared(self.block, self._compiled)
+            self._shared = make_shared_holder(self.block, self._compiled)
         try:
             self._advance(self.holder, self._shared, reached, self._held)
         except NotPositiveDefiniteError as error:
@@ -332,7 +332,7 @@ class Whole:
     def reported(self) -> tuple[Array, Array]:
         """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         rotation, mass, _ = self.reports()
-        return _reported(rotation, mass)
+        return _estimate_and_sigma(rotation, mass)
 
     def rotation_nis(self) -> float:
         """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
@@ -341,7 +341,7 @@ class Whole:
 
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
-        return cycle.known(self.state(), self._params)
+        return cycle.estimate_and_covariance(self.state(), self._params)
 
 
 class Unattended(Stepped):
@@ -355,7 +355,7 @@ class Unattended(Stepped):
         return np.zeros(10), np.full(10, math.inf)
 
 
-def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
+def make_cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
     """Makes the cycles of a scenario, by a kernel that covers its filter and detector or else by `cycle.step`.
 
     Args:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scenario_checks import check_against_vehicle
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -20,21 +20,21 @@ from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.fault_report import named
+from massprop_drake.maths.estimation.faults.fault_report import jets_by_declaration
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterState
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import converged_rows
+from massprop_drake.maths.mass_properties import are_converged
 from massprop_drake.maths.possible_inertia import nearest_possible
-from massprop_drake.maths.vehicle.on_times import continued, levels_alone, told_onsets
-from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.maths.vehicle.on_times import command_onsets, level_onsets, rest_of_sample
+from massprop_drake.maths.vehicle.sensing import mask_saturated
 from massprop_drake.records.blocks import LARGEST
 from massprop_drake.records.cadence import HELD
-from massprop_drake.results.events import kind_of, reading_of
-from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
-from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
+from massprop_drake.results.events import locate_reading, sensor_event_kind
+from massprop_drake.results.json_arrays import null_for_nan, write_onsets
+from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, require_same_origin, state_origin
 from massprop_drake.runners.cycles import RecordRows, Whole
-from massprop_drake.runners.logs import EstimationLog, kept, restored
+from massprop_drake.runners.logs import EstimationLog, state_from_json, state_to_json
 
 Array = NDArray[np.float64]
 
@@ -165,11 +165,11 @@ class Estimator:
         problems = check_against_vehicle(scenario, vehicle)
         if problems:
             raise InputError(*(f"scenario: {dotted(path)}: {problem}" for path, problem in problems))
-        if scenario.estimation.filter == "thesis" and not params.weighs(scenario):
+        if scenario.estimation.filter == "thesis" and not params.mass_is_observable(scenario):
             problem = "has no accelerometer, which the filters of the thesis need; use estimation.filter: joint"
             raise InputError(f"vehicle '{vehicle.name}' {problem}")
         self._vehicle, self._scenario = vehicle, scenario
-        self._made_with = made_with(scenario)
+        self._made_with = state_origin(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._params = params.estimation_params(scenario)
         self._not_estimated = params.known_parameters(scenario)
@@ -177,7 +177,7 @@ class Estimator:
         self._begin(cycle.initial_state(self._params))
         self._published: tuple[Array, Array] | None = None  # where they are not those of the state
         self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
-        self._outside, self._onset_s = np.zeros(6), levels_alone(len(vehicle.jets))  # likewise
+        self._outside, self._onset_s = np.zeros(6), level_onsets(len(vehicle.jets))  # likewise
         self._time_s = self._told_s = -math.inf
         self._own_times = params.steps_by_readings(scenario)
 
@@ -200,7 +200,7 @@ class Estimator:
         """Begins at a state; compiled, as one kernel a cycle where there is such a one."""
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
-            self._row = whole.one_sample(len(self._gyros), len(self._accelerometers), state.level.size)
+            self._row = whole.allocate_sample(len(self._gyros), len(self._accelerometers), state.level.size)
             self._whole = Whole(self._params, state, compiled=True)
             self._whole.begin(RecordRows(self._row), EstimationLog(self._scenario, self._params, 1))
 
@@ -218,7 +218,7 @@ class Estimator:
     @property
     def _known(self) -> tuple[Array, Array]:
         """Estimates and their covariance; after `restore`, those from which the filter goes on."""
-        return self._published or cycle.known(self._state, self._params)
+        return self._published or cycle.estimate_and_covariance(self._state, self._params)
 
     @property
     def disturbance(self) -> tuple[Array, Array] | None:
@@ -231,7 +231,7 @@ class Estimator:
         if not (isinstance(known, JointFilterState) and sigmas.any()):
             return None
         value, deviation = np.zeros(6), np.zeros(6)
-        value[sigmas > 0.0], deviation[sigmas > 0.0] = joint.acting(known, self._params.filter_params)
+        value[sigmas > 0.0], deviation[sigmas > 0.0] = joint.disturbance_estimate(known, self._params.filter_params)
         return sigmas * value, sigmas * deviation
 
     def nearest_possible(self) -> Array | None:
@@ -250,9 +250,9 @@ class Estimator:
             "made_with": self._made_with,
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
-            **kept_onsets(self._onset_s),
+            **write_onsets(self._onset_s),
             "outside_wrench": null_for_nan(self._outside),
-            "states": kept(self._state, self._params),
+            "states": state_to_json(self._state, self._params),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -266,13 +266,13 @@ class Estimator:
                 where. The estimator then is as it was.
         """
         kind = FilterState if isinstance(state, Mapping) and "row" in state else EstimatorState
-        kept = validated(kind, state, source="state")
-        require_made_with(kept, self._scenario, "state")
-        self._begin(restored(kept.states, self._params, "state"))
+        kept = validate_data(kind, state, source="state")
+        require_same_origin(kept, self._scenario, "state")
+        self._begin(state_from_json(kept.states, self._params, "state"))
         self._published = None
         self._command = np.array(kept.command, dtype=float)
         onset_s = kept.onset_s
-        self._onset_s = levels_alone(self._command.size) if onset_s is None else onset_s
+        self._onset_s = level_onsets(self._command.size) if onset_s is None else onset_s
         self._outside = np.array(kept.outside_wrench)
         self._time_s = self._told_s = -math.inf if kept.time_s is None else kept.time_s
 
@@ -318,17 +318,17 @@ class Estimator:
 
             After either the estimator is as it was before the call.
         """
-        time_s = float(_numbers(time_s, (), "time_s"))
+        time_s = float(_copy_numbers(time_s, (), "time_s"))
         if not time_s > self._time_s:
             raise ValueError(f"time must go forward: {time_s} s after {self._time_s} s")
-        rates = _readings(gyro, self._gyros, "gyro")
-        velocities = _readings(accelerometers, self._accelerometers, "accelerometers")
+        rates = _package_readings(gyro, self._gyros, "gyro")
+        velocities = _package_readings(accelerometers, self._accelerometers, "accelerometers")
         coming, opening, told_s = self._coming(time_s, commands, onsets_s)
-        outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
+        outside = np.zeros(6) if outside_wrench is None else _copy_numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
-        seen = _seen(tracked, self._vehicle)
+        seen = _tracked_readings(tracked, self._vehicle)
         told = (self._command, self._outside, time_s, coming, seen, self._onset_s, opening)
         done = self._one(cycle.Sample(time_s, rates, velocities, *told))
         self._command, self._outside, self._time_s, self._onset_s = coming, outside, time_s, opening
@@ -340,7 +340,7 @@ class Estimator:
     ) -> tuple[Array, Array, float]:
         """Returns commands from now on and their onsets, shape (n_jets,) each, and when they were given, s."""
         if commands is not None:
-            coming = _numbers(commands, self._command.shape, "commands")
+            coming = _copy_numbers(commands, self._command.shape, "commands")
             if ((coming < 0.0) | (coming > 1.0)).any():
                 raise ValueError("commands must be fractions from 0 to 1")
             return coming, self._opening(coming, onsets_s), time_s
@@ -351,15 +351,15 @@ class Estimator:
             unknown = np.full(self._command.size, np.nan)
             return unknown, unknown.copy(), self._told_s
         since_s = np.array([time_s - self._time_s])
-        coming, opening = continued(self._command[None], self._onset_s[None], since_s, period_s)
+        coming, opening = rest_of_sample(self._command[None], self._onset_s[None], since_s, period_s)
         return coming[0], opening[0], self._told_s
 
     def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
         """Returns onsets of commands, NaN where these are levels, shape (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
-            return told_onsets(commands, None, self._vehicle.opens_at, period_s)
-        given = _numbers(onsets_s, commands.shape, "onsets_s")
+            return command_onsets(commands, None, self._vehicle.opens_at, period_s)
+        given = _copy_numbers(onsets_s, commands.shape, "onsets_s")
         late = (given < 0.0) | (given + commands * period_s > period_s * (1.0 + _ROUNDING))
         if (late & (commands > 0.0)).any():
             raise ValueError(f"onsets_s: a jet must open and close within the sample period of {period_s:g} s")
@@ -381,7 +381,7 @@ class Estimator:
             raise error.at(sample.time_s, "estimator") from None
         self._kept, self._published = done.state, done.filtered.known
         filtered, judgment, detector = done.filtered, done.judgment, done.state.detector
-        seen = (cycle.reported(done), filtered.rotation, filtered.mass)
+        seen = (cycle.reported_estimate(done), filtered.rotation, filtered.mass)
         if judgment is None:
             return _Cycle(*seen, None, None, nothing, nothing)
         return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
@@ -412,7 +412,7 @@ class Estimator:
         return own.fault_probability.copy(), float(own.unknown_probability)
 
     def _converged(self, ten: Array, deviation: Array) -> bool:
-        return bool(converged_rows(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
+        return bool(are_converged(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
     def _detection(self, status: Any, own: Any) -> Detection | None:
         event = Verdict(int(status.detector_event))
@@ -420,12 +420,14 @@ class Estimator:
             return None
         if event == Verdict.JUMP or math.isnan(status.suspected_jet):
             of_it = {} if own is None else self._of_no_jet(own)
-            kind = "mass_property_jump" if event == Verdict.JUMP else _kind(own, of_it.get("sensor"), self._vehicle)
+            kind = (
+                "mass_property_jump" if event == Verdict.JUMP else _event_kind(own, of_it.get("sensor"), self._vehicle)
+            )
             return Detection(kind, status.onset, None, None, False, 0.0, 0.0)._replace(**of_it)
         jet = self._vehicle.jets[int(status.suspected_jet)]
         jets = [int(status.suspected_jet)] if status.jet_isolated else []
         if own is not None:
-            jets, *_ = named(own.verdict_group, own.verdict_place)
+            jets, *_ = jets_by_declaration(own.verdict_group, own.verdict_place)
         kinds = {Verdict.DECLARED: "jet", Verdict.WITHDRAWN: "withdrawn"}
         erratic = own is not None and own.verdict[int(status.suspected_jet)] == Word.ERRATIC
         apart: dict[str, Any] = {}
@@ -448,7 +450,7 @@ class Estimator:
     def _of_no_jet(self, own: Any) -> dict[str, Any]:
         """Returns the fields of a `Detection` that concern no jet: of a faulty sensor, a disturbance or a jump."""
         if math.isfinite(own.lying_component):
-            named = reading_of(int(own.lying_component), params.read(self._scenario), self._vehicle)
+            named = locate_reading(int(own.lying_component), params.vector_sensor_names(self._scenario), self._vehicle)
             return dict(zip(("sensor", "axis"), named, strict=True))
         if math.isfinite(own.disturbed_since):
             return {"torque_std": own.disturbance_torque, "force_std": own.disturbance_force}
@@ -461,16 +463,16 @@ class Estimator:
         }
 
 
-def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
+def _event_kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
     """Classifies an event of the hypothesis detector that concerns neither a jet nor a new jump."""
     if not math.isnan(own.jump_measured):
         return "jump_measured"
     if not math.isnan(own.disturbed_since):
         return "disturbance"
-    return "unexplained" if sensor is None else kind_of(sensor, vehicle)
+    return "unexplained" if sensor is None else sensor_event_kind(sensor, vehicle)
 
 
-def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
+def _tracked_readings(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
     """Returns readings of the vehicle's `tracked` sensors, NaN where missing, shape (columns,); None: it has none."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
@@ -480,10 +482,10 @@ def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array |
     if not names:
         return None
     sizes = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
-    return np.concatenate([_numbers(given.get(name, np.full(n, np.nan)), (n,), name) for name, n in sizes.items()])
+    return np.concatenate([_copy_numbers(given.get(name, np.full(n, np.nan)), (n,), name) for name, n in sizes.items()])
 
 
-def _readings(
+def _package_readings(
     readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], what: str
 ) -> Array:
     """Returns readings of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
@@ -501,11 +503,11 @@ def _readings(
     result = np.full((len(packages), 3), np.nan)
     for row, package in zip(result, packages, strict=True):
         if package.name in readings:
-            row[:] = unsaturated(_numbers(readings[package.name], (3,), what), package.limit)
+            row[:] = mask_saturated(_copy_numbers(readings[package.name], (3,), what), package.limit)
     return result
 
 
-def _numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+def _copy_numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     """Copies the caller's numbers after a check of shape and size; NaN stands for a missing value."""
     try:
         numbers = np.array(values, dtype=float)

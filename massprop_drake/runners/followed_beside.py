@@ -18,24 +18,24 @@ from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths import attitude
-from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
+from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, collect_readings
 from massprop_drake.maths.estimation.pose import delays, pose_hindsight, setting
 from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
 from massprop_drake.maths.estimation.pose.pose_hypotheses import SETTLING_S
 from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.pose_measurement import expected
-from massprop_drake.maths.estimation.pose.pose_prediction import predicted
-from massprop_drake.maths.estimation.pose.pose_start import begins, first_place, tracked_point
+from massprop_drake.maths.estimation.pose.pose_measurement import predict_readings
+from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
+from massprop_drake.maths.estimation.pose.pose_start import can_initialize, first_pose_sensor, tracked_point
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.signals import AGAINST
 from massprop_drake.maths.vehicle import true_failures
-from massprop_drake.maths.vehicle.on_times import levels_alone, pieces
+from massprop_drake.maths.vehicle.on_times import level_onsets, split_sample
 from massprop_drake.results.against import Against
-from massprop_drake.results.against_followed import explained, residuals
+from massprop_drake.results.against_followed import explain_differences, residuals
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.stored import STATE_FILE
-from massprop_drake.runners.logs import restored
+from massprop_drake.runners.logs import state_from_json
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ SPAN_S = 10.0  # after which the simulation begins anew
 _MOST_ROWS = 5_000  # in which an explanation is sought
 
 
-def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
+def compare_in_fixed_frame(record: Run, other: Run, folder: str, spool: Spool) -> Against:
     """Compares a record with a simulation of its commands.
 
     Args:
@@ -57,9 +57,9 @@ def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
     """
     scenario = record.scenario
     made: PoseFilterParams = params.estimation_params(scenario).filter_params
-    vehicle = _vehicle(other, scenario, made.pose, folder)
-    told = _record(record, made, other)
-    read = _simulated(told, vehicle, made.pose, record)
+    vehicle = _assumed_vehicle(other, scenario, made.pose, folder)
+    told = _pose_record(record, made, other)
+    read = _simulate_readings(told, vehicle, made.pose, record)
     signals, first = record.signals, 0
     stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
@@ -67,12 +67,12 @@ def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
         rows = slice(first, first + block["time_s"].size)
         spool.append({**block, **{AGAINST + name: values[rows] for name, values in read.items()}})
         first = rows.stop
-    until_s = _until(record, told.time_s)
-    misfit, causes = explained(scenario, told.until(until_s), vehicle, made.pose)
+    until_s = _comparison_end_s(record, told.time_s)
+    misfit, causes = explain_differences(scenario, told.until(until_s), vehicle, made.pose)
     return Against(folder, until_s if math.isfinite(until_s) else None, misfit, residuals(scenario, spool), causes)
 
 
-def _until(record: Run, time_s: Array) -> float:
+def _comparison_end_s(record: Run, time_s: Array) -> float:
     """Finds the end of the comparison, s: the first onset within the record, or its most rows; infinity: no limit."""
     begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
     late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
@@ -82,20 +82,24 @@ def _until(record: Run, time_s: Array) -> float:
 # ------------------------------------------------------------------------------ what is simulated
 
 
-def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
+def _assumed_vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
     """Returns the vehicle of another run, its thrust factors relative to the thrusts of the record's vehicle.
 
     Raises:
         InputError: when nothing tells it.
     """
-    found = _true(other, made, folder) if np.isfinite(other.results.truth).all() else _learned(other, folder)
+    found = (
+        _true_vehicle(other, made, folder)
+        if np.isfinite(other.results.truth).all()
+        else _estimated_vehicle(other, folder)
+    )
     ratio = np.linalg.norm(other.scenario.vehicle_data.thrusts, axis=1)
     at = found.at.copy()
     at[made.parts.thrust] *= ratio / np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
     return found._replace(at=at)
 
 
-def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
+def _true_vehicle(other: Run, made: PoseParams, folder: str) -> Assumed:
     """Returns the vehicle of a simulated run, whose valves act at once and whose surroundings are still."""
     if other.scenario.jumps:
         raise InputError(
@@ -113,7 +117,7 @@ def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
     return Assumed(at)
 
 
-def _learned(other: Run, folder: str) -> Assumed:
+def _estimated_vehicle(other: Run, folder: str) -> Assumed:
     """Returns the vehicle of a record, as the estimator knew it at its end."""
     if other.scenario.estimation.filter != "pose" or not other.state:
         raise InputError(
@@ -121,34 +125,38 @@ def _learned(other: Run, folder: str) -> Assumed:
             "(estimation.filter: pose), with its filter state beside it: nothing tells what to simulate"
         )
     own = params.estimation_params(other.scenario)
-    state = restored(other.state["states"], own, f"{folder}/{STATE_FILE}").filter
-    bank = delays.overall(state.tried, own.filter_params.pose)
-    at = pose_hindsight.vehicle_of(bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose)
+    state = state_from_json(other.state["states"], own, f"{folder}/{STATE_FILE}").filter
+    bank = delays.merge_delays(state.tried, own.filter_params.pose)
+    at = pose_hindsight.unknowns_from_state(
+        bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose
+    )
     return Assumed(at, max(int(bank.opens[0]), -1))
 
 
-def _record(record: Run, made: PoseFilterParams, other: Run) -> PoseRecord:
+def _pose_record(record: Run, made: PoseFilterParams, other: Run) -> PoseRecord:
     """Returns a record's readings, and the levels by which the other run's vehicle would follow its commands."""
     scenario, time_s = record.scenario, record.time_s
     sensors = scenario.vehicle_data.tracked
     tracked = np.hstack([record[sensor.name] for sensor in sensors]) if sensors else np.empty((time_s.size, 0))
     rates, velocities = (
-        np.stack([_within(record[one.name], one) for one in few], axis=1) if few else np.empty((time_s.size, 0, 3))
+        np.stack([_mask_saturated(record[one.name], one) for one in few], axis=1)
+        if few
+        else np.empty((time_s.size, 0, 3))
         for few in (params.gyros(scenario), params.accelerometers(scenario))
     )
-    readings = [readings_of(*row, made) for row in zip(tracked, rates, velocities, strict=True)]
+    readings = [collect_readings(*row, made) for row in zip(tracked, rates, velocities, strict=True)]
     outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
     told = record["command"]
-    opening = record["command_onset"] if "command_onset" in record.signals else levels_alone(told.shape)
-    return PoseRecord(time_s, told, readings, outside, _delivered(told, opening, time_s, other))
+    opening = record["command_onset"] if "command_onset" in record.signals else level_onsets(told.shape)
+    return PoseRecord(time_s, told, readings, outside, _delivered_levels(told, opening, time_s, other))
 
 
-def _within(readings: Array, package: SensorPackage) -> Array:
+def _mask_saturated(readings: Array, package: SensorPackage) -> Array:
     """Returns readings, NaN where they are saturated."""
     return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
 
 
-def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
+def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
     """Computes levels of a simulated vehicle's jets under some commands, with its failures.
 
     Args:
@@ -164,13 +172,13 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
     table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
     times_s, levels = [], []
     for row, since_s in enumerate((time_s - time_s[0]).tolist()):
-        lengths_s, own = pieces(told[row], opening_s[row], period_s, (0.0, period_s))
+        lengths_s, own = split_sample(told[row], opening_s[row], period_s, (0.0, period_s))
         begins_s = np.cumsum(lengths_s) - lengths_s
         if failures:
-            strikes = true_failures.struck(failures, row, period_s, other.scenario.seed)
+            strikes = true_failures.draw_strikes(failures, row, period_s, other.scenario.seed)
             for piece, level in enumerate(own):
                 now_s, length_s = since_s + float(begins_s[piece]), float(lengths_s[piece])
-                own[piece] = true_failures.failed(level, now_s, length_s, strikes, table)
+                own[piece] = true_failures.apply_failures(level, now_s, length_s, strikes, table)
         times_s.append(time_s[row] + begins_s)
         levels.append(own)
     return np.concatenate(times_s), np.concatenate(levels)
@@ -179,34 +187,34 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
 # ------------------------------------------------------------------------------ what it then reads
 
 
-def _simulated(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
+def _simulate_readings(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
     """Simulates the readings of every sensor, NaN before the simulation has begun."""
     scenario, rows = record.scenario, told.time_s.size
-    movable = setting.movable(params.setup(scenario), made.parts)
-    known = pose_hindsight.taken_as_known(vehicle, movable, made)
-    first = next((row for row in range(rows) if begins(told.readings[row], known)), rows)
+    movable = setting.movable_places(params.filter_setup(scenario), made.parts)
+    known = pose_hindsight.known_vehicle_params(vehicle, movable, made)
+    first = next((row for row in range(rows) if can_initialize(told.readings[row], known)), rows)
     first = int(np.searchsorted(told.time_s, told.time_s[min(first, rows - 1)] + SETTLING_S))
     motion = [record[f"{name}_estimate"] for name in ("position", "attitude", "velocity", "rate")]
     lost: np.ndarray = np.array(np.isnan(told.levels).any(axis=1))
-    read = _empty(scenario, rows)
+    read = _empty_readings(scenario, rows)
     began_s = -math.inf
     for row in range(first, rows):
         now_s = float(told.time_s[row])
         if row == first or now_s - began_s >= SPAN_S or lost[row - 1]:
-            bank = _begun([part[row] for part in motion], told.readings[row], vehicle, known)
+            bank = _start_certain_filter([part[row] for part in motion], told.readings[row], vehicle, known)
             began_s = now_s
         else:
-            bank = predicted(bank, told.commands(row), float(told.time_s[row - 1]), now_s, known).bank
-        _fill(read, row, expected(bank, known), scenario)
+            bank = predict_bank(bank, told.commands(row), float(told.time_s[row - 1]), now_s, known).bank
+        _fill_readings(read, row, predict_readings(bank, known), scenario)
     return read
 
 
-def _begun(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known: PoseParams) -> PoseBank:
+def _start_certain_filter(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known: PoseParams) -> PoseBank:
     """Makes a filter with zero covariance at a motion, its position corrected by the first tracked point read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
     mean[parts.position], mean[parts.velocity], mean[parts.rate] = position, velocity, rate
-    place = first_place(readings)
+    place = first_pose_sensor(readings)
     if place is not None:
         seen = readings.positions[place] - rotation @ (mean[tracked_point(place, parts)] - mean[parts.center])
         mean[parts.position] = np.where(np.isfinite(seen), seen, position)
@@ -217,14 +225,14 @@ def _begun(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known:
     )
 
 
-def _empty(scenario: Scenario, rows: int) -> dict[str, Array]:
+def _empty_readings(scenario: Scenario, rows: int) -> dict[str, Array]:
     """Makes empty readings of every sensor."""
     vehicle = scenario.vehicle_data
     found = {sensor.name: np.full((rows, len(sensor.columns)), np.nan) for sensor in vehicle.tracked}
     return found | {package.name: np.full((rows, 3), np.nan) for package in vehicle.sensors}
 
 
-def _fill(read: dict[str, Array], row: int, ideal: PoseReadings, scenario: Scenario) -> None:
+def _fill_readings(read: dict[str, Array], row: int, ideal: PoseReadings, scenario: Scenario) -> None:
     """Fills in readings of ideal sensors; of a pose sensor only what it measures."""
     vehicle = scenario.vehicle_data
     for place, pose in enumerate(vehicle.poses):

@@ -11,20 +11,25 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.asked import odds
+from massprop_drake.inputs.asked import declaration_log_odds
 from massprop_drake.inputs.estimation_blocks import CglrBlock
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import Dispersion, DisturbanceBlock, PlantBlock
 from massprop_drake.maths.estimation import foretold
-from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
-from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
+from massprop_drake.maths.estimation.cycle import EstimationParams, collect_commands, initial_state
+from massprop_drake.maths.estimation.faults.priors import Priors, log_failure_probability, log_jump_probability
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
 from massprop_drake.maths.estimation.whole import Samples
-from massprop_drake.maths.maneuver.aims import FOLLOWED, from_another, from_nothing, of_jump
+from massprop_drake.maths.maneuver.aims import (
+    FOLLOWED,
+    expected_llr_jumps,
+    expected_llr_no_failure,
+    expected_llr_other_jet,
+)
 from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import MASS
 from massprop_drake.runners.cycles import RecordRows, Unattended, row_sample
 from massprop_drake.runners.simulate import needs_diagram, simulate, true_parameters
@@ -106,9 +111,9 @@ def foretell(
         raise InputError(
             f"foretell: a jet must fail before the end of the flight, {scenario.duration_s:g} s, not at {fails_s:g} s"
         )
-    ideal = _as_stated(scenario, nominal=nominal)
+    ideal = _undispersed_scenario(scenario, nominal=nominal)
     made = params.estimation_params(ideal)
-    return _forecast(ideal, _flown(ideal, made), made.filter_params, fails_s, share)
+    return _forecast(ideal, _fly_scenario(ideal, made), made.filter_params, fails_s, share)
 
 
 def as_data(found: Forecast) -> dict[str, Any]:
@@ -124,7 +129,7 @@ def as_data(found: Forecast) -> dict[str, Any]:
     }
 
 
-def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
+def _undispersed_scenario(scenario: Scenario, *, nominal: bool) -> Scenario:
     """Returns the scenario with the joint filter, without dispersions, disturbance, failures, jumps and detector."""
     plant = scenario.plant
     exact: dict[str, Any] = {"thrust_dispersion": 0.0, "mounting_dispersion": 0.0, "wheel_dispersion": 0.0}
@@ -140,7 +145,7 @@ def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
     return scenario.model_copy(update=nothing)
 
 
-def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
+def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
     """Computes true states, commands and readings of the flight, by the names of a run's signals."""
     if needs_diagram(scenario):
         run = simulate(scenario, look_back=False)
@@ -161,16 +166,16 @@ def _forecast(
 
     Args:
         scenario: as it is foretold.
-        logs: see `_flown`.
+        logs: see `_fly_scenario`.
         made: parameters of the filter.
         fails_s: from when on a suspect leaks, s.
         share: of its thrust.
     """
     vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _record(scenario, logs, made)
-    (now, linear), deviations, shown = foretold.begun(logs["truth"][0], made), list[Array](), list[Array]()
+    (now, linear), deviations, shown = foretold.begin_forecast(logs["truth"][0], made), list[Array](), list[Array]()
     for row in range(time_s.size):
         sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
-        now = foretold.step(now, (sample.rates, sample.velocities), told_of(sample), linear, failing=failing)
+        now = foretold.step(now, (sample.rates, sample.velocities), collect_commands(sample), linear, failing=failing)
         deviations.append(np.sqrt(np.diagonal(now.filter.covariance)))
         if failing:
             shown.append(now.shown)
@@ -201,7 +206,7 @@ def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterPara
     read = [logs[sensor.name].reshape(n, -1) for sensor in vehicle.tracked if sensor.name in logs]
     onsets_s = logs.get("command_onset")
     if onsets_s is not None:
-        onsets_s = np.vstack((levels_alone(jets), onsets_s))
+        onsets_s = np.vstack((level_onsets(jets), onsets_s))
     return RecordRows(samples, None, commands, np.hstack(read) if read else None, onsets_s)
 
 
@@ -236,24 +241,33 @@ def _suspects(
         share: of its thrust that it leaks.
         params: of the filter.
     """
-    vehicle, given, needed = scenario.vehicle_data, Priors.stated(scenario.faults), odds(scenario.faults)
+    vehicle, given, needed = (
+        scenario.vehicle_data,
+        Priors.stated(scenario.faults),
+        declaration_log_odds(scenario.faults),
+    )
     thrusts, n = np.linalg.norm(vehicle.thrusts, axis=1), len(vehicle.jets)
     forces = share * thrusts
     own, jets = np.diagonal(shown, axis1=1, axis2=2), np.arange(n)
     times_s, variances = since_s.tolist(), jump_variances(params.joint)
     jumped = [
-        log_jump(one, given) + of_jump(each, jets, forces, variances) for one, each in zip(times_s, shown, strict=True)
+        log_jump_probability(one, given) + expected_llr_jumps(each, jets, forces, variances)
+        for one, each in zip(times_s, shown, strict=True)
     ]
-    fails = np.array([log_surprise(share, 1.0, one, given, missing=False) for one in times_s])  # alike for all jets
+    fails = np.array(
+        [log_failure_probability(share, 1.0, one, given, missing=False) for one in times_s]
+    )  # alike for all jets
     otherwise = np.logaddexp(0.0, np.array(jumped))
     counts = np.arange(1, since_s.size + 1) >= FOLLOWED
     for jet in range(n):
         others = np.delete(np.arange(2 * n), (jet, n + jet))
         force, thrust = float(forces[jet]), float(thrusts[jet])
-        led = fails + from_nothing(own[:, jet], force, thrust) - otherwise[:, jet]
-        apart = from_another(own[:, jet, None], shown[:, jet, others], own[:, others], force) >= needed
-        noticed = _first(since_s, counts & (led >= needed))
-        each = np.array([_first(since_s, counts & (led >= needed) & apart[:, place]) for place in range(others.size)])
+        led = fails + expected_llr_no_failure(own[:, jet], force, thrust) - otherwise[:, jet]
+        apart = expected_llr_other_jet(own[:, jet, None], shown[:, jet, others], own[:, others], force) >= needed
+        noticed = _first_time(since_s, counts & (led >= needed))
+        each = np.array(
+            [_first_time(since_s, counts & (led >= needed) & apart[:, place]) for place in range(others.size)]
+        )
         longest = int(np.argmax(each)) if others.size else -1
         alike = longest >= 0 and each[longest] > noticed
         told = float(each[longest]) if alike else noticed
@@ -262,7 +276,7 @@ def _suspects(
         yield Suspect(vehicle.designations[jet], force, after_s, noticed_s, name)
 
 
-def _first(since_s: Array, holds: NDArray[np.bool_]) -> float:
+def _first_time(since_s: Array, holds: NDArray[np.bool_]) -> float:
     """Returns the first time at which a condition holds, s; infinity: it never does."""
     at = np.flatnonzero(holds)
     return float(since_s[at[0]]) if at.size else math.inf

@@ -7,7 +7,7 @@ from dataclasses import replace
 from massprop_drake.display.run import Run
 from massprop_drake.results.allowed import allowed_intervals
 from massprop_drake.results.spool import Spool, blocks
-from massprop_drake.systems.estimation.interval_program import solved
+from massprop_drake.systems.estimation.interval_program import solve_linear_program
 
 
 def with_intervals(run: Run) -> Run:
@@ -31,6 +31,8 @@ def with_intervals(run: Run) -> Run:
         for block in blocks({"time_s": run.time_s, **run.signals}, "time_s", *run.signals):
             signals.append(block)
     found = run.results
-    intervals = allowed_intervals(run.scenario, signals, found.estimates, found.detections, found.events, solved)
+    intervals = allowed_intervals(
+        run.scenario, signals, found.estimates, found.detections, found.events, solve_linear_program
+    )
     time_s = None if isinstance(run.signals, Spool) else run.time_s
     return Run(run.scenario, replace(found, intervals=intervals), time_s, run.signals, run.state)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.params import weighs
+from massprop_drake.inputs.params import mass_is_observable
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
@@ -23,12 +23,18 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationSt
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.results.detections import DetectionRecord, followed, placed, settled, weighed_before
-from massprop_drake.results.events import EventRecord, said
-from massprop_drake.results.fault_probabilities import at_end
+from massprop_drake.results.detections import (
+    DetectionRecord,
+    bound_jump_times,
+    finalize_detections,
+    note_mass_before_jumps,
+    update_detections,
+)
+from massprop_drake.results.events import EventRecord, list_events
+from massprop_drake.results.fault_probabilities import final_probabilities
 from massprop_drake.results.json_arrays import null_for_nan
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.stored import FORMAT, FilterState, made_with
+from massprop_drake.results.stored import FORMAT, FilterState, state_origin
 from massprop_drake.results.summary import Findings
 from massprop_drake.results.unconfirmed import Suspicions
 from massprop_drake.systems.layouts import (
@@ -69,7 +75,7 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     signals["standard_deviation"] = np.hstack([rotation.pop("standard_deviation"), np.sqrt(mass.pop("variance"))])
     limits = params.convergence_limits(scenario)
     known = params.known_parameters(scenario)
-    good = mass_properties.converged_rows(signals["standard_deviation"], signals["estimate"], limits, known)
+    good = mass_properties.are_converged(signals["standard_deviation"], signals["estimate"], limits, known)
     signals["converged"] = good.astype(float)[:, None]
     signals |= rotation
     if there:
@@ -103,7 +109,7 @@ class EstimationLog:
         self._detector = params.detector
         self._said = params.detector and params.detector.report and params.detector.report.sized(jets=jets)
         layouts = [IMPULSES, ROTATION_REPORT]
-        if weighs(scenario):
+        if mass_is_observable(scenario):
             layouts.append(MASS_REPORT)
         if self._own is not None:
             layouts.append(self._own)
@@ -155,7 +161,7 @@ class Intake:
         self.spool = Spool(folder, index="time_s")
         self.recent_s = np.array(() if earlier is None else earlier.recent_s, dtype=float)
         self._scenario, self._vehicle = scenario, scenario.vehicle_data
-        self._sensors = params.read(scenario)
+        self._sensors = params.vector_sensor_names(scenario)
         self._entries: list[DetectionRecord] = [] if earlier is None else list(earlier.detections)
         self._events: list[EventRecord] = [] if earlier is None else list(earlier.events)
         suspected = ((), ()) if earlier is None else (earlier.unconfirmed, earlier.commanded)
@@ -171,14 +177,14 @@ class Intake:
         self.spool.append(signals)
         time_s = signals["time_s"]
         self.recent_s = np.concatenate([self.recent_s, time_s])[-RECENT:]
-        events = said(self._vehicle, self._sensors, time_s, signals, self._events)
+        events = list_events(self._vehicle, self._sensors, time_s, signals, self._events)
         known = len(self._entries)
-        self._entries = followed(self._vehicle, events, self._entries)
+        self._entries = update_detections(self._vehicle, events, self._entries)
         if "verdict" not in signals:
             names = ("estimate", "standard_deviation")
             mass = np.column_stack((time_s, *(signals[name][:, MASS_RECIPROCAL] for name in names)))
             mass = np.vstack([self._last_mass, mass])
-            self._entries, self._last_mass = weighed_before(self._entries, *mass.T), mass[-1:]
+            self._entries, self._last_mass = note_mass_before_jumps(self._entries, *mass.T), mass[-1:]
         self._events += events
         self._suspicions.add(time_s, signals, events)
         return events, self._entries[known:]
@@ -199,14 +205,14 @@ class Intake:
         }
         records: Sequence[DetectionRecord] = self._entries
         if "verdict" in self.spool:
-            records = placed(records, self.spool.blocks("time_s", "command", "alarm", *steps), steps)
-        entries = settled(records, *forces, *mass)
+            records = bound_jump_times(records, self.spool.blocks("time_s", "command", "alarm", *steps), steps)
+        entries = finalize_detections(records, *forces, *mass)
         return Findings(
             entries,
             tuple(event._replace(jet_index=None) for event in self._events),
             self._suspicions.found(),
             self._suspicions.untested([entry.jet for entry in entries if entry.withdrawn_s is None]),
-            at_end(self._vehicle, self.spool),
+            final_probabilities(self._vehicle, self.spool),
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
@@ -219,7 +225,7 @@ class Intake:
         """
         return {
             "format": FORMAT,
-            "made_with": made_with(self._scenario),
+            "made_with": state_origin(self._scenario),
             "time_s": float(self.spool.last("time_s")),
             "row": row,
             "states": states,
@@ -250,34 +256,34 @@ def state_groups(diagram: Any, context: Any) -> Groups:
     return groups
 
 
-def kept(state: EstimationState, params: EstimationParams) -> SavedState:
+def state_to_json(state: EstimationState, params: EstimationParams) -> SavedState:
     """Converts the state of an estimation to JSON data for `filter_state.json`."""
-    return for_json(cycle.saved(state, params))
+    return groups_to_json(cycle.save_state(state, params))
 
 
-def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
-    """Restores the state of an estimation: the inverse of `kept`; arguments as those of `from_json`.
+def state_from_json(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
+    """Restores the state of an estimation: the inverse of `state_to_json`; arguments as those of `groups_from_json`.
 
     Raises:
         InputError: when they are of other parameters, or no run can have left them.
     """
-    like = cycle.saved(cycle.initial_state(params), params)
+    like = cycle.save_state(cycle.initial_state(params), params)
     detector = params.detector
     growing = {params.filter.growing, detector.group if detector is not None and detector.layout is None else ""}
-    groups = from_json(states, like, source, growing)
+    groups = groups_from_json(states, like, source, growing)
     try:
-        return cycle.restored(groups, params)
+        return cycle.restore_state(groups, params)
     except ValueError as error:
         raise InputError(f"{source}: states: {error}; it was not written by a run") from None
 
 
-def for_json(groups: Groups) -> SavedState:
+def groups_to_json(groups: Groups) -> SavedState:
     """Converts state vectors by name to JSON data, NaN as null."""
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
-    """Converts JSON data to state vectors by name, joining vectors in pieces (version 0.1): the inverse of `for_json`.
+def groups_from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
+    """Converts JSON data to state vectors by name: the inverse of `groups_to_json`; version 0.1 has them in pieces.
 
     Args:
         states: as a file has them.

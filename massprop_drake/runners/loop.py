@@ -30,15 +30,15 @@ from massprop_drake.maths.flight import (
     FlightRows,
     Together,
 )
-from massprop_drake.maths.kernels import chosen, held, released, shared
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder, make_shared_holder, read_holder
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.mass_properties import is_converged
 from massprop_drake.maths.signals import PROPELLANT
 from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
-from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, cycles
+from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, make_cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.tracker_readings import Trackers
@@ -61,7 +61,7 @@ class _Selection:
     """
 
     def __init__(self, scenario: Scenario, desk: Desk):
-        self.selector = Selector(**pilot_params.selection(scenario))
+        self.selector = Selector(**pilot_params.jet_selection_arguments(scenario))
         self._desk = desk
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
@@ -74,7 +74,7 @@ class _Selection:
         kept = (desk.counts, desk.refused, desk.out_of_use, desk.owed)
         state = SelectionState(desk.remaining, command, delivered, *kept)
         properties = None
-        if self._adapts and converged(desk.deviation, desk.estimate, self._limits):
+        if self._adapts and is_converged(desk.deviation, desk.estimate, self._limits):
             properties = desk.estimate.copy()
         asked = Reconfiguration(bool(desk.asked.declared[0]), desk.wrench, desk.asked.removed)
         burst = self.selector.decide(state, REQUEST.read(request), properties, asked)
@@ -105,23 +105,23 @@ class Loop:
         self._schedule: Array | None = None
         self._onsets_s: Array | None = None  # of the schedule, where jets open within samples
         if scenario.open_loop:
-            self._schedule, self._onsets_s = params.commands(scenario)
-        self._windows = pilot_params.windows(scenario)
+            self._schedule, self._onsets_s = params.scheduled_jet_commands(scenario)
+        self._windows = pilot_params.controller_windows(scenario)
         self._made = pilot_params.flight_params(scenario, self._true)
-        self._fly = chosen(flight.fly, self._compiled)
+        self._fly = compile_kernel_if(flight.fly, self._compiled)
         start = vehicle_cycle.initial_state(self._true)
-        self._holder = held(flight.initial_state(start), self._compiled)
+        self._holder = make_holder(flight.initial_state(start), self._compiled)
         self._reached = np.array([0, SENSING, 0, 0])
         self._params = params.estimation_params(scenario)
-        self._known: Cycles = cycles(scenario, self._params) if known is None else known
-        self._desk = flight.desk(len(vehicle.jets), self._known.asked)
+        self._known: Cycles = make_cycles(scenario, self._params) if known is None else known
+        self._desk = flight.empty_desk(len(vehicle.jets), self._known.asked)
         self._selection = None if scenario.open_loop else _Selection(scenario, self._desk)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
         self._whole = self._covered()
         if self._whole is None:
-            self._given = held(self._made, self._compiled)
+            self._given = make_holder(self._made, self._compiled)
         else:
-            self._given = held(Together(self._made, self._whole.given), self._compiled)
+            self._given = make_holder(Together(self._made, self._whole.given), self._compiled)
         self._blocks: list[_Block] = []
         self._size = self._row = 0  # rows of the last block; those of it that are filled in
         self._sample = self._taken = 0  # the next one; rows taken from the blocks
@@ -170,7 +170,11 @@ class Loop:
 
     def _fill_at_once(self, known: Whole, reached_s: float) -> None:
         """Advances to a time, or to the end of a block, by the kernel that has vehicle, autopilot and estimation."""
-        onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
+        onward, block, reached = (
+            compile_kernel_if(flight.fly_and_estimate, self._compiled),
+            self._blocks[-1],
+            self._reached,
+        )
         times_s = np.arange(self._sample, self._sample + self._size - self._row) * self._period_s
         reached[UNTIL] = self._row + np.count_nonzero(times_s <= reached_s)
         try:
@@ -189,19 +193,19 @@ class Loop:
             assert self._selection is not None
             self._selection.select(request)
         elif stop == JUMP:
-            state = released(self._holder)
-            after = vehicle_cycle.jumped(state.vehicle, self._sample, self._true)
-            self._holder = held(state._replace(vehicle=after), self._compiled)
+            state = read_holder(self._holder)
+            after = vehicle_cycle.apply_sample_jumps(state.vehicle, self._sample, self._true)
+            self._holder = make_holder(state._replace(vehicle=after), self._compiled)
             if self._true.planar:
-                truth = vehicle_cycle.on_floor(self._made.truth, after.structure, self._true)
-                self._given = held(self._made._replace(truth=truth), self._compiled)
+                truth = vehicle_cycle.update_floor_wrenches(self._made.truth, after.structure, self._true)
+                self._given = make_holder(self._made._replace(truth=truth), self._compiled)
 
     def _begin(self) -> None:
         """Begins new logs, with the readings of their first sample."""
         first, (least, most) = self._sample, _ROWS
         self._size, self._row = min(max(self._ending - first, least), most), 0
         size = self._size
-        rows = flight.rows(size, (len(self._scenario.vehicle_data.jets), len(self._names)), self._made)
+        rows = flight.empty_rows(size, (len(self._scenario.vehicle_data.jets), len(self._names)), self._made)
         times_s = np.arange(first, first + size, dtype=np.float64) * self._period_s
         if self._schedule is not None:
             given = self._schedule[first : first + size]
@@ -210,7 +214,7 @@ class Loop:
                 rows.onset[: len(given)] = self._onsets_s[first : first + size]
         else:
             rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
-        ahead = vehicle_cycle.ahead(first, size, self._true)
+        ahead = vehicle_cycle.draw_ahead(first, size, self._true)
         log, tracked = EstimationLog(self._scenario, self._params, size), np.empty((size, self._trackers.size))
         flown: Any = FlightBlock(rows, ahead, self._desk)
         samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((size, 6)))
@@ -218,13 +222,13 @@ class Loop:
         onsets_s = None
         if self._onsets_s is not None:
             state = None if not self._blocks else self._blocks[-1].rows.onset[-1]
-            before = levels_alone(rows.onset.shape[1]) if state is None else state
+            before = level_onsets(rows.onset.shape[1]) if state is None else state
             onsets_s = np.vstack((before, rows.onset))
         self._known.begin(RecordRows(samples, None, coming, tracked if tracked.size else None, onsets_s), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
         if self._whole is not None:
             flown = Together(flown, self._whole.block)
-        self._blocks.append(_Block(rows, tracked, log, shared(flown, self._compiled)))
+        self._blocks.append(_Block(rows, tracked, log, make_shared_holder(flown, self._compiled)))
         if self._whole is None:
             self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
@@ -232,7 +236,7 @@ class Loop:
         """Empties the logs, and returns them by port, with the times."""
         taken, count = self._taken, self.logged
         blocks = [{**self._ports(block), **block.log.rows} for block in self._blocks]
-        logs = {name: _joined([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
+        logs = {name: _join_blocks([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
         times_s = np.arange(self._sample - count, self._sample) * self._period_s
         self._taken = self._row
         self._blocks = self._blocks[-1:]  # whose other rows are still to be filled in
@@ -270,7 +274,7 @@ class Loop:
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
         """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
         _, covariance = self._known.known()
-        return covariance, estimation.saved(self._known.state(), self._params)
+        return covariance, estimation.save_state(self._known.state(), self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Computes mean time per cycle spent in each part, microseconds."""
@@ -283,6 +287,6 @@ class Loop:
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}
 
 
-def _joined(parts: list[Any]) -> Any:
+def _join_blocks(parts: list[Any]) -> Any:
     """Joins rows of blocks; those of a single one are not copied."""
     return np.concatenate(parts) if len(parts) > 1 else parts[0]

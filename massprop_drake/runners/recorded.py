@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import PlantBlock
@@ -26,7 +26,7 @@ from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.signals import SYMBOLS
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.records import mapped_rows, mapping
 from massprop_drake.records.blocks import Table
 from massprop_drake.records.control_rows import Thinning
@@ -36,18 +36,18 @@ from massprop_drake.records.reader import AT_STAMPS, Reader
 from massprop_drake.records.recording import open_recording, require_table
 from massprop_drake.records.rows import Continuation, Rows
 from massprop_drake.results import followed
-from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judged, used_nis
+from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judge_consistency, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
-from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
+from massprop_drake.results.json_arrays import null_for_nan, write_onsets
 from massprop_drake.results.parts import PartsMade
-from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
-from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
-from massprop_drake.results.summarize import composed, explained, firings, not_summed_up
+from massprop_drake.results.shown_in_hindsight import Hindsight, analyze_run
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_same_origin
+from massprop_drake.results.summarize import compose_summary, count_firings, exclude_explained, summarize_last_estimates
 from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
-from massprop_drake.runners.cycles import RecordRows, cycles
-from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
+from massprop_drake.runners.cycles import RecordRows, make_cycles
+from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, state_from_json, state_to_json
 
 Array = NDArray[np.float64]
 
@@ -99,19 +99,19 @@ def estimate(
         InputError: when the record or the saved state cannot be used, or readings are such that a covariance
             loses definiteness; the message says where.
     """
-    scenario = settings_alone(scenario)
-    earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
+    scenario = estimation_settings(scenario)
+    earlier = None if resume_from is None else _read_filter_state(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
     vehicle = scenario.vehicle_data
     gyro = params.gyro(scenario).name if vehicle.gyros and not vehicle.needs_pose_filter else None
     own_times = params.steps_by_readings(scenario)
     joint = scenario.estimation.filter == "joint"
-    source = _source(telemetry, record_map, (vehicle, gyro), (own_times, joint))
+    source = _open_record(telemetry, record_map, (vehicle, gyro), (own_times, joint))
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     can_be_read_again = stream is None and str(telemetry) != "-"
     try:
         if not own_times and joint and can_be_read_again:
-            scenario = _at_own_times(scenario, reader.readings_per_s())
+            scenario = _step_at_record_rate(scenario, reader.readings_per_s())
         reader.own_times = params.steps_by_readings(scenario)
         if scenario.joint.switching == "stamps":
             reader.jitter = AT_STAMPS
@@ -146,7 +146,7 @@ def estimate(
         reader.close()
 
 
-def _source(
+def _open_record(
     telemetry: str | Path | Sequence[str | Path],
     record_map: str | Path | RecordMap | None,
     whose: tuple[Vehicle, str | None],
@@ -168,15 +168,15 @@ def _source(
         by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
         name = "map" if isinstance(record_map, RecordMap) else str(record_map)
         (vehicle, gyro), (own_times, possible) = whose, steps
-        record = mapping.mapped(open_recording(first, by), by, vehicle, name)
-        faster = possible and mapped_rows.comes_faster(record)
-        return mapped_rows.table(record, gyro, own_times=own_times or faster)
+        record = mapping.apply_map(open_recording(first, by), by, vehicle, name)
+        faster = possible and mapped_rows.is_oversampled(record)
+        return mapped_rows.make_table(record, gyro, own_times=own_times or faster)
     for one in (first, *others):
         require_table(one)
     return MergedTable([first, *others]) if others else first
 
 
-def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
+def _step_at_record_rate(scenario: Scenario, per_s: float | None) -> Scenario:
     """Returns the scenario with a filter step for each of a record's readings per second; None: unchanged."""
     if per_s is None:
         return scenario
@@ -186,7 +186,7 @@ def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
     return scenario.model_copy(update={"estimation": estimation})
 
 
-def settings_alone(scenario: Scenario) -> Scenario:
+def estimation_settings(scenario: Scenario) -> Scenario:
     """Returns a scenario without the parts of a simulation: commands, failures, truth."""
     bare = {"maneuver": (), "jet_schedule": (), "failures": (), "jumps": (), "plant": PlantBlock()}
     sensors = scenario.sensors.model_copy(update={"errors": ()})
@@ -205,12 +205,12 @@ class _Estimation:
         self._params = params.estimation_params(scenario)
         begin = None
         if earlier is not None:
-            begin = restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
-            _require_alike(earlier, cycle.known(begin, self._params), f"{source}/{STATE_FILE}")
-        self._known = cycles(scenario, self._params, begin)
+            begin = state_from_json(earlier.states, self._params, f"{source}/{STATE_FILE}")
+            _require_same_state(earlier, cycle.estimate_and_covariance(begin, self._params), f"{source}/{STATE_FILE}")
+        self._known = make_cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
-        self._onset_s = levels_alone(n_jets)  # likewise
+        self._onset_s = level_onsets(n_jets)  # likewise
         self._at_any_time = scenario.estimation.filter == "pose" or params.steps_by_readings(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._intake = Intake(scenario, folder, earlier)
@@ -245,7 +245,7 @@ class _Estimation:
     def _begun(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
         """Hands rows to the estimation; returns its log, commands and outside wrench, from before the first row on."""
         count = rows.time_s.size
-        rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
+        rates, velocities = _stack_readings(rows, self._gyros), _stack_readings(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
         coming = np.vstack([self._command, rows.commands])
         outside = np.vstack([self._outside, np.broadcast_to(self._outside, (count, 6))])
@@ -285,7 +285,7 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        signals |= by_sensor(rows, self._vehicle)
+        signals |= split_by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
                 signals[name] = self._record_time(signals[name], rows.time_s)
@@ -307,7 +307,7 @@ class _Estimation:
             if f"{name}_nis" in signals:
                 tally.add(*used_nis(name, signals))
         on = rows.commands > 0.0
-        self._firings += firings(on, self._on_before)
+        self._firings += count_firings(on, self._on_before)
         self._on_before = on[-1]
         if self._thinning is None:
             self._fired += np.nansum(rows.commands, axis=0)
@@ -340,7 +340,7 @@ class _Estimation:
         timing = RunTiming(wall_s, duration_s / wall_s, self._cycle_times())
         results = parts.make(
             "summary", lambda: self._composed(reader, telemetry, timing, parts), None
-        ) or not_summed_up(self._scenario, self._intake.spool, timing)
+        ) or summarize_last_estimates(self._scenario, self._intake.spool, timing)
         nothing: dict[str, Any] = {}
         state = parts.make("filter state", lambda: self._state_of(reader), nothing)
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
@@ -360,13 +360,13 @@ class _Estimation:
         estimate = last("estimate")
         back = parts.make(
             "hindsight",
-            lambda: looked_back(
+            lambda: analyze_run(
                 self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
             ),
             Hindsight(unknown, ()),
         )
         _, covariance = parts.make("covariance", self._known.known, (unknown, np.full((10, 10), np.nan)))
-        return composed(
+        return compose_summary(
             self._scenario,
             duration_s=float(last("time_s")) - reader.record.first_s,
             estimate=last("estimate"),
@@ -380,7 +380,7 @@ class _Estimation:
             bound=back.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=timing,
-            telemetry=_name_of(telemetry),
+            telemetry=_record_name(telemetry),
             telemetry_sha256=parts.make("digest of the record", reader.sha256, None),
             data_quality=quality,
             losses=reader.losses,
@@ -394,17 +394,17 @@ class _Estimation:
 
     def _consistent(self, found: Findings, back: Hindsight) -> Consistency:
         rotation, mass = (
-            explained(copy.deepcopy(tally), self._intake.spool, name, found.detections)
+            exclude_explained(copy.deepcopy(tally), self._intake.spool, name, found.detections)
             for name, tally in self._nis.items()
         )
-        return judged(rotation, mass, np.full(10, np.nan), SYMBOLS, back.diagnoses)
+        return judge_consistency(rotation, mass, np.full(10, np.nan), SYMBOLS, back.diagnoses)
 
     def _state_of(self, reader: Reader) -> dict[str, Any]:
         """Returns the state to go on from at the end."""
-        states = kept(self._known.state(), self._params)
+        states = state_to_json(self._known.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
-            **kept_onsets(self._onset_s),
+            **write_onsets(self._onset_s),
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
@@ -416,14 +416,14 @@ class _Estimation:
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 
-def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
+def _record_name(telemetry: str | Path | Sequence[str | Path]) -> str:
     """Returns the name of a record in a summary."""
     if isinstance(telemetry, (str, Path)):
         return "standard input" if str(telemetry) == "-" else Path(telemetry).name
     return ", ".join(Path(one).name for one in telemetry)
 
 
-def by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
+def split_by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
     """Splits readings by sensor in a fixed frame."""
     if rows.tracked is None:
         return {}
@@ -432,7 +432,7 @@ def by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
     return {sensor.name: part for sensor, part in zip(vehicle.tracked, parts, strict=True)}
 
 
-def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
+def _stack_readings(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
     """Stacks readings of some packages, NaN where missing or saturated, shape (n, s, 3)."""
     stacked = np.empty((rows.time_s.size, len(packages), 3))
     for place, package in enumerate(packages):
@@ -446,12 +446,12 @@ def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
 # ------------------------------------------------------------------------------------------ going on
 
 
-def _saved(folder: Path, scenario: Scenario) -> FilterState:
+def _read_filter_state(folder: Path, scenario: Scenario) -> FilterState:
     """Reads the filter state of an earlier run's folder, of the same vehicle and settings."""
     source = folder / STATE_FILE
     recover(folder)
-    state = validated(FilterState, read_json(source), source=str(source))
-    require_made_with(state, scenario, str(source))
+    state = validate_data(FilterState, read_json(source), source=str(source))
+    require_same_origin(state, scenario, str(source))
     vehicle = scenario.vehicle_data
     for entry in state.detections:
         if entry.jet_index is not None and entry.jet_index >= len(vehicle.jets):
@@ -459,7 +459,7 @@ def _saved(folder: Path, scenario: Scenario) -> FilterState:
     return state
 
 
-def _require_alike(state: FilterState, known: tuple[Array, Array], source: str) -> None:
+def _require_same_state(state: FilterState, known: tuple[Array, Array], source: str) -> None:
     """Checks that estimate and covariance of a saved state equal those restored from its `states`.
 
     Raises:

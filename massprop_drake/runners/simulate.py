@@ -22,8 +22,8 @@ from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, N_ROTATION, MassProperties, symmetric
-from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_own
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, N_ROTATION, MassProperties, symmetric_matrix
+from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_user_signal
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -36,9 +36,9 @@ from massprop_drake.maths.vehicle.rigid_body import (
 )
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summarize import looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summarize import add_batch_analysis, summarize, summarize_last_estimates
 from massprop_drake.results.summary import Findings, RunTiming
-from massprop_drake.runners.logs import Intake, estimation_signals, for_json
+from massprop_drake.runners.logs import Intake, estimation_signals, groups_to_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
@@ -172,7 +172,7 @@ class _FlyingRun:
         engine, period = self._engine, self._scenario.vehicle_data.sample_period_s
         end_s = self._intervals * period
         chunk_s = CHUNK_S if watch is None else period
-        with _scenario_to_blame(self._scenario):
+        with _explain_scenario_errors(self._scenario):
             for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
                 reached = min(number * chunk_s, end_s)
                 engine.advance(reached)
@@ -198,16 +198,16 @@ class _FlyingRun:
         found = parts.make("detections", intake.found, Findings())
         results = parts.make(
             "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None
-        ) or not_summed_up(scenario, signals, timing)
+        ) or summarize_last_estimates(scenario, signals, timing)
         authority = parts.make("control authority", lambda: _authority(scenario, signals), None)
         results = replace(results, autopilot=results.autopilot._replace(control_authority=authority))
         not_commanded = np.full(len(scenario.vehicle_data.jets), np.nan)  # beyond the end
         state: dict[str, Any] = {}
         if groups:
-            saved = for_json(groups)
+            saved = groups_to_json(groups)
             state = parts.make("filter state", lambda: intake.state(signals.n_rows - 1, saved, not_commanded), state)
         if look_back:
-            results = parts.make("hindsight", lambda: looked_back_on(results, scenario, signals), results)
+            results = parts.make("hindsight", lambda: add_batch_analysis(results, scenario, signals), results)
         return Run(scenario, replace(results, missing=tuple(parts.missing)), None, signals, state)
 
     def ended(self, error: BaseException) -> Run | None:
@@ -227,7 +227,7 @@ class _FlyingRun:
 
 
 @contextlib.contextmanager
-def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
+def _explain_scenario_errors(scenario: Scenario) -> Iterator[None]:
     """Converts numerical errors of a flight into InputErrors that name the scenario and the likely cause."""
     try:
         yield
@@ -273,19 +273,19 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """Splits the logged ports into named signals."""
     vehicle = scenario.vehicle_data
-    signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
+    signals = {"time_s": logs["time_s"]} | _true_signals(scenario, logs)
     of_autopilot = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
     for name in ("command", "command_onset", JOINTS, PROPELLANT, *of_autopilot):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    seen = (sensor.name for sensor in true_params.simulated_besides(scenario))
-    for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
+    seen = (sensor.name for sensor in true_params.simulated_non_inertial(scenario))
+    for name in (*vehicle.sensor_names(), *seen, *filter(is_user_signal, logs)):
         signals[name] = logs[name]
     return signals
 
 
-def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
+def _true_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """Returns the true signals, as far as the logged ports give them."""
     named = ("rate", "attitude", "position", "velocity", "truth")
     signals: dict[str, Array] = {name: logs[name] for name in named if name in logs}
@@ -316,7 +316,7 @@ def true_parameters(mass: Array, structure: Array) -> Array:
     inertia, center = parts["inertia"], parts["center_of_mass"]
     changes = np.flatnonzero(np.any(np.diff(structure, axis=0) != 0.0, axis=1)) + 1
     for first, last in zip([0, *changes], [*changes, mass.size], strict=True):
-        truth[first:last] = MassProperties(1.0, center[first], symmetric(inertia[first])).vector()
+        truth[first:last] = MassProperties(1.0, center[first], symmetric_matrix(inertia[first])).vector()
     truth[:, N_ROTATION] = 1.0 / mass
     return truth
 
@@ -330,7 +330,7 @@ def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
     if "out_of_use" not in signals:
         return None
     vehicle = scenario.vehicle_data
-    usable = params.selectable(scenario)
+    usable = params.selectable_jets(scenario)
     left = usable & (signals.last("out_of_use") <= 0.0)
     told = tuple(array.tobytes() for array in (vehicle.wrenches, vehicle.nominal.vector(), vehicle.mass_flows))
     before = dict(_reach(*told, usable.tobytes()))

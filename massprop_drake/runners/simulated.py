@@ -21,7 +21,7 @@ from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
-from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_own
+from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_user_signal
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
@@ -76,7 +76,7 @@ class Simulated:
         vehicle = scenario.vehicle_data
         self._sensors, self._n_jets = vehicle.sensor_names(), len(vehicle.jets)
         self._jets = vehicle.designations
-        with _to_blame(diagram):
+        with _explain_diagram_errors(diagram):
             self._simulator = Simulator(self._built(scenario, diagram, log, truth))
         self._root = self._simulator.get_mutable_context()
         if self._root.num_continuous_states():
@@ -111,11 +111,11 @@ class Simulated:
         self._systems = builder.GetSystems()
         self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
         _require_period(self._estimation, scenario)
-        self._ports = self._found(scenario, _feeding(self._estimation, builder)) | self._true(truth)
+        self._ports = self._found(scenario, _feeding_ports(self._estimation, builder)) | self._true(truth)
         ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
         for port in log:
             found = self._vector_port("log", port)
-            ports[_own_name(found)] = found
+            ports[_user_signal_name(found)] = found
         sizes = [port.size() for port in ports.values()]
         side_by_side = builder.AddSystem(Multiplexer(sizes))
         for place, port in enumerate(ports.values()):
@@ -234,7 +234,7 @@ class Simulated:
 
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """Returns the output ports that a run keeps, by name, but those of the truth."""
-        seen = [sensor.name for sensor in true_params.simulated_besides(scenario)]
+        seen = [sensor.name for sensor in true_params.simulated_non_inertial(scenario)]
         wanted = (
             "command",
             "command_onset",
@@ -266,7 +266,7 @@ class Simulated:
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
         if not isinstance(truth, Mapping):
             raise InputError(f"truth: must be a table such as {{'rate': port}}, got {type(truth).__name__}")
-        return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_known(name)}
+        return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_truth_name(name)}
 
     def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
         """Returns the output port of a true quantity.
@@ -324,7 +324,7 @@ class Simulated:
 
 
 @contextlib.contextmanager
-def _to_blame(diagram: Any) -> Iterator[None]:
+def _explain_diagram_errors(diagram: Any) -> Iterator[None]:
     """Converts Drake's errors about a diagram of the user's own into one InputError."""
     if diagram is not None and not isinstance(diagram, (DiagramBuilder, System)):
         raise InputError(f"simulate: diagram: must be a Diagram or a DiagramBuilder, got {type(diagram).__name__}")
@@ -355,14 +355,14 @@ def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario
         )
 
 
-def _own_name(port: OutputPort) -> str:
+def _user_signal_name(port: OutputPort) -> str:
     """Returns the name of a signal of the user's own, `<system>.<port>`.
 
     Raises:
         InputError: when the port's system has no name that could be a signal's.
     """
     system, name = port.get_system().get_name(), port.get_name()
-    if not is_own(f"{system}.{name}"):
+    if not is_user_signal(f"{system}.{name}"):
         raise InputError(
             f"log: the system '{system}' of the port '{name}' needs a name without '.', '/' and '\\', which the signal "
             "takes over: AddNamedSystem('plant', ...) gives one"
@@ -381,14 +381,14 @@ def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> 
         )
 
 
-def _require_known(name: str) -> bool:
+def _require_truth_name(name: str) -> bool:
     """Raises InputError when a table of the truth names a signal that no run keeps; else returns True."""
     if name not in TRUTH:
         raise InputError(f"truth: no run keeps a true {name!r}{suggestion(name, list(TRUTH))}")
     return True
 
 
-def _feeding(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
+def _feeding_ports(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
     """Returns the output ports connected to an estimator, by the names of its input ports."""
     if estimation is None:
         return {}

@@ -17,13 +17,13 @@ from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, join_ten_parameters
 from massprop_drake.maths.signals import AGAINST
 from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
-from massprop_drake.results.against import Against, SimulatedSide, explained, residuals
+from massprop_drake.results.against import Against, SimulatedSide, explain_differences, residuals
 from massprop_drake.results.run_content import read_summary
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.runners import followed_beside
@@ -55,9 +55,9 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     other = Run.load(folder)
     if record.scenario.estimation.filter == "pose":
         spool = Spool(spool_folder, index="time_s")
-        found = followed_beside.beside(record, other, str(folder), spool)
+        found = followed_beside.compare_in_fixed_frame(record, other, str(folder), spool)
         return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
-    world = _world(other, str(folder))
+    world = _make_scenario(other, str(folder))
     twin = _Twin(record.scenario, world, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")
@@ -65,14 +65,16 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
     for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
-        opening = block.get("command_onset", levels_alone(block["command"].shape))
+        opening = block.get("command_onset", level_onsets(block["command"].shape))
         told = block["command"], opening
         read = twin.flown(told, {name: block[name] for name in names}, block["time_s"])
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
-    reference = SimulatedSide(_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world))
-    misfit, causes = explained(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
+    reference = SimulatedSide(
+        _parameters_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world)
+    )
+    misfit, causes = explain_differences(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
     said = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
     return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
 
@@ -96,12 +98,15 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
     vehicle, other = record.vehicle_data, flown.vehicle_data
     alike: dict[str, tuple[Any, Any]] = {
         "jets": (vehicle.designations, other.designations),
-        "sensors": (_sensors(vehicle), _sensors(other)),
+        "sensors": (_sensor_names(vehicle), _sensor_names(other)),
         "units": (vehicle.units, other.units),
         "sample period": (vehicle.sample_period_s, other.sample_period_s),
     }
     if record.estimation.filter == "pose":
-        alike |= {"motion": (vehicle.motion, other.motion), "places of jets": (_places(vehicle), _places(other))}
+        alike |= {
+            "motion": (vehicle.motion, other.motion),
+            "places of jets": (_jet_geometry(vehicle), _jet_geometry(other)),
+        }
     unlike = [name for name, (here, there) in alike.items() if here != there]
     if unlike:
         raise InputError(
@@ -110,39 +115,39 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
         )
 
 
-def _sensors(vehicle: Vehicle) -> list[str]:
+def _sensor_names(vehicle: Vehicle) -> list[str]:
     """Returns names of all sensors."""
     return vehicle.sensor_names() + [sensor.name for sensor in vehicle.tracked]
 
 
-def _places(vehicle: Vehicle) -> list[Any]:
+def _jet_geometry(vehicle: Vehicle) -> list[Any]:
     """Returns positions and directions of the jets."""
     return [(jet.position, jet.direction) for jet in vehicle.jets]
 
 
-def _properties(other: Run) -> Array:
+def _known_parameters(other: Run) -> Array:
     """Returns the ten parameters to simulate a run's vehicle with: truth, else estimate, else nominal, shape (10,)."""
     found = other.results
     known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
-    return np.where(np.isfinite(known), known, params.setup(other.scenario).nominal)
+    return np.where(np.isfinite(known), known, params.filter_setup(other.scenario).nominal)
 
 
-def _before_jumps(other: Run) -> Array:
+def _parameters_before_jumps(other: Run) -> Array:
     """Returns the ten parameters before the first payload jump, less the propellant used to the end, shape (10,).
 
     What is explained are the readings before anything was declared, with what was simulated then.
     """
-    known, period_s = _properties(other), other.scenario.vehicle_data.sample_period_s
+    known, period_s = _known_parameters(other), other.scenario.vehicle_data.sample_period_s
     jumps = [jump for jump in other.scenario.jumps if jump.time_s < other.time_s[-1]]
     if not jumps or not np.isfinite(other.results.truth).all():
         return known
     first_s = min(jump.time_s for jump in jumps)
     row = max(int(np.searchsorted(other.time_s, first_s - 0.5 * period_s)) - 1, 0)
     came = sum(-jump.mass if jump.kind == "release" else jump.mass for jump in jumps)
-    return all_ten(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
+    return join_ten_parameters(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
 
 
-def _world(other: Run, folder: str) -> Scenario:
+def _make_scenario(other: Run, folder: str) -> Scenario:
     """Makes the scenario to simulate: as the run was, or with the estimates of a record for the truth.
 
     Raises:
@@ -150,7 +155,7 @@ def _world(other: Run, folder: str) -> Scenario:
     """
     if np.isfinite(other.results.truth).all():
         return other.scenario
-    derived, known = other.results.derived, _properties(other)
+    derived, known = other.results.derived, _known_parameters(other)
     if derived.inertia is None or not derived.physically_possible:
         raise InputError(f"{folder}: no rigid body can have the inertia that it estimated: nothing to simulate")
     properties = MassPropertiesModel.model_construct(
@@ -177,7 +182,7 @@ class _Twin:
         self._names = [package.name for package in self._true.packages]
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]
-        self._truth = vehicle_cycle.truth(self._true)
+        self._truth = vehicle_cycle.pack_truth(self._true)
         self._state = vehicle_cycle.initial_state(self._true)
         self._open = np.zeros(self._true.jets.forces.size)  # no manifold is closed
         self._source = source
@@ -198,7 +203,7 @@ class _Twin:
             InputError: when it flies where nothing could follow.
         """
         read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
-        coming = vehicle_cycle.ahead(self._sample, time_s.size, self._true)
+        coming = vehicle_cycle.draw_ahead(self._sample, time_s.size, self._true)
         for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
             here = {name: values[row] for name, values in readings.items()}
             if not self._follows:
@@ -209,7 +214,7 @@ class _Twin:
                 read[name][row] = values + offset if self._follows else np.nan
             try:
                 if coming.jumps[row]:
-                    self._state = vehicle_cycle.jumped(self._state, self._sample, self._true)
+                    self._state = vehicle_cycle.apply_sample_jumps(self._state, self._sample, self._true)
                 told = (np.nan_to_num(command), onset_s, self._open)
                 after, _ = vehicle_cycle.step(self._state, told, self._sample, (coming, row), self._truth)
             except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:

@@ -12,7 +12,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
-from massprop_drake.maths.vehicle.tracking import N_NOISE, is_due, pose_read, velocity_read
+from massprop_drake.maths.vehicle.tracking import N_NOISE, is_due, read_pose, read_velocity
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Trackers:
         sensors = scenario.vehicle_data.tracked
         ends = np.cumsum([0, *(len(sensor.columns) for sensor in sensors)]).tolist()
         parts = zip(sensors, pairwise(ends), strict=True)
-        there = true_params.simulated_besides(scenario)
+        there = true_params.simulated_non_inertial(scenario)
         self._parts = {sensor.name: slice(*ends) for sensor, ends in parts if sensor in there}
         self.size: int = ends[-1]
         self._seed = scenario.seed
@@ -57,10 +57,10 @@ class Trackers:
                 model = self._poses[name]
                 noise = normal_sample(self._seed, name, sample, N_NOISE)
                 there = is_due(sample * model.period_s, model)
-                readings[part] = pose_read(body, center, noise, model) if there else np.nan
+                readings[part] = read_pose(body, center, noise, model) if there else np.nan
             else:
                 noise = normal_sample(self._seed, name, sample, 3)
-                readings[part] = velocity_read(body, center, noise, *self._points[name])
+                readings[part] = read_velocity(body, center, noise, *self._points[name])
         return readings
 
     def ports(self, rows: Array) -> dict[str, Array]:

@@ -15,7 +15,7 @@ _R = TypeVar("_R")
 
 
 @contextlib.contextmanager
-def ctrl_c_held() -> Iterator[None]:
+def defer_ctrl_c() -> Iterator[None]:
     """Defers Ctrl-C to this process until after the block: processes and threads started in it never see one."""
     resource_tracker.ensure_running()  # which would let it through again when the first process starts
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -25,7 +25,7 @@ def ctrl_c_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def apart(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs) -> _R:
+def call_in_process(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs) -> _R:
     """Calls a function in a process of its own, whose memory is freed with it.
 
     Args:
@@ -35,7 +35,7 @@ def apart(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs)
     """
     pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
     try:
-        with ctrl_c_held():
+        with defer_ctrl_c():
             future = pool.submit(function, *arguments, **options)
         return future.result()
     finally:

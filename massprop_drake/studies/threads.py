@@ -11,6 +11,6 @@ from collections.abc import Mapping
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-def unless_chosen(environment: Mapping[str, str]) -> dict[str, str]:
+def default_blas_threads(environment: Mapping[str, str]) -> dict[str, str]:
     """Returns additions to an environment so that BLAS has one thread; none where the user has chosen a number."""
     return {} if any(name in environment for name in ONE_THREAD) else dict(ONE_THREAD)

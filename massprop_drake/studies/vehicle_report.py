@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.estimation_blocks import CglrBlock, MassBlock
-from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Accelerometer
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
-from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
+from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensate_rotation
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.vehicle.sensing import increment_noise
-from massprop_drake.results.identified import increments_noise, unobservable
+from massprop_drake.results.identified import increments_noise, unobservable_combinations
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
@@ -45,10 +45,10 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
         - `body`: its `mass`, the radii of `gyration` about the principal axes, shape (3,), and the jets' `arms`, their
           distances from the center of mass, and `thrusts`, of each in the file's order: wrong units show here;
         - `control`: `rank` and `condition` of the activity matrix (`observability.activity_rank`, arm: the jets'
-          RMS arm), `reach` in each of `DIRECTIONS` (`reaches`), and those that are `missing`;
+          RMS arm), `reach` in each of `DIRECTIONS` (`largest_accelerations`), and those that are `missing`;
         - `observability`: `rank` of as many as are `estimated`, ten but for what is fixed, and the `unobservable`
-          combinations of parameters (`observability.unobservable`, in units of their 1-sigma at the start), each as
-          weights by name;
+          combinations of parameters (`observability.unobservable_combinations`, in units of their 1-sigma at the
+          start), each as weights by name;
         - `notes`: sentences on what follows from the geometry;
         - `alike`: pairs of jets, `angle_rad` between their signatures, and whether they are `opposed`;
         - `isolable`: per jet the smallest force, lbf or N, that one sample assigns to it, `on` untold and `lost` while
@@ -57,11 +57,11 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     nominal = vehicle.nominal.vector()
     activity = activity_vectors(vehicle.wrenches, nominal)
     rank, condition = observability.activity_rank(activity, vehicle.rms_arm or 1.0)
-    reach = dict(zip(DIRECTIONS, reaches(activity), strict=True))
+    reach = dict(zip(DIRECTIONS, largest_accelerations(activity), strict=True))
     hidden, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
     seen = _whitened_signatures(vehicle)
     return {
-        "body": _body(vehicle),
+        "body": _vehicle_dimensions(vehicle),
         "control": {
             "rank": rank,
             "condition": _finite(condition),
@@ -70,12 +70,12 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
         },
         "observability": {"rank": free - len(hidden), "estimated": free, "unobservable": hidden},
         "notes": _notes(vehicle),
-        "alike": _alike(vehicle, seen, n_pairs),
+        "alike": _similar_jet_pairs(vehicle, seen, n_pairs),
         "isolable": _isolable(vehicle, seen),
     }
 
 
-def _body(vehicle: Vehicle) -> dict[str, Any]:
+def _vehicle_dimensions(vehicle: Vehicle) -> dict[str, Any]:
     """Returns the dimensions of a vehicle: mass, radii of gyration, arms and thrusts."""
     nominal = vehicle.nominal
     return {
@@ -86,7 +86,7 @@ def _body(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def reaches(activity: Array) -> list[float]:
+def largest_accelerations(activity: Array) -> list[float]:
     """Finds the largest acceleration in each of `DIRECTIONS` that changes nothing else, no jet beyond full thrust.
 
     Args:
@@ -108,24 +108,26 @@ def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
     """Returns unobservable combinations of the ten parameters, as weights by name."""
     return [
         {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
-        for row in _hidden(vehicle)
+        for row in _hidden_combinations(vehicle)
     ]
 
 
-def _hidden(vehicle: Vehicle) -> Array:
+def _hidden_combinations(vehicle: Vehicle) -> Array:
     if not vehicle.needs_pose_filter:
-        return unobservable(vehicle, accelerometer=_accelerometer(vehicle) is not None)
-    return unobservable(vehicle, accelerometer=_weighs(vehicle), known=_not_estimated(vehicle))
+        return unobservable_combinations(vehicle, accelerometer=_accelerometer(vehicle) is not None)
+    return unobservable_combinations(
+        vehicle, accelerometer=_has_velocity_sensor(vehicle), known=_not_estimated(vehicle)
+    )
 
 
 def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:
     """Mask of the parameters that are fixed, or have no effect in a plane, shape (10,)."""
     if not vehicle.needs_pose_filter:
         return np.zeros(10, dtype=bool)
-    return params.known_parameters(resolved({"vehicle": vehicle}))
+    return params.known_parameters(resolve_scenario({"vehicle": vehicle}))
 
 
-def _weighs(vehicle: Vehicle) -> bool:
+def _has_velocity_sensor(vehicle: Vehicle) -> bool:
     """Tests whether any sensor shows the vehicle's translation: accelerometers, velocity or position sensors."""
     placed = any(pose.position_std is not None for pose in vehicle.poses)
     return bool(vehicle.accelerometers or vehicle.velocities or placed)
@@ -147,30 +149,30 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
     unit = vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
     effects = signatures(unit, nominal, period)
     if vehicle.needs_pose_filter:
-        noise = increments_noise(resolved({"vehicle": vehicle}))
-        if not _weighs(vehicle):
-            return observability.whitened(effects[:, 3:], noise[:3, :3])
+        noise = increments_noise(resolve_scenario({"vehicle": vehicle}))
+        if not _has_velocity_sensor(vehicle):
+            return observability.whiten_signatures(effects[:, 3:], noise[:3, :3])
         order = [3, 4, 5, 0, 1, 2]  # here of the velocity first
-        return observability.whitened(effects, noise[np.ix_(order, order)])
+        return observability.whiten_signatures(effects, noise[np.ix_(order, order)])
     rate = increment_noise(vehicle.gyros[0].variance)
     accelerometer = _accelerometer(vehicle)
     if accelerometer is None:
-        return observability.whitened(effects[:, 3:], rate)
+        return observability.whiten_signatures(effects[:, 3:], rate)
     nothing = np.zeros(3)
     known = Rotation(nothing, nothing, float(rate[0, 0]), nominal[6:9], np.zeros((3, 3)))
     arm = np.array(accelerometer.position) - known.center
     chosen = params.mass_params(Scenario(vehicle=vehicle, mass=MassBlock(compensation="transverse")))
-    _, velocity = compensated(nothing, increment_noise(accelerometer.variance), arm, known, chosen)
+    _, velocity = compensate_rotation(nothing, increment_noise(accelerometer.variance), arm, known, chosen)
     covariance = np.zeros((6, 6))
     covariance[:3, :3], covariance[3:, 3:] = velocity, rate
-    return observability.whitened(effects, covariance)
+    return observability.whiten_signatures(effects, covariance)
 
 
-def _alike(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
+def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
     names = vehicle.designations
     return [
         {"jets": [names[pair.first], names[pair.second]], "angle_rad": pair.angle, "opposed": pair.opposed}
-        for pair in observability.pairs(seen)[:n_pairs]
+        for pair in observability.jet_pairs(seen)[:n_pairs]
     ]
 
 
@@ -194,9 +196,9 @@ def _isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
 
 def _notes(vehicle: Vehicle) -> list[str]:
     notes = []
-    if not _weighs(vehicle):
+    if not _has_velocity_sensor(vehicle):
         notes.append("no accelerometer: the mass cannot be observed")
-    forces = observability.span(vehicle.thrusts)
+    forces = observability.span_basis(vehicle.thrusts)
     if len(forces) == 1:
         line = _vector(forces[0])
         notes.append(
@@ -217,7 +219,7 @@ def _notes(vehicle: Vehicle) -> list[str]:
     if through.any():
         named = ", ".join(np.array(vehicle.designations)[through])
         notes.append(f"lines through the nominal center of mass, so no torque: {named}")
-    axes = observability.span(torques)
+    axes = observability.span_basis(torques)
     if len(axes) == 1:
         notes.append(f"all torques lie along one line, {_vector(axes[0])}: about no other axis is there control")
     elif len(axes) == 2:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from massprop_drake.maths.linear_algebra import Array
 
 
-def vector(name: str, value: ArrayLike, size: int) -> Array:
+def require_vector(name: str, value: ArrayLike, size: int) -> Array:
     """Converts an argument to a finite vector of a size.
 
     Raises:
@@ -16,13 +16,13 @@ def vector(name: str, value: ArrayLike, size: int) -> Array:
     """
     made = np.array(value, dtype=float)
     if made.shape != (size,):
-        raise ValueError(f"{name}: must be a vector of {size} numbers, got {_said(made)}")
+        raise ValueError(f"{name}: must be a vector of {size} numbers, got {_describe_shape(made)}")
     if not np.isfinite(made).all():
         raise ValueError(f"{name}: must be finite, got {made.tolist()}")
     return made
 
 
-def rows(name: str, value: ArrayLike, size: int) -> Array:
+def require_rows(name: str, value: ArrayLike, size: int) -> Array:
     """Converts an argument to a matrix with rows of a size, one for each jet.
 
     Raises:
@@ -30,9 +30,9 @@ def rows(name: str, value: ArrayLike, size: int) -> Array:
     """
     made = np.array(value, dtype=float)
     if made.ndim != 2 or made.shape[1] != size:
-        raise ValueError(f"{name}: must be rows of {size} numbers, one for each jet, got {_said(made)}")
+        raise ValueError(f"{name}: must be rows of {size} numbers, one for each jet, got {_describe_shape(made)}")
     return made
 
 
-def _said(made: Array) -> str:
+def _describe_shape(made: Array) -> str:
     return f"the number {made:g}" if made.ndim == 0 else f"shape {made.shape}"

@@ -34,8 +34,8 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
         InputError: when there is no such port, it has no numbers or is named twice; when state is both continuous and
             discrete; or by the system, when it has no form for AutoDiffXd.
     """
-    inputs = _named("input", inputs, [system.get_input_port(k) for k in range(system.num_input_ports())])
-    outputs = _named("output", outputs, [system.get_output_port(k) for k in range(system.num_output_ports())])
+    inputs = _require_ports("input", inputs, [system.get_input_port(k) for k in range(system.num_input_ports())])
+    outputs = _require_ports("output", outputs, [system.get_output_port(k) for k in range(system.num_output_ports())])
     groups, continuous = context.num_discrete_state_groups(), context.num_continuous_states()
     if groups and continuous:
         raise InputError(
@@ -55,13 +55,13 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
         port.FixValue(at, varied[rest : rest + port.size()])
         rest += port.size()
     n = state.size
-    ahead = _gradient(_ahead(converted, at, groups), varied.size)
+    ahead = _gradient(_next_state_or_rate(converted, at, groups), varied.size)
     shown = [number for name in outputs for number in converted.GetOutputPort(name).Eval(at)]
     seen = _gradient(shown, varied.size)
     return LinearSystem(ahead[:, :n], ahead[:, n:], seen[:, :n], seen[:, n:], _period_s(system) if groups else 0.0)
 
 
-def _named(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
+def _require_ports(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
     """Returns the names of ports after checking that these exist, and are vectors."""
     if isinstance(given, str):
         raise InputError(f"{kind}s: must be a list of names, such as ['{given}']")
@@ -98,7 +98,7 @@ def _put_state(at: Any, varied: Any, groups: int) -> int:
     return begin
 
 
-def _ahead(converted: Any, at: Any, groups: int) -> Any:
+def _next_state_or_rate(converted: Any, at: Any, groups: int) -> Any:
     """Computes the time derivative of the state, or the state at the next sample."""
     if not groups:
         return converted.EvalTimeDerivatives(at).get_vector().CopyToVector()

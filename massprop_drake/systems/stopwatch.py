@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from massprop_drake.maths.estimation.cycle import DETECTOR, ESTIMATORS
 
-__all__ = ["DETECTOR", "ESTIMATORS", "JET_SELECTION", "Stopwatch", "timed"]
+__all__ = ["DETECTOR", "ESTIMATORS", "JET_SELECTION", "Stopwatch", "time_call"]
 
 T = TypeVar("T")
 
@@ -46,7 +46,7 @@ class Stopwatch:
 _RUNNING: ContextVar[dict[str, float] | None] = ContextVar("stopwatch", default=None)
 
 
-def timed(part: str, function: Callable[..., T], *arguments: Any) -> T:
+def time_call(part: str, function: Callable[..., T], *arguments: Any) -> T:
     """Calls a function, and adds the time it took to the part of the stopwatch that runs, if one does."""
     spent_s = _RUNNING.get()
     if spent_s is None:

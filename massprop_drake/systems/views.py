@@ -111,7 +111,7 @@ def port_view(port: str, jets: Sequence[str] | None = None) -> Any:
     parts = [part for of_field in elements(port).values() for part in of_field]
     if jets is None and any(JETS in part for part in parts):
         raise ValueError(f"the port '{port}' has elements of jets: give their designations, vehicle.designations")
-    names = [name for part in parts for name in _expanded(part, _identifiers(jets or ()))]
+    names = [name for part in parts for name in _expand_names(part, _identifiers(jets or ()))]
     return namedview("".join(word.capitalize() for word in port.split("_")) + "View", names)
 
 
@@ -127,15 +127,15 @@ def elements(port: str) -> dict[str, list[Names]]:
         return {port: list(product(*_PLAIN[port]))}
     if port not in _PACKED:
         raise ValueError(f"there is no port '{port}' with named elements; there are {', '.join(PORTS)}")
-    return {field: list(product((field,), *_along(field, shape))) for field, shape in _PACKED[port].shapes()}
+    return {field: list(product((field,), *_components(field, shape))) for field, shape in _PACKED[port].shapes()}
 
 
-def _along(field: str, shape: Iterable[int | str]) -> list[Names]:
+def _components(field: str, shape: Iterable[int | str]) -> list[Names]:
     """Returns names of the components along each dimension of a field."""
     return [_OF_FIELDS.get(field, _BY_SIZE[size]) for size in shape]
 
 
-def _expanded(part: Names, jets: Names) -> list[str]:
+def _expand_names(part: Names, jets: Names) -> list[str]:
     """Returns the names of an element, one for each jet where it is of jets."""
     choices = (jets if word == JETS else (word,) for word in part)
     return ["_".join(filter(None, words)) for words in product(*choices)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from massprop_drake.display.figures import symmetric_log
+from massprop_drake.display.figures import set_symmetric_log
 from reproduction.cases import Calculation
 from reproduction.checks import updates_per_sample
 from reproduction.claims import (
@@ -123,7 +123,7 @@ def _mass_errors(title: str, pairs: tuple[Mapping[str, str], ...]) -> Callable[[
         figure, axes = panels(len(pairs), title)
         for panel, labels in zip(axes, pairs, strict=True):
             curves(panel, phases, labels, error)
-            symmetric_log(panel, 1.7e-6, 5e-4)
+            set_symmetric_log(panel, 1.7e-6, 5e-4)
             panel.set_ylabel("1/m, 1/slug")
         return figure
 

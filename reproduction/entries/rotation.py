@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from massprop_drake.display.figures import symmetric_log
+from massprop_drake.display.figures import set_symmetric_log
 from massprop_drake.maths.signals import AXES, SYMBOLS, mass_property_units
 from reproduction.cases import Calculation
 from reproduction.checks import first_update, first_updates
@@ -256,7 +256,7 @@ def _errors(
             curves(panel, phases, labels, error(element))
             truth = abs(float(phases[0][next(iter(labels))]["truth"][0, element]))
             largest = max(float(np.abs(error(element)(phases[0][case])).max()) for case in labels)
-            symmetric_log(panel, small * truth, max(truth, largest))
+            set_symmetric_log(panel, small * truth, max(truth, largest))
             panel.set_ylabel(f"{SYMBOLS[element]}, {units[element]}", fontsize=8)
         return figure
 

@@ -140,7 +140,7 @@ def _signals(number: signal.Signals) -> Callable[..., None]:
         ("cli.sources.load_scenario", signal.SIGINT, False),
         ("runners.simulate.simulate", signal.SIGTERM, False),
         ("display.figures.Plots.save", signal.SIGINT, True),
-        ("cli.show.simulated", signal.SIGTERM, True),
+        ("cli.show.print_simulation", signal.SIGTERM, True),
     ],
 )
 def test_a_signal_tells_what_is_saved(
@@ -192,7 +192,7 @@ def test_a_signal_that_is_ignored_stays_so(massprop: Massprop, monkeypatch: pyte
     """As of a shell's background jobs, and after nohup."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        monkeypatch.setattr(show, "schema", _signals(signal.SIGINT))
+        monkeypatch.setattr(show, "print_schema", _signals(signal.SIGINT))
         assert massprop(*SCHEMA) == (0, "", "")
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
@@ -233,7 +233,7 @@ def test_warnings_and_failures_of_ours_are_safe_lines(massprop: Massprop, monkey
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("two\nlines \x1b[31m[/red]")
 
-    monkeypatch.setattr(show, "schema", warn)
+    monkeypatch.setattr(show, "print_schema", warn)
     assert massprop(*SCHEMA) == (0, "", "massprop: there.py:7: UserWarning: [/red]\\x1b[31m\n")
     monkeypatch.setattr("massprop_drake.runners.simulate.simulate", fail)
     said = "massprop: internal failure: RuntimeError: two\\nlines \\x1b[31m[/red]\n"

@@ -85,4 +85,4 @@ def test_bad_input_is_one_message(massprop: Massprop, arguments: tuple[str, ...]
     ],
 )
 def test_an_epoch_is_seconds_or_a_date(epoch: str, seconds: float) -> None:
-    assert exports.seconds(epoch) == seconds
+    assert exports.parse_epoch(epoch) == seconds

@@ -14,7 +14,7 @@ import pytest
 
 from massprop_drake import Run
 from massprop_drake.cli import show, streams
-from massprop_drake.inputs.model import keys
+from massprop_drake.inputs.model import list_keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results import table
@@ -37,7 +37,7 @@ Printed = Callable[..., list[str]]
 def printed(capsys: Capture, orbiter: Vehicle, short_run: Run, tmp_path: Path) -> Printed:
     """Lines that are printed of a run whose results are changed."""
 
-    def call(show_run: Callable[[Summary, Vehicle, Path], None] = show.simulated, **changes: Any) -> list[str]:
+    def call(show_run: Callable[[Summary, Vehicle, Path], None] = show.print_simulation, **changes: Any) -> list[str]:
         show_run(replace(short_run.results, **changes), orbiter, tmp_path)
         return re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
 
@@ -117,7 +117,7 @@ SINCE = "declared at 50.16 s, since 50.00 s"
     ],
 )  # fmt: skip
 def test_a_detection_is_a_line(capsys: Capture, orbiter: Vehicle, changes: dict[str, Any], line: str) -> None:
-    show.declared(STUCK_ON._replace(**changes), orbiter)
+    show.print_detection(STUCK_ON._replace(**changes), orbiter)
     assert capsys.readouterr().out == f"detected:    {line}\n"
 
 
@@ -168,7 +168,7 @@ def test_estimates_stand_beside_the_truth(printed: Printed, short_run: Run, tmp_
 def test_a_record_has_no_truth_but_warnings(printed: Printed, short_run: Run) -> None:
     known = short_run.results
     lines = printed(
-        show.estimated,
+        show.print_estimation,
         estimates=np.where(np.arange(10) == 9, np.nan, known.estimates),
         derived=known.derived._replace(mass=None, mass_std=None),
         provenance=known.provenance._replace(telemetry="flight[1].csv"),
@@ -194,12 +194,12 @@ def test_lines_are_never_read_as_markup_and_json_is_whole(capsys: Capture) -> No
     show.say(line)
     streams.note(line)
     assert capsys.readouterr() == (f"{line}\n", f"massprop: {line}\n")
-    show.as_json({"b": [1.5, None], "a": "é"})
+    show.print_json({"b": [1.5, None], "a": "é"})
     assert json.loads(capsys.readouterr().out) == {"b": [1.5, None], "a": "é"}
     with pytest.raises(ValueError, match="JSON"):
-        show.as_json(float("nan"))
-    found = [key for key in keys(Scenario) if key.name.startswith("maneuver")]
-    show.schema(found)
+        show.print_json(float("nan"))
+    found = [key for key in list_keys(Scenario) if key.name.startswith("maneuver")]
+    show.print_schema(found)
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert all(any(line.startswith(f"{key.name} ") for line in lines) for key in found)
 
@@ -211,12 +211,14 @@ RECORD: dict[str, Any] = {
 
 
 def test_good_files_are_described(orbiter: Vehicle) -> None:
-    assert show.about(orbiter) == "vehicle 'orbiter', 44 jets, 1 gyro and 3 accelerometer packages, units us"
-    assert show.about(load_scenario("sample_maneuver")) == "scenario 'sample_maneuver', 50 s, vehicle 'orbiter'"
-    assert show.about_telemetry(RECORD, None) == "telemetry, 60 rows, 0.1 s apart, from 0 to 5.9 s"
+    assert show.describe_input(orbiter) == "vehicle 'orbiter', 44 jets, 1 gyro and 3 accelerometer packages, units us"
+    assert (
+        show.describe_input(load_scenario("sample_maneuver")) == "scenario 'sample_maneuver', 50 s, vehicle 'orbiter'"
+    )
+    assert show.describe_telemetry(RECORD, None) == "telemetry, 60 rows, 0.1 s apart, from 0 to 5.9 s"
     lost = {"completeness": "truncated", "completeness_detail": ["log.csv: is cut off within line 61"]}
     found = {**RECORD, **lost, "period_s": None, "gaps": 2, "unknown": list("abcdef"), "absent": ["acc2"]}
-    assert show.about_telemetry(found, orbiter) == (
+    assert show.describe_telemetry(found, orbiter) == (
         "telemetry of orbiter, 60 rows, from 0 to 5.9 s; 2 gaps; "
         "columns not used: a, b, c, d, e, ...; no readings of acc2; truncated: log.csv: is cut off within line 61"
     )
@@ -282,7 +284,7 @@ def test_a_list_uses_the_width_of_the_terminal(
 ) -> None:
     if width is not None:
         terminal(width)
-    show.listing(FOUND)
+    show.print_listing(FOUND)
     lines = [line.rstrip() for line in re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out).splitlines()]
     text = FOUND["vehicles"]["free_flyer"]
     assert text in " ".join(" ".join(lines).split())
@@ -324,7 +326,7 @@ def test_a_number_has_two_digits_of_its_sigma_and_six_at_most(
     known, x_cm = short_run.results, np.arange(10) == 6
     estimates, sigmas = np.where(x_cm, value, known.estimates), np.where(x_cm, deviation, known.standard_deviations)
     results = replace(known, estimates=estimates, standard_deviations=sigmas, truth=np.full(10, np.nan))
-    row = table.parameters(results, {"length": "ft", "mass": "slug", "force": "lbf"})[6]
+    row = table.parameter_rows(results, {"length": "ft", "mass": "slug", "force": "lbf"})[6]
     assert (row.estimate, row.unit) == (shown, unit)
-    reciprocal = table.parameters(known, {"length": "ft", "mass": "slug", "force": "lbf"})[9]
+    reciprocal = table.parameter_rows(known, {"length": "ft", "mass": "slug", "force": "lbf"})[9]
     assert reciprocal.unit == "1e-6/slug"

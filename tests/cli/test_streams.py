@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rich.table import Table
 
 from massprop_drake.cli import progress, show, streams
-from massprop_drake.cli.streams import Stream, visible
+from massprop_drake.cli.streams import Stream, escape_unprintable
 
 HOSTILE = {
     "[/red]": "[/red]",
@@ -38,11 +38,11 @@ def _is_safe(text: str) -> bool:
 @given(st.text(st.characters(categories=None)))
 @example("\x1b[0m[/]")
 def test_no_text_is_an_order(text: str) -> None:
-    assert _is_safe(visible(text))
-    remaining = iter(visible(text))
+    assert _is_safe(escape_unprintable(text))
+    remaining = iter(escape_unprintable(text))
     assert all(one in remaining for one in text if one.isprintable()), "lost, or out of order"
     for encoding in ("utf-8", "latin-1", "ascii"):
-        visible(text, encoding).encode(encoding)
+        escape_unprintable(text, encoding).encode(encoding)
 
 
 def _terminal(monkeypatch: pytest.MonkeyPatch, encoding: str = "utf-8") -> io.BytesIO:

@@ -15,7 +15,7 @@ from systems_probe import feedthrough, inputs, outputs
 
 from massprop_drake import Estimator, InputError, Run, Scenario, Vehicle, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
-from massprop_drake.inputs.scenario import bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import bundled_scenarios, resolve_scenario
 from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
@@ -196,7 +196,7 @@ def test_the_estimation_diagram_serves_in_a_users_own_and_agrees_with_the_estima
     data = short_run.scenario.model_dump(mode="json")
     data["estimation"] |= {"start": "nominal", "thrust_uncertainty": 0.01, "thrust_transient": "gate_lag"}
     data["sensors"]["combine"] = {"gyros": rule, "accelerometers": rule}
-    scenario, rng, count = resolved(data), np.random.default_rng(1), short_run.time_s.size
+    scenario, rng, count = resolve_scenario(data), np.random.default_rng(1), short_run.time_s.size
     readings = {name: short_run[name].copy() for name in SENSORS}
     for table in readings.values():
         table[rng.random(count) < 0.15] = np.nan

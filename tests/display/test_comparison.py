@@ -13,7 +13,7 @@ from contrast_probe import faint
 
 from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.display import plots
-from massprop_drake.display.comparison import comparison_html, overlaid
+from massprop_drake.display.comparison import comparison_html, overlay_plots
 from massprop_drake.display.run import Run
 from massprop_drake.display.spec import Band, Line
 
@@ -30,7 +30,7 @@ def page(stuck_run: Run, healthy: Run) -> str:
 
 
 def test_a_run_has_one_color_and_what_is_common_is_shown_once(stuck_run: Run, healthy: Run) -> None:
-    drawn = {plot.name: plot for plot in overlaid([(str(run), plots.source(run)) for run in (healthy, stuck_run)])}
+    drawn = {plot.name: plot for plot in overlay_plots([(str(run), plots.source(run)) for run in (healthy, stuck_run)])}
     first, second = (mark for mark in drawn["rates"].panels[1].marks if isinstance(mark, Line))
     np.testing.assert_allclose(second.y, np.degrees(stuck_run["rate"][:, 1]))
     assert first.color != second.color

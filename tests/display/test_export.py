@@ -348,7 +348,7 @@ def test_names_and_units_of_columns() -> None:
 
 @pytest.mark.parametrize("name", bundled_vehicles())
 def test_surfaces_are_closed_and_face_outwards(name: str) -> None:
-    for solid in solids.shape(load_vehicle(name)):
+    for solid in solids.vehicle_solids(load_vehicle(name)):
         faces = solids.triangles(solid) - np.array(solid.position)
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         assert np.linalg.norm(normals, axis=1).min() > 0.0

@@ -42,7 +42,7 @@ def plot(*panels: Panel, windows: tuple[ShadedWindow, ...] = (), moments: tuple[
 
 
 def only(mark: Mark, **about: object) -> Figure:
-    return figures.drawn(plot(Panel("label", "unit", (mark,), **about)))  # type: ignore[arg-type]
+    return figures.draw_plot(plot(Panel("label", "unit", (mark,), **about)))  # type: ignore[arg-type]
 
 
 def collections(figure: Figure, kind: type) -> list:
@@ -92,7 +92,7 @@ def test_names_are_shown_as_they_are(name: str) -> None:
     """Dollars are no mathematics, and a name longer than the figure is cut."""
     bars = Bars(np.zeros(1), np.ones(1), np.zeros(1), BLUE)
     panel = Panel(name, "", (bars, Line(TIME, TIME, BLUE, name)), rows=(name,))
-    figure = figures.drawn(plot(panel)._replace(caption=name))
+    figure = figures.draw_plot(plot(panel)._replace(caption=name))
     figure.savefig(io.BytesIO())
     assert {name, f"Title   ({name})"} <= set(texts(figure))
     assert not any(text.get_parse_math() for text in figure.findobj(Text) if name in text.get_text())
@@ -109,7 +109,7 @@ def test_a_scale_is_that_of_its_panel() -> None:
 def test_panels_share_time_windows_and_moments() -> None:
     moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
     windows = tuple(ShadedWindow(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
-    figure = figures.drawn(plot(Panel("a", "", (LINE,)), Panel("b", "", (LINE,)), windows=windows, moments=moments))
+    figure = figures.draw_plot(plot(Panel("a", "", (LINE,)), Panel("b", "", (LINE,)), windows=windows, moments=moments))
     upper, lower = figure.axes
     assert upper.get_position().y0 > lower.get_position().y1
     assert upper.get_xlim() == lower.get_xlim() == (0.0, 10.0)
@@ -127,7 +127,7 @@ def test_panels_share_time_windows_and_moments() -> None:
 
 def test_all_text_lies_apart_and_inside_the_picture(stuck_run: Run) -> None:
     source, drawn = plots.source(stuck_run), stuck_run.plot.all()
-    assert list(drawn) == list(plots.available(source))
+    assert list(drawn) == list(plots.available_plots(source))
     for panel, axes in zip(plots.rates(source).panels, drawn["rates"].axes, strict=True):
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), panel.marks[0].y)  # type: ignore[union-attr]
     for name, figure in drawn.items():
@@ -171,7 +171,7 @@ def test_figures_are_saved_by_name_each_freed_before_the_next(
 ) -> None:
     made: list[weakref.ref[Figure]] = []
     alive: list[int] = []
-    draw = figures.drawn
+    draw = figures.draw_plot
 
     def watched(described: Plot) -> Figure:
         alive.append(sum(figure() is not None for figure in made))
@@ -179,9 +179,9 @@ def test_figures_are_saved_by_name_each_freed_before_the_next(
         made.append(weakref.ref(figure))
         return figure
 
-    monkeypatch.setattr(figures, "drawn", watched)
-    every = dict(list(plots.available(plots.source(stuck_run)).items())[:3])
-    monkeypatch.setattr(plots, "available", lambda _: every)
+    monkeypatch.setattr(figures, "draw_plot", watched)
+    every = dict(list(plots.available_plots(plots.source(stuck_run)).items())[:3])
+    monkeypatch.setattr(plots, "available_plots", lambda _: every)
     gc.disable()  # none is freed by chance
     try:
         stuck_run.plot.save(tmp_path)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 
-from massprop_drake.display.graphs import DIAGRAMS, build, framed, overview_text
+from massprop_drake.display.graphs import DIAGRAMS, build, overview_text, widen_frames
 
 GALLERY = REPOSITORY / "diagrams" / "graphs"
 
@@ -72,6 +72,6 @@ def test_a_frame_is_widened_for_wires_of_its_own_diagram_alone() -> None:
     sheet = '<g class="graph">\n<title>_0</title>\n<polygon points="-90,90 -90,-90 90,-90 90,90"/>'
     frames = frame.format("cluster0diagram") + frame.format("cluster1diagram")
     svg = sheet + frames + wire.format("b", "c", 20) + wire.format("a", "b", -99)
-    outer, inner = re.findall(r'"cluster">\s*<title>\w+</title>\s*<polygon points="([^"]+)"', framed(svg, dot))
+    outer, inner = re.findall(r'"cluster">\s*<title>\w+</title>\s*<polygon points="([^"]+)"', widen_frames(svg, dot))
     assert inner == "0,24 0,-50 50,-50 50,24 0,24"
     assert outer == "0,24 0,-86 50,-86 50,24 0,24"  # at most to the margin of the sheet

@@ -24,7 +24,7 @@ from massprop_drake.display.page import summary_html
 from massprop_drake.display.run import Run
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.model import Model, validated
+from massprop_drake.inputs.model import Model, validate_data
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import StuckOn
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -247,7 +247,7 @@ PIXEL = (
 
 
 def test_a_record_with_hostile_columns_in_a_hostile_file(visited: Any, toy_data: Any, tmp_path: Path) -> None:
-    vehicle = validated(Vehicle, {**toy_data, "name": PAYLOADS[0]})
+    vehicle = validate_data(Vehicle, {**toy_data, "name": PAYLOADS[0]})
     log = Log(vehicle)
     for name in (*PAYLOADS, "known_<b>torque_x"):
         log.add(name, ["0"] * len(log.rows))
@@ -301,9 +301,9 @@ def test_names_that_stand_in_telemetry_and_paths_are_refused(toy_data: dict[str,
     for text in PAYLOADS:
         toy_data["gyros"][0]["name"] = text
         if text == "null":  # a word like any other
-            assert validated(Vehicle, toy_data).gyros[0].name == text
+            assert validate_data(Vehicle, toy_data).gyros[0].name == text
             continue
         with pytest.raises(InputError, match="name"):
-            validated(Vehicle, toy_data)
+            validate_data(Vehicle, toy_data)
         with pytest.raises(InputError, match="name"):
-            validated(Scenario, {"name": text})
+            validate_data(Scenario, {"name": text})

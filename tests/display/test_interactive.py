@@ -31,7 +31,7 @@ BLUE = "#0072B2"
 
 
 def only(*marks: Mark, **about: Any) -> dict[str, Any]:
-    return interactive.drawn(Plot("some", "Title", "caption", TIME, (Panel("label", "unit", marks, **about),)))
+    return interactive.plotly_figure(Plot("some", "Title", "caption", TIME, (Panel("label", "unit", marks, **about),)))
 
 
 def test_marks_become_traces_of_their_data_and_look() -> None:
@@ -89,7 +89,9 @@ def test_a_scale_is_that_of_its_panel() -> None:
 def test_panels_stand_one_above_the_other_over_one_axis_of_time() -> None:
     panels = tuple(Panel(name, "", (Line(TIME, TIME, BLUE),)) for name in "abc")
     moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
-    layout = interactive.drawn(Plot("some", "T", "c", TIME, panels, (ShadedWindow(1.0, 2.0, "w"),), moments))["layout"]
+    layout = interactive.plotly_figure(Plot("some", "T", "c", TIME, panels, (ShadedWindow(1.0, 2.0, "w"),), moments))[
+        "layout"
+    ]
     domains = [layout[axis]["domain"] for axis in ("yaxis", "yaxis2", "yaxis3")]
     edges = [edge for low, high in domains for edge in (high, low)]
     assert edges == sorted(edges, reverse=True)
@@ -101,12 +103,12 @@ def test_panels_stand_one_above_the_other_over_one_axis_of_time() -> None:
 
 def test_a_page_holds_every_list_of_numbers_of_a_run_once(stuck_run: Run) -> None:
     source = plots.source(stuck_run)
-    figures = {name: interactive.drawn(plot(source)) for name, plot in plots.available(source).items()}
+    figures = {name: interactive.plotly_figure(plot(source)) for name, plot in plots.available_plots(source).items()}
     assert [figure["name"] for figure in figures.values()] == list(figures)
     expected = np.degrees(stuck_run["rate"][:, 2])  # to six digits
     np.testing.assert_allclose(figures["rates"]["traces"][2]["y"], expected, rtol=1e-5, atol=1e-12)
     whole = json.loads(json.dumps(list(figures.values()), allow_nan=False))
-    page = interactive.packed(list(figures.values()))
+    page = interactive.pack_figures(list(figures.values()))
     assert len(set(map(tuple, page["lists"]))) == len(page["lists"])
     for figure, before in zip(page["plots"], whole, strict=True):
         assert [page["shapes"][shape] for shape in figure["layout"]["shapes"]] == before["layout"]["shapes"]

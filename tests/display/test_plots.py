@@ -17,7 +17,7 @@ from massprop_drake.display.page import report_html
 from massprop_drake.display.plot_source import Source
 from massprop_drake.display.run import Run
 from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Plot, Points, SymmetricLog, Whiskers, Zone
-from massprop_drake.results.table import derived
+from massprop_drake.results.table import derived_rows
 
 MOTION = ["rates", "attitude_error", "velocities", "clusters", "jets", "torques", "forces", "phase_plane"]
 FILTER = ["consistency", "innovations", "mass_innovations", "propellant"]
@@ -60,7 +60,7 @@ def test_a_source_has_the_plots_of_its_signals_in_the_order_to_read_them(stuck: 
     some = [*MOTION, *ESTIMATES[:-1], *FILTER]
     expected = [*MOTION, *ESTIMATES, *FILTER, *DETECTOR], [*read, *ESTIMATES, *FILTER, *DETECTOR], some
     for source, names in zip((stuck, recorded, left), expected, strict=True):
-        found = plots.available(source)
+        found = plots.available_plots(source)
         assert list(found) == names
         assert [plot(source).name for plot in found.values()] == names
 
@@ -78,7 +78,7 @@ def test_a_source_has_the_plots_of_its_signals_in_the_order_to_read_them(stuck: 
 def test_vectors_have_a_panel_per_axis_in_their_units(
     stuck: Source, name: str, signal: str, label: str, scale: float, steps: bool
 ) -> None:
-    plot = plots.available(stuck)[name](stuck)
+    plot = plots.available_plots(stuck)[name](stuck)
     assert plot.panels[1].axis_label == label
     for axis, panel in enumerate(plot.panels):
         (line,) = panel.marks
@@ -267,9 +267,9 @@ def probable(source: Source, **jets: float) -> Source:
 
 def test_probabilities_stand_in_place_of_likelihoods(stuck: Source) -> None:
     source = probable(stuck, R4R=0.9, F1U=0.02, L2D=0.009)
-    assert list(plots.available(source))[-len(DETECTOR) :] == ["fault_probabilities", *DETECTOR[1:]]
+    assert list(plots.available_plots(source))[-len(DETECTOR) :] == ["fault_probabilities", *DETECTOR[1:]]
     of_poses = changed(stuck, none_probability=np.full((len(stuck.time_s), 1), np.nan))
-    assert list(plots.available(of_poses))[-len(DETECTOR) :] == DETECTOR
+    assert list(plots.available_plots(of_poses))[-len(DETECTOR) :] == DETECTOR
     of_jets, others = plots.fault_probabilities(source).panels
     lines = marks(of_jets, Line)
     assert [line.label for line in lines] == ["R4R, at the end 0", "F1U, at the end 0"]  # that were ever probable
@@ -352,7 +352,7 @@ def tracked() -> Run:
 
 def test_what_a_vehicle_in_a_plane_cannot_do_has_no_panel(tracked: Run) -> None:
     source = plots.source(tracked)
-    found = plots.available(source)
+    found = plots.available_plots(source)
     assert not {"inverse_inertia_products", "innovations", "phase_plane", "gyro_readings", "clusters"} & set(found)
     shown: dict[str, Plot] = {name: plot(source) for name, plot in found.items()}
     axes = {"rates": "z", "torques": "z", "velocities": "xy", "forces": "xy", "positions": "xy"}
@@ -380,7 +380,7 @@ def test_a_record_without_gyro_has_pictures_pages_and_a_table(tracked: Run, tmp_
     np.testing.assert_allclose(turning.y, np.degrees(record["rate_estimate"][:, 2]))  # type: ignore[union-attr]
     assert "Izz" in report_html(record)
     assert "</html>" in replay_html(record)
-    rows = {row.symbol: row for row in derived(record.results, record.scenario.vehicle_data.unit_names)}
+    rows = {row.symbol: row for row in derived_rows(record.results, record.scenario.vehicle_data.unit_names)}
     assert (rows["Ixx"].sigma, rows["Ixx"].percent) == ("-", "-")  # is fixed
     assert rows["Izz"].sigma != "-"
     again = Run.load(record.save(tmp_path / "record", pictures=False, report=False))
@@ -394,10 +394,10 @@ def test_signals_of_ones_own_are_shown(stuck: Source, recorded: Source) -> None:
         more = changed(source, **{"mine.estimate": mine})
         own = [line for line in marks(plots.inverse_inertia_diagonal(more).panels[0], Line) if "mine" in line.label]
         np.testing.assert_allclose(own[0].y, shown)  # the error in percent, or the estimate
-        assert "own_signals" not in plots.available(more)
+        assert "own_signals" not in plots.available_plots(more)
         assert len(marks(plots.mass_reciprocal(more).panels[0], Line)) == 1  # which it does not estimate
     rate = stuck.signals["rate"]
     others = {"mine.pair": rate[:, :2], "mine.long": np.ones((len(rate), 40)), "against.gyro": rate}
     source = changed(stuck, **others)
-    (panel,) = plots.available(source)["own_signals"](source).panels
+    (panel,) = plots.available_plots(source)["own_signals"](source).panels
     assert (panel.label, [line.label for line in marks(panel, Line)]) == ("mine.pair", ["0", "1"])

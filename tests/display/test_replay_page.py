@@ -33,24 +33,24 @@ def test_a_long_run_plays_at_its_own_times_from_one_file(stuck_run: Run) -> None
 
 def test_jets_that_failed_and_that_were_found_are_marked(stuck_run: Run) -> None:
     vehicle = stuck_run.scenario.vehicle_data
-    failed, found = *event_marks.failures(stuck_run.scenario, 6.0), *event_marks.found(stuck_run)
+    failed, found = *event_marks.failure_marks(stuck_run.scenario, 6.0), *event_marks.detection_marks(stuck_run)
     assert failed.jets == found.jets == (vehicle.jet_index("R4R"),)
     assert (failed.start_s, found.text) == (1.0, "jet R4R: stuck on")
     assert 1.0 < found.start_s < 3.0
     entry = stuck_run.results.detections[0]._replace(jet=None, jets=(), isolated_to="cluster")
     results = replace(stuck_run.results, detections=(entry,))
-    (mark,) = event_marks.found(Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals))
+    (mark,) = event_marks.detection_marks(Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals))
     assert [vehicle.jets[index].cluster for index in mark.jets] == [12] * 5
-    assert [event_marks.commanded(stuck_run.scenario, time_s) for time_s in (0.5, 3.0)] == ["RHC +x", "hold"]
+    assert [event_marks.describe_command(stuck_run.scenario, time_s) for time_s in (0.5, 3.0)] == ["RHC +x", "hold"]
 
 
 def test_packages_that_disagree_are_told_apart(stuck_run: Run) -> None:
     scenario, time_s = stuck_run.scenario, stuck_run.time_s
-    quiet = instruments.apart(scenario, time_s, stuck_run.signals)
+    quiet = instruments.package_deviation(scenario, time_s, stuck_run.signals)
     assert 0.0 < np.nanmax(quiet[1:]) < instruments.APART_LIMITS[0]
     step = 8.0 * np.sqrt(2.0 * scenario.vehicle_data.accelerometers[1].variance)
     reading = stuck_run["acc2"] + np.where(time_s[:, None] >= 3.0, step, 0.0) * np.array([0.0, 1.0, 0.0])
-    loud = instruments.apart(scenario, time_s, {**stuck_run.signals, "acc2": reading})
+    loud = instruments.package_deviation(scenario, time_s, {**stuck_run.signals, "acc2": reading})
     assert loud[np.searchsorted(time_s, 3.0)] > instruments.APART_LIMITS[1]
     np.testing.assert_array_equal(loud[-10:], quiet[-10:])
 

@@ -20,7 +20,7 @@ from massprop_drake.display.run import Run
 from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results import table
 from massprop_drake.results.allowed import Intervals
-from massprop_drake.results.detections import size
+from massprop_drake.results.detections import size_in_words
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
 
 FAILURE = '<th scope="row">R4R stuck on</th>'
@@ -96,9 +96,9 @@ def test_what_readings_allow_is_a_table_and_a_contradiction_stands_out(html: str
 
 def test_terminal_and_page_say_the_same_numbers(html: str, stuck_run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     vehicle, results = stuck_run.scenario.vehicle_data, stuck_run.results
-    show.simulated(results, vehicle, Path("there"))
+    show.print_simulation(results, vehicle, Path("there"))
     printed = {line.split("│")[1].strip(): line for line in capsys.readouterr().out.splitlines() if line[:1] == "│"}
-    told = [row for block in table.blocks(results, vehicle.unit_names) for row in block]
+    told = [row for block in table.property_rows(results, vehicle.unit_names) for row in block]
     assert [row.symbol for row in told] == list(printed)
     for row in told:
         (on_page,) = rows(html, f'<th scope="row">{row.symbol}</th>')
@@ -124,7 +124,7 @@ def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, 
     again = one._replace(start_s=3.0, first_acted_s=3.0, declared_s=3.0, magnitude=None)
     both = (one, one._replace(magnitude=second.magnitude), again)
     told = rows(report_html(altered(stuck_run, injected=both, detections=(found, second))), FAILURE)
-    assert [size(each, units) in row for each, row in zip((found, second), told, strict=False)] == [True, True]
+    assert [size_in_words(each, units) in row for each, row in zip((found, second), told, strict=False)] == [True, True]
     assert "known before" in told[2]
 
 
@@ -148,8 +148,10 @@ def test_a_detection_says_when_what_how_much_and_how_sure(html: str, stuck_run: 
 def test_the_page_has_the_plots_of_the_run_and_needs_no_network(html: str, stuck_run: Run) -> None:
     data = json.loads(re.search(r'id="data">(.*?)</script>', html, re.DOTALL).group(1))  # type: ignore[union-attr]
     source = plots.source(stuck_run)
-    assert [figure["name"] for figure in data["plots"]] == list(plots.available(source))
-    expected = interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()])
+    assert [figure["name"] for figure in data["plots"]] == list(plots.available_plots(source))
+    expected = interactive.pack_figures(
+        [interactive.plotly_figure(plot(source)) for plot in plots.available_plots(source).values()]
+    )
     assert {part: data[part] for part in expected} == expected
     np.testing.assert_allclose(data["time"], stuck_run.time_s, rtol=1e-8)
     own = re.sub(r"<script>/\*\*.*?</script>", "", html, count=1, flags=re.DOTALL)  # without plotly

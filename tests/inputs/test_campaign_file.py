@@ -15,8 +15,8 @@ from massprop_drake import InputError
 from massprop_drake.inputs.campaign_file import Dispersion, load_campaign, settings_of, with_settings
 from massprop_drake.inputs.true_params import true_properties
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.mass_properties import could_be_inertia, drawn_body
-from massprop_drake.studies.campaign.plan import planned
+from massprop_drake.maths.mass_properties import draw_body, is_possible_inertia
+from massprop_drake.studies.campaign.plan import plan_cases
 
 SOUND = """\
 name: sound
@@ -58,7 +58,7 @@ def test_a_sound_file_says_what_is_drawn(tmp_path: Path, orbiter: Vehicle) -> No
 
 def test_cases_are_computed_by_the_loop_unless_the_file_says_otherwise(tmp_path: Path) -> None:
     spec = load_campaign(written(tmp_path, SOUND))
-    assert {case.scenario(spec.base, "sound").execution.engine for case in planned(spec)} == {"loop"}
+    assert {case.scenario(spec.base, "sound").execution.engine for case in plan_cases(spec)} == {"loop"}
     assert load_campaign(written(tmp_path, SOUND), ["execution.engine=diagram"]).base.execution.engine == "diagram"
     continuous = load_campaign(written(tmp_path, SOUND), ["set.plant.time_step=0"])
     assert continuous.base.execution.engine == "diagram"  # which the loop does not cover
@@ -101,20 +101,20 @@ percent = st.floats(0.0, 100.0)
 @given(z=z, mass=percent, shift=st.floats(0.0, 100.0), moments=percent, axes=st.floats(0.0, 180.0))
 def test_a_drawn_body_can_be(orbiter: Vehicle, z: Any, mass: float, shift: float, moments: float, axes: float) -> None:
     dispersion = Dispersion(mass_percent=mass, center_of_mass=shift, second_moments_percent=moments, axes_deg=axes)
-    body = drawn_body(orbiter.nominal, dispersion.spread, z)
+    body = draw_body(orbiter.nominal, dispersion.spread, z)
     assert body.mass > 0.0
-    assert could_be_inertia(body.inertia)
+    assert is_possible_inertia(body.inertia)
 
 
 def test_a_dispersion_is_of_the_size_that_it_says(tmp_path: Path, orbiter: Vehicle) -> None:
     dispersion = Dispersion(mass_percent=5.0, center_of_mass=0.3, second_moments_percent=3.0, axes_deg=1.0)
     nominal, spread = orbiter.nominal, dispersion.spread
-    assert drawn_body(nominal, spread, np.zeros(10)).mass == nominal.mass
-    ones = drawn_body(nominal, spread, np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert draw_body(nominal, spread, np.zeros(10)).mass == nominal.mass
+    ones = draw_body(nominal, spread, np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     assert ones.mass == pytest.approx(1.05 * orbiter.nominal.mass)
     assert ones.center_of_mass - orbiter.nominal.center_of_mass == pytest.approx([0.3, 0.0, 0.0])
     np.testing.assert_allclose(ones.inertia, 1.03 * orbiter.nominal.inertia, rtol=1e-9)
-    turned = drawn_body(nominal, spread, np.array([0.0] * 9 + [1.0]))
+    turned = draw_body(nominal, spread, np.array([0.0] * 9 + [1.0]))
     np.testing.assert_allclose(
         np.linalg.eigvalsh(turned.inertia), np.linalg.eigvalsh(orbiter.nominal.inertia), rtol=1e-12
     )

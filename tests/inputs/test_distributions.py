@@ -13,7 +13,7 @@ from scipy import stats
 
 from massprop_drake import InputError
 from massprop_drake.inputs.distributions import KINDS
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 
 U = np.array([0.0, 1e-9, 0.01, 0.25, 0.5, 0.7, 0.99, 1.0 - 1e-9])
 
@@ -31,7 +31,7 @@ ORACLES: list[tuple[str, dict[str, Any], Any]] = [
 
 
 def made(tag: str, parameters: Any) -> Any:
-    return validated(KINDS[tag], parameters, None, tag)
+    return validate_data(KINDS[tag], parameters, None, tag)
 
 
 @pytest.mark.parametrize(("tag", "parameters", "oracle"), ORACLES)

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from massprop_drake import Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.estimation_blocks import FaultMode, FaultsBlock
-from massprop_drake.inputs.model import keys
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.model import list_keys
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.maths.estimation import redundancy
 from massprop_drake.maths.estimation.faults.declarations import Mode
 from massprop_drake.maths.estimation.faults.hypothesis_filter import Params
@@ -37,8 +37,8 @@ def test_a_pulse_is_commanded_at_the_samples_from_its_start_until_before_its_end
     # 0.56 s is sample 7, 0.8 s sample 10; 0.1 s lies between samples 1 and 2, 0.3 s between 3 and 4
     pulses = (("R4R", 0.56, 0.8), ("F1F", 0.1, 0.3), ("L4L", 1.9, 99.0))
     schedule = [{"jet": jet, "start_s": start_s, "end_s": end_s} for jet, start_s, end_s in pulses]
-    scenario = resolved({"duration_s": 2.0, "jet_schedule": schedule})
-    table, onsets_s = params.commands(scenario)
+    scenario = resolve_scenario({"duration_s": 2.0, "jet_schedule": schedule})
+    table, onsets_s = params.scheduled_jet_commands(scenario)
     assert onsets_s is None
     assert table.shape == (25, 44)
     assert set(np.unique(table)) == {0.0, 1.0}
@@ -67,14 +67,14 @@ def test_what_the_filters_start_from(sample_maneuver: Scenario) -> None:
 
 def test_a_given_start_is_taken_as_it_is() -> None:
     deviation = [1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1.0, 2.0, 3.0, 1e-5]
-    known = resolved({"estimation": {"start": "given", "given": {"standard_deviation": deviation}}})
+    known = resolve_scenario({"estimation": {"start": "given", "given": {"standard_deviation": deviation}}})
     np.testing.assert_array_equal(params.initial_estimate(known), load_vehicle("orbiter").nominal.vector())
     np.testing.assert_allclose(params.initial_covariance(known), np.diag(np.square(deviation)), rtol=1e-15)
     covariance = np.diag(np.square(deviation))
     covariance[0, 6] = covariance[6, 0] = 0.5e-7
     other = {"mass": 5000.0, "center_of_mass": [30.0, 0.0, 2.0], "inertia": np.diag([9e5, 7e6, 7.2e6]).tolist()}
     given = {"covariance": covariance.tolist(), "mass_properties": other}
-    correlated = resolved({"estimation": {"start": "given", "given": given}})
+    correlated = resolve_scenario({"estimation": {"start": "given", "given": given}})
     np.testing.assert_array_equal(params.initial_covariance(correlated), covariance)
     expected = [1.0 / 9e5, 1.0 / 7e6, 1.0 / 7.2e6, 0.0, 0.0, 0.0, 30.0, 0.0, 2.0, 1.0 / 5000.0]
     np.testing.assert_allclose(params.initial_estimate(correlated), expected, rtol=1e-14)
@@ -108,8 +108,8 @@ def test_rules_and_packages_reach_the_filters_in_order_of_preference(toy_data: d
     np.testing.assert_array_equal(turning.gyro_variances, [scenario.vehicle_data.gyros[0].variance])
     assert params.accelerometers(sample())[0].name == "acc2"  # the vehicle's preferred one
     toy_data["gyros"].append({"name": "spare", "quantum": 1e-5})
-    assert params.gyro(resolved({"vehicle": toy_data})).name == "gyro"
-    assert params.gyro(resolved({"vehicle": toy_data, "sensors": {"gyro": "spare"}})).name == "spare"
+    assert params.gyro(resolve_scenario({"vehicle": toy_data})).name == "gyro"
+    assert params.gyro(resolve_scenario({"vehicle": toy_data, "sensors": {"gyro": "spare"}})).name == "spare"
 
 
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
@@ -226,7 +226,7 @@ def test_every_prior_has_its_key_and_reaches_the_detector() -> None:
     block = FaultsBlock()
     assert set(FaultsBlock.model_fields) == {*Priors._fields, "slots", "modes", "jets"}
     assert Priors(*(getattr(block, name) for name in Priors._fields)) == Priors()
-    for key in keys(FaultsBlock):
+    for key in list_keys(FaultsBlock):
         assert (key.unit == "1/h") == key.name.endswith("per_hour"), key
     assert get_args(FaultMode) == tuple(mode.name.lower() for mode in Mode if mode != Mode.NONE)
     changed = {name: 0.9 * getattr(Priors(), name) for name in Priors._fields}

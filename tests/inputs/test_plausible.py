@@ -9,8 +9,8 @@ import pytest
 from test_refused import LEAK, changed, diagonal
 
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
-from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.model import validate_data
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 
 
@@ -26,7 +26,7 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 def test_what_is_hardly_meant_of_a_vehicle_is_doubted(
     toy_data: dict[str, Any], path: str, value: Any, words: str
 ) -> None:
-    assert words in " ".join(map(str, validated(Vehicle, changed(toy_data, path, value)).doubts))
+    assert words in " ".join(map(str, validate_data(Vehicle, changed(toy_data, path, value)).doubts))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_doubts_bear_on_what_is_done(toy_data: dict[str, Any]) -> None:
     assert "jet_schedule[1]: is shorter than a sample, 0.08 s" in str(short)
     assert load_scenario("jet_pulses", [told, "vehicle.jet_commands={as: on_time}"]).simulation_doubts == []
     toy_data["jets"][1]["thrust"] = 20.0
-    case = resolved({"vehicle": toy_data, "failures": [{"kind": "stuck_on", "jet": "J1", "start_s": 99.0}]})
+    case = resolve_scenario({"vehicle": toy_data, "failures": [{"kind": "stuck_on", "jet": "J1", "start_s": 99.0}]})
     assert [found.path for found in case.doubts] == [("vehicle", "jets", 1, "thrust"), ("failures", 0, "start_s")]
     assert case.simulation_doubts == case.doubts
     # a record ends where it ends: what a simulation does with failures does not bear on it
@@ -78,7 +78,7 @@ def test_the_smallest_and_the_largest_vehicles_are_plausible() -> None:
     cubesat = scaled(satellite, 1.0 / 500.0, 0.1, 2e-4)  # 1 kg, 12 cm, 1 mN
     station = scaled(satellite, 840.0, 40.0, 25.0, sample_period_s=1.0)  # 420 t, 50 m, 125 N
     for data in (cubesat, station):
-        assert validated(Vehicle, data).doubts == []
+        assert validate_data(Vehicle, data).doubts == []
 
 
 def test_what_is_just_sharp_enough_stays_definite() -> None:
@@ -88,7 +88,7 @@ def test_what_is_just_sharp_enough_stays_definite() -> None:
     def accepted(quantum: float) -> Scenario | None:
         data["vehicle"]["gyros"][0] = {"name": "gyro", "quantum": quantum}
         try:
-            return resolved(data)
+            return resolve_scenario(data)
         except InputError:
             return None
 
@@ -107,4 +107,4 @@ def test_a_vehicle_that_a_jet_spins_up_for_good_ends_the_run(toy_data: dict[str,
         **{"execution": {"engine": engine}},
     }
     with pytest.raises(InputError, match=r"at t = 3\.\d+ s the vehicle makes 1\.\d+ turns in a sample"):
-        simulate(resolved(case))
+        simulate(resolve_scenario(case))

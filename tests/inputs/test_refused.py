@@ -14,7 +14,7 @@ import pytest
 from conftest import cube_data
 
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 
@@ -278,7 +278,7 @@ def test_the_line_is_that_of_the_field_and_all_mistakes_are_found(tmp_path: Path
 def test_thousands_of_mistakes_are_told_in_a_hundred_lines() -> None:
     document = Document("jets:\n" + "- {}\n" * 400, "toy.yaml")
     with pytest.raises(InputError) as caught:
-        validated(Vehicle, document.data, document)
+        validate_data(Vehicle, document.data, document)
     assert len(caught.value.problems) == 101
     assert caught.value.problems[-1].endswith("more like these")
 

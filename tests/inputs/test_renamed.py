@@ -11,7 +11,7 @@ from command_probe import Massprop
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs.estimation_blocks import HypothesesBlock
 from massprop_drake.inputs.renamed import RenamedWarning
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.yaml import Document
 
 LANDED = Path(__file__).parents[1] / "data" / "landed_0_1"
@@ -99,4 +99,4 @@ def test_former_keys_of_the_detector_may_be_set() -> None:
 @pytest.mark.filterwarnings("ignore::massprop_drake.inputs.renamed.RenamedWarning")
 def test_a_bad_value_under_an_old_key_is_named_with_its_line(text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        resolved((document := Document(text, "own.yaml")).data, document)
+        resolve_scenario((document := Document(text, "own.yaml")).data, document)

@@ -16,7 +16,7 @@ from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.estimation_blocks import FaultsBlock, JointBlock
 from massprop_drake.inputs.model import Model, digest, yaml_text
-from massprop_drake.inputs.scenario import bundled_scenarios, resolved, set_field
+from massprop_drake.inputs.scenario import bundled_scenarios, resolve_scenario, set_field
 from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"
@@ -131,9 +131,9 @@ def test_what_follows_at_once_or_goes_together_is_fine(tmp_path: Path) -> None:
     ],
 )
 def test_filter_and_detector_of_a_scenario(data: dict[str, Any], chosen: tuple[str, str]) -> None:
-    for scenario in (resolved(data), Scenario.model_validate(data)):
+    for scenario in (resolve_scenario(data), Scenario.model_validate(data)):
         assert (scenario.estimation.filter, scenario.detector.kind) == chosen
-    again = resolved(YAML(typ="safe", pure=True).load(yaml_text(scenario)))
+    again = resolve_scenario(YAML(typ="safe", pure=True).load(yaml_text(scenario)))
     assert (again.estimation, again.detector) == (scenario.estimation, scenario.detector)
 
 
@@ -173,7 +173,7 @@ def test_overrides_reach_into_lists_and_later_ones_win() -> None:
 
 
 def test_a_key_that_is_set_is_not_dropped_with_the_former_kind(tmp_path: Path) -> None:
-    path = written(tmp_path, yaml_text(resolved({"estimation": {"filter": "joint"}})))
+    path = written(tmp_path, yaml_text(resolve_scenario({"estimation": {"filter": "joint"}})))
     assert load_scenario(path, ["detector.kind=off"]).detector.kind == "off"
     with pytest.raises(InputError, match="drift: is a key of kind: cusum, and the kind is cglr"):
         load_scenario(path, ["detector.drift=2", "detector.kind=off"])
@@ -200,7 +200,7 @@ def test_a_vehicle_is_found_beside_it(
 
 def test_a_vehicle_may_stand_in_the_scenario(tmp_path: Path, toy_data: dict[str, Any]) -> None:
     path = written(tmp_path, to_yaml({"vehicle": toy_data}))
-    assert resolved({"vehicle": toy_data}) == load_scenario(path)
+    assert resolve_scenario({"vehicle": toy_data}) == load_scenario(path)
     assert load_scenario(path, ["vehicle.mass_properties.mass=123.5"]).vehicle_data.nominal.mass == 123.5
     toy_data["jets"][2]["thrust"] = -1.0
     path = written(tmp_path, to_yaml({"vehicle": toy_data}))

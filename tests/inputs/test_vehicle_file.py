@@ -23,7 +23,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.inputs.yaml import Document, to_yaml
-from massprop_drake.maths.mass_properties import could_be_inertia, six_elements, symmetric
+from massprop_drake.maths.mass_properties import is_possible_inertia, six_elements, symmetric_matrix
 
 DATA = REPOSITORY / "tests" / "data"
 
@@ -66,7 +66,7 @@ def test_the_orbiter_has_the_mass_properties_of_tables_5_2_and_5_3(orbiter: Vehi
     inverses = [published[f"inverse_inertia_{element}"] for element in elements]
     vector = orbiter.nominal.vector()
     np.testing.assert_allclose(vector, [*inverses, *centers, published["mass_reciprocal"]], rtol=2e-6, atol=0.0)
-    inverse = symmetric(vector[:6])
+    inverse = symmetric_matrix(vector[:6])
     for row in table("table_5_3_estimates.csv"):
         what, _, place = row["parameter"].rpartition("_")
         if what == "inverse_inertia":
@@ -137,7 +137,7 @@ def test_a_bundled_vehicle_is_sound_and_reads_back_equal(tmp_path: Path, name: s
     assert (vehicle.name, vehicle.doubts) == (name, [])
     assert vehicle.description
     assert vehicle.source
-    assert could_be_inertia(vehicle.nominal.inertia)
+    assert is_possible_inertia(vehicle.nominal.inertia)
     path = tmp_path / "again.yaml"
     path.write_text(yaml_text(vehicle), encoding="utf-8")
     assert load_vehicle(path) == vehicle

@@ -11,7 +11,7 @@ from massprop_drake.maths.attitude import (
     conjugate,
     from_rotation_vector,
     multiply,
-    propagated,
+    propagate_attitude,
     rotation_matrix,
     to_rotation_vector,
 )
@@ -50,12 +50,14 @@ def test_quaternion_of_a_rotation_vector_agrees_with_its_definition(angle: float
 def test_propagation_obeys_the_kinematic_equation() -> None:
     # dq/dt = 1/2 q (0, w) with w in body axes; central difference over h errs by (|w| h)^2 / 24 = 2e-11
     quaternion, rate, step = ANY[0], np.array([0.1, -0.2, 0.05]), 1e-4
-    difference = (propagated(quaternion, rate, step) - propagated(quaternion, rate, -step)) / (2.0 * step)
+    difference = (propagate_attitude(quaternion, rate, step) - propagate_attitude(quaternion, rate, -step)) / (
+        2.0 * step
+    )
     assert_allclose(difference, 0.5 * multiply(quaternion, np.array([0.0, *rate])), rtol=0.0, atol=1e-11)
     attitude = quaternion
     for _ in range(100):
-        attitude = propagated(attitude, rate, 0.05)
+        attitude = propagate_attitude(attitude, rate, 0.05)
     # a hundred roundings of a few epsilon
     assert_allclose(attitude, multiply(quaternion, from_rotation_vector(5.0 * rate)), rtol=0.0, atol=1e-13)
-    off = propagated(np.array([1.0, 0.0, 0.0, 1e-3]), rate, 0.08)
+    off = propagate_attitude(np.array([1.0, 0.0, 0.0, 1e-3]), rate, 0.08)
     assert np.linalg.norm(off) == pytest.approx(1.0, abs=4e-16)

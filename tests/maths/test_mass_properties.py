@@ -13,16 +13,16 @@ from massprop_drake.maths.mass_properties import (
     N_ROTATION,
     NAMES,
     MassProperties,
-    converged,
-    converged_rows,
-    could_be_inertia,
-    derived,
+    are_converged,
+    attach_body,
+    derive_mass_and_inertia,
     initial_standard_deviation,
-    joined,
+    is_converged,
+    is_possible_inertia,
     pack,
     percent_error,
     six_elements,
-    symmetric,
+    symmetric_matrix,
 )
 
 # Levy 1983, table 5-2: the orbiter's inverse inertia as printed, 11, 22, 33, 23, 13, 12, 1/(slug-ft^2)
@@ -37,9 +37,11 @@ def ten(inertia: Array, mass: float = 4.0) -> Array:
 def test_elements_stand_in_the_order_of_the_state() -> None:
     matrix = np.array([[11.0, 12.0, 13.0], [12.0, 22.0, 23.0], [13.0, 23.0, 33.0]])
     assert_array_equal(six_elements(matrix), [11, 22, 33, 23, 13, 12])
-    assert_array_equal(symmetric(six_elements(matrix)), matrix)
-    assert_array_equal(symmetric(np.arange(6.0)), ELEMENT)
-    assert_array_equal(pack(symmetric(np.arange(1.0, 7.0)), np.array([7.0, 8.0, 9.0]), 10.0), np.arange(1.0, 11.0))
+    assert_array_equal(symmetric_matrix(six_elements(matrix)), matrix)
+    assert_array_equal(symmetric_matrix(np.arange(6.0)), ELEMENT)
+    assert_array_equal(
+        pack(symmetric_matrix(np.arange(1.0, 7.0)), np.array([7.0, 8.0, 9.0]), 10.0), np.arange(1.0, 11.0)
+    )
     axes = "xyz"
     assert [NAMES[ELEMENT[i, j]] for i in range(3) for j in range(i, 3)] == [
         f"I{axes[i]}{axes[j]}_inv" for i in range(3) for j in range(i, 3)
@@ -57,8 +59,8 @@ def test_the_parallel_axis_theorem_against_point_masses() -> None:
     rng = np.random.default_rng(1)
     masses, places = rng.uniform(0.5, 2.0, 11), rng.normal(size=(11, 3))
     both, body, payload = of_cloud(masses, places), of_cloud(masses[:7], places[:7]), of_cloud(masses[7:], places[7:])
-    docked = joined(body, *payload)
-    released = joined(both, -payload.mass, payload.center_of_mass, -payload.inertia)
+    docked = attach_body(body, *payload)
+    released = attach_body(both, -payload.mass, payload.center_of_mass, -payload.inertia)
     for found, expected in ((docked, both), (released, body)):
         for one, other in zip(found, expected, strict=True):
             assert_allclose(one, other, rtol=1e-14, atol=1e-13)
@@ -80,8 +82,8 @@ def test_the_parallel_axis_theorem_against_point_masses() -> None:
     ],
 )
 def test_a_body_can_have_an_inertia(inertia: Array, possible: bool) -> None:
-    assert could_be_inertia(inertia) == possible
-    assert could_be_inertia(np.diag([1.0, 2.0, 3.001]), tolerance=1e-3)  # 0.001 of a trace of 6.001
+    assert is_possible_inertia(inertia) == possible
+    assert is_possible_inertia(np.diag([1.0, 2.0, 3.001]), tolerance=1e-3)  # 0.001 of a trace of 6.001
 
 
 def test_derived_std_is_that_of_the_differentials(orbiter: Vehicle) -> None:
@@ -93,15 +95,15 @@ def test_derived_std_is_that_of_the_differentials(orbiter: Vehicle) -> None:
     jacobian = np.empty((6, 6))
     for column in range(6):
         step = 0.1 * scale[column] * np.eye(6)[column]
-        ahead, behind = (np.linalg.inv(symmetric(estimate[:6] + sign * step)) for sign in (1.0, -1.0))
+        ahead, behind = (np.linalg.inv(symmetric_matrix(estimate[:6] + sign * step)) for sign in (1.0, -1.0))
         jacobian[:, column] = six_elements(ahead - behind) / (2.0 * step[column])
     expected = np.sqrt(np.diag(jacobian @ covariance[:6, :6] @ jacobian.T))
-    answer = derived(estimate, covariance)
+    answer = derive_mass_and_inertia(estimate, covariance)
     assert answer.physically_possible
     assert answer.inertia is not None
     assert_allclose(answer.inertia, orbiter.nominal.inertia, rtol=0.0, atol=1e-14 * 7e6)  # inverted twice
     # steps of 1e-4 of the diagonal: the central difference errs by about (1e-4)^2, with a condition of 8
-    assert_allclose(answer.inertia_std, symmetric(expected), rtol=1e-6)
+    assert_allclose(answer.inertia_std, symmetric_matrix(expected), rtol=1e-6)
     assert answer.mass == pytest.approx(orbiter.nominal.mass, rel=1e-14)
     assert answer.mass_std == pytest.approx(1e-3 * orbiter.nominal.mass, rel=1e-12)
 
@@ -121,7 +123,7 @@ BOX = ten(np.diag([20.0, 17.0, 5.0]))
     ],
 )
 def test_what_no_body_has_is_said(estimate: Array, mass: float | None, inertia: Array | None) -> None:
-    answer = derived(estimate, np.eye(10))
+    answer = derive_mass_and_inertia(estimate, np.eye(10))
     assert (answer.mass, answer.mass_std is None) == (mass, mass is None)
     assert not answer.physically_possible
     assert (answer.inertia is None) == (answer.inertia_std is None) == (inertia is None)
@@ -166,15 +168,15 @@ LIMITS = np.array([0.01, 0.5, 0.02])
 
 @pytest.mark.parametrize("element", [None, 0, 1, 2, 6, 7, 8, 9])
 def test_estimates_have_converged_when_each_is_within_its_limit(element: int | None) -> None:
-    assert converged(DEVIATION, ESTIMATE, LIMITS)
+    assert is_converged(DEVIATION, ESTIMATE, LIMITS)
     for value, sign in ((1.06, 1.0), (0.0, 1.0), (1.0, -1.0)):
         deviation, estimate = DEVIATION.copy(), ESTIMATE.copy()
         if element is not None:
             deviation[element] *= value
             estimate[element] *= sign
         good = element is None or (element in (6, 7, 8) and value != 1.06)
-        assert converged(deviation, estimate, LIMITS) == good
-        assert converged_rows(deviation[None], estimate[None], LIMITS).tolist() == [good]
+        assert is_converged(deviation, estimate, LIMITS) == good
+        assert are_converged(deviation[None], estimate[None], LIMITS).tolist() == [good]
         known = np.arange(10) == (9 if element is None else element)  # what is known blocks nothing
-        assert converged_rows(deviation[None], estimate[None], LIMITS, known).all()
-    assert not converged_rows(np.full((1, 10), np.nan), ESTIMATE[None], LIMITS).any()
+        assert are_converged(deviation[None], estimate[None], LIMITS, known).all()
+    assert not are_converged(np.full((1, 10), np.nan), ESTIMATE[None], LIMITS).any()

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.noise import normal_sample, stream_seed, uniform_phase, varied
+from massprop_drake.maths.noise import normal_sample, stream_seed, uniform_phase, vary_seed
 
 
 def samples(seed: int, stream: str, count: int, size: int = 3) -> Array:
@@ -37,8 +37,8 @@ def test_another_seed_or_stream_has_unrelated_numbers(seed: int, stream: str) ->
 
 
 def test_what_is_drawn_varies_a_seed_by_every_bit_of_it() -> None:
-    assert varied(3, 0.0) == 3
-    assert len({varied(3, draw) for draw in (0.5, np.nextafter(0.5, 1.0), -0.5)} | {varied(4, 0.5)}) == 4
+    assert vary_seed(3, 0.0) == 3
+    assert len({vary_seed(3, draw) for draw in (0.5, np.nextafter(0.5, 1.0), -0.5)} | {vary_seed(4, 0.5)}) == 4
 
 
 def test_samples_are_standard_normal_and_white() -> None:

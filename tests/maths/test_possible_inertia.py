@@ -8,7 +8,12 @@ from pydrake.multibody.tree import RotationalInertia
 from scipy.optimize import minimize
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import could_be_inertia, derived, six_elements, symmetric
+from massprop_drake.maths.mass_properties import (
+    derive_mass_and_inertia,
+    is_possible_inertia,
+    six_elements,
+    symmetric_matrix,
+)
 from massprop_drake.maths.possible_inertia import nearest_possible
 
 
@@ -42,8 +47,8 @@ def test_it_is_possible_and_no_possible_one_is_nearer(seed: int, size: float) ->
     estimate, covariance = impossible(seed, size)
     found = nearest_possible(estimate, covariance)
     assert found is not None
-    inertia = np.linalg.inv(symmetric(found[:6]))
-    assert could_be_inertia(inertia, tolerance=0.0)
+    inertia = np.linalg.inv(symmetric_matrix(found[:6]))
+    assert is_possible_inertia(inertia, tolerance=0.0)
     moments, products = np.diag(inertia) / size, inertia[[0, 0, 1], [1, 2, 2]] / size
     assert RotationalInertia(*moments, *products).CouldBePhysicallyValid()
     reached = distance(found[:6], estimate, covariance)
@@ -72,4 +77,4 @@ def test_a_mass_that_is_not_observed_stays_so() -> None:
     assert found is not None
     assert np.isnan(found[9])
     assert np.isfinite(found[:9]).all()
-    assert derived(found, covariance).physically_possible
+    assert derive_mass_and_inertia(found, covariance).physically_possible

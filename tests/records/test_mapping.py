@@ -27,12 +27,12 @@ from record_probe import (
 
 from massprop_drake import estimate, load_vehicle
 from massprop_drake.inputs.record_map import load_map, rotation_of
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.channels import Mapped
-from massprop_drake.records.mapped_rows import MappedTable, comes_faster, table
-from massprop_drake.records.mapping import mapped
+from massprop_drake.records.mapped_rows import MappedTable, is_oversampled, make_table
+from massprop_drake.records.mapping import apply_map
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"
@@ -54,7 +54,7 @@ def log(tmp_path: Path) -> Callable[..., Path]:
 
 def understood(path: Path, text: str) -> Mapped:
     by = as_map(text)
-    return mapped(open_recording(path, by), by, ONE.vehicle, "map.yaml")
+    return apply_map(open_recording(path, by), by, ONE.vehicle, "map.yaml")
 
 
 def found_in(path: Path, text: str) -> dict[str, np.ndarray]:
@@ -218,8 +218,8 @@ def test_a_faster_log_gives_rows_a_period_apart(gives: str, tmp_path: Path) -> N
         return
     require_the_flight(found, ONE)
     record = understood(path, text)
-    assert comes_faster(record)
-    every = columns_of(table(record, "gyro", own_times=True))
+    assert is_oversampled(record)
+    every = columns_of(make_table(record, "gyro", own_times=True))
     np.testing.assert_allclose(every["time_s"], 0.005 * np.arange(len(integral)), rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(every["acc_y"] - every["acc_y"][0], integral[:, 1] - integral[0, 1], atol=1e-12)
     np.testing.assert_array_equal(every["jet_T4"], ONE.commands[np.arange(len(integral)) // 10, 3])
@@ -404,7 +404,7 @@ def test_a_row_whenever_anything_was_read_or_commanded(tmp_path: Path) -> None:
     more = "  gyro: {kind: gyro, columns: [wx, wy, wz]}\n  speed: {kind: velocity, columns: [vx, vy, vz], unit: mm/s}\n"
     by = as_map(followed(more=more))
     path = write_csv(tmp_path / "log.csv", given)
-    made = table(mapped(open_recording(path, by), by, vehicle, "map.yaml"), None)
+    made = make_table(apply_map(open_recording(path, by), by, vehicle, "map.yaml"), None)
     found = columns_of(made)
     np.testing.assert_allclose(found["time_s"] - found["time_s"][0], given["t"] - given["t"][0], atol=1e-9)
     there = np.isfinite(found["cameras_x"])
@@ -421,13 +421,13 @@ def test_a_row_whenever_anything_was_read_or_commanded(tmp_path: Path) -> None:
 
 def test_records_of_a_followed_vehicle_are_estimated_from_or_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "log.csv", seen(np.arange(0, ROWS, 2), {}))
-    scenario = resolved({"name": "log", "vehicle": FLYER, "detector": {"kind": "off"}})
+    scenario = resolve_scenario({"name": "log", "vehicle": FLYER, "detector": {"kind": "off"}})
     run = estimate(path, scenario, record_map=as_map(followed()))
     # of the first reading the filter begins, and every second row has none
     used = np.flatnonzero(run["rotation_used"][:, 0] == 1.0)
     np.testing.assert_array_equal(used, np.arange(2, len(run.time_s), 2))
     attitude = as_map(followed("{kind: attitude, heading: h, angle_unit: deg}"))
-    alone = columns_of(table(mapped(open_recording(path, attitude), attitude, FLYER, "map.yaml"), None))
+    alone = columns_of(make_table(apply_map(open_recording(path, attitude), attitude, FLYER, "map.yaml"), None))
     assert np.isfinite(alone["cameras_qw"][::2]).all()
     wrong = refused(lambda: telemetry(path, followed().replace("cameras:", "camera:"), load_vehicle("free_flyer")))
     assert "names pose 'camera', and no gyro 'gyro'" in wrong

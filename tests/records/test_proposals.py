@@ -24,18 +24,18 @@ from record_probe import (
 )
 
 from massprop_drake import estimate, load_vehicle
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.records.mapped_rows import table
-from massprop_drake.records.mapping import mapped
+from massprop_drake.records.mapped_rows import make_table
+from massprop_drake.records.mapping import apply_map
 from massprop_drake.records.names import read_name
-from massprop_drake.records.proposal import Proposal, propose
-from massprop_drake.records.px4 import vehicle_of
+from massprop_drake.records.proposal import Proposal, make_proposal
+from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.recording import open_recording
 from massprop_drake.records.rows import vehicle_scenario
-from massprop_drake.records.stamps import stamp_of
+from massprop_drake.records.stamps import parse_stamp
 
 Array = NDArray[np.float64]
 FLOWN = flown(load_vehicle("free_flyer"), 1)  # which follows its commands; `ONE` does not
@@ -43,7 +43,7 @@ VELOCITIES = {f"dv_{axis}": FLOWN.velocities[:, index] for index, axis in enumer
 
 
 def proposed(path: Path, vehicle: Vehicle = FLOWN.vehicle) -> Proposal:
-    return propose(open_recording(path), vehicle)
+    return make_proposal(open_recording(path), vehicle)
 
 
 def said(found: Proposal) -> str:
@@ -81,7 +81,7 @@ def commands_of(values: Array) -> dict[str, Array]:
 def test_a_proposal_is_estimated_from(tmp_path: Path) -> None:
     short = flown(load_vehicle("free_flyer"), 2, rows=25)
     path = log_of(tmp_path, short)
-    by = validated(RecordMap, proposed(path).data)
+    by = validate_data(RecordMap, proposed(path).data)
     run = estimate(path, vehicle_scenario("log", "free_flyer", ["detector.kind=off"]), record_map=by)
     assert run.summary["data_quality"]["rows"] == 25
 
@@ -213,7 +213,7 @@ def test_clocks(name: str, tmp_path: Path) -> None:
     ],
 )
 def test_stamps(text: str, seconds: float | None) -> None:
-    stamp = stamp_of(text)
+    stamp = parse_stamp(text)
     if seconds is None:
         assert stamp is None
     else:
@@ -274,11 +274,11 @@ def test_speeds_of_wheels_are_found_and_read(tmp_path: Path, names: list[str]) -
     found = [(key, one["kind"], one["speed"], one["unit"]) for key, one in data["sensors"].items() if key != "gyro"]
     assert found == [(key, "wheel", name, "rpm") for key, name in zip(("RWX", "RWY", "RWZ"), names, strict=True)]
     recording = open_recording(path)
-    rows = table(mapped(recording, RecordMap.model_validate(data), vehicle), "gyro")
+    rows = make_table(apply_map(recording, RecordMap.model_validate(data), vehicle), "gyro")
     (block,) = rows.blocks([rows.header.index("RWY_speed")])
     assert block.values[0, 0] == pytest.approx(600.0 * 2.0 * np.pi / 60.0)
     data["sensors"]["RW7"] = {"kind": "wheel", "speed": names[0], "unit": "rpm"}
-    message = refused(lambda: mapped(recording, RecordMap.model_validate(data), vehicle))
+    message = refused(lambda: apply_map(recording, RecordMap.model_validate(data), vehicle))
     assert "sensors.RW7: vehicle 'cubesat' has no wheel of this name" in message
 
 
@@ -395,9 +395,9 @@ def test_a_vehicle_of_the_parameters(tmp_path: Path) -> None:
     def made(more: dict[str, Any], mass: float | None = 15.0) -> Any:
         given = {name: value for name, value in (parameters() | more).items() if value is not None}
         recording = open_recording(write_ulog(tmp_path / "log.ulg", px4_topics(ONE), given))
-        return vehicle_of(recording, "box", mass, (0.2, 0.2, 0.3))
+        return vehicle_from_log(recording, "box", mass, (0.2, 0.2, 0.3))
 
-    vehicle = validated(Vehicle, made({}).data)
+    vehicle = validate_data(Vehicle, made({}).data)
     assert vehicle.designations == ("T0", "T1", "T2", "T3")
     np.testing.assert_allclose(vehicle.thrusts[1], [-1.4, 0.0, 0.0], rtol=1e-6)
     np.testing.assert_allclose(vehicle.wrenches[1, :3], np.cross([0.12, -0.12, 0.0], [-1.4, 0.0, 0.0]), rtol=1e-6)

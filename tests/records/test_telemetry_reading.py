@@ -21,7 +21,7 @@ from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.control_rows import Thinning
 from massprop_drake.records.reader import AT_STAMPS, Reader
-from massprop_drake.records.rows import WRENCH, Continuation, Rows, columns, scenario_name, write_csv
+from massprop_drake.records.rows import WRENCH, Continuation, Rows, scenario_name, telemetry_columns, write_csv
 from massprop_drake.records.structure_check import check
 
 TOY = toy_vehicle(cube_data())
@@ -386,7 +386,7 @@ FLYER = load_vehicle("tracked_flyer")
 def table_at(times: Array, vehicle: Vehicle = FLYER) -> dict[str, Array]:
     """Numbers that have nothing in common, with a quaternion that is one."""
     random = np.random.default_rng(3)
-    found = {name: random.standard_normal(times.size) for name in columns(vehicle)}
+    found = {name: random.standard_normal(times.size) for name in telemetry_columns(vehicle)}
     found |= {name: (values < 0.3).astype(float) for name, values in found.items() if name.startswith("jet_")}
     quaternion = {f"cameras_q{part}": np.full(times.size, float(part == "w")) for part in "wxyz"}
     return found | quaternion | {"time_s": times}

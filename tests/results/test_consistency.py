@@ -7,7 +7,14 @@ import pytest
 from scipy import stats
 
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.consistency import Consistency, Forks, Innovations, Tally, judged, of_likeliest_history
+from massprop_drake.results.consistency import (
+    Consistency,
+    Forks,
+    Innovations,
+    Tally,
+    judge_consistency,
+    likeliest_innovations,
+)
 
 UNKNOWN = np.full(10, np.nan)
 
@@ -20,7 +27,7 @@ def _tally(values: np.ndarray) -> Tally:
 
 
 def _verdict(rotation: np.ndarray, mass: np.ndarray | None = None, ratios: np.ndarray = UNKNOWN) -> Consistency:
-    return judged(_tally(rotation), Tally() if mass is None else _tally(mass), ratios, NAMES)
+    return judge_consistency(_tally(rotation), Tally() if mass is None else _tally(mass), ratios, NAMES)
 
 
 def _drawn(n: int, seed: int, factor: float = 1.0) -> np.ndarray:
@@ -54,7 +61,7 @@ def test_too_large_ones_are_found_whether_all_or_some(values: np.ndarray, words:
 
 def test_little_data_say_nothing_unless_they_shout() -> None:
     assert _verdict(_drawn(19, 6)).verdict == "not enough data"
-    assert judged(Tally(), Tally(), UNKNOWN, NAMES)[:4] == (None, None, 0, "not enough data")
+    assert judge_consistency(Tally(), Tally(), UNKNOWN, NAMES)[:4] == (None, None, 0, "not enough data")
     assert _verdict(np.full(15, 50.0)).verdict == "inconsistent"
 
 
@@ -72,7 +79,7 @@ def test_what_was_declared_explains_the_samples_until_then() -> None:
         every = np.concatenate((values, late, besides))
         tally.add(every, np.full(every.size, 3.0))
         tally.explain(late, np.full(late.size, 3.0))
-        assert judged(tally, Tally(), np.full(10, np.nan), [""] * 10).verdict == verdict
+        assert judge_consistency(tally, Tally(), np.full(10, np.nan), [""] * 10).verdict == verdict
         assert tally.n == every.size
 
 
@@ -86,7 +93,7 @@ def _by_history(seen: Innovations, *told: tuple[int, float, float, float]) -> In
     """Innovations after forks: row, time, sum of the NIS, its expectation."""
     rows, since_s, nis, components = np.array(told, dtype=float).reshape(-1, 4).T
     time_s = np.arange(seen.nis.size, dtype=float)
-    return of_likeliest_history(seen, time_s, Forks(rows.astype(int), since_s, nis, components))
+    return likeliest_innovations(seen, time_s, Forks(rows.astype(int), since_s, nis, components))
 
 
 def test_a_fork_replaces_the_samples_after_it_by_the_mean_of_the_new_history() -> None:
@@ -140,7 +147,7 @@ def test_a_rightly_named_failure_is_consistent_and_a_false_name_is_not() -> None
     for total, verdict in ((0.0, "inconsistent"), (3.1 * 60, "consistent"), (40.0 * 60, "inconsistent")):
         tally = Tally()
         tally.take(_by_history(_seen(values), *([(359, 299.0, total, 180.0)] if total else [])))
-        assert judged(tally, Tally(), UNKNOWN, NAMES).verdict == verdict
+        assert judge_consistency(tally, Tally(), UNKNOWN, NAMES).verdict == verdict
         assert tally.n == 600
 
 

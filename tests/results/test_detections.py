@@ -14,9 +14,9 @@ from massprop_drake.results.detections import (
     DetectionRecord,
     detection_entries,
     fault_mode,
+    finalize_detections,
     in_words,
-    settled,
-    weighed_before,
+    note_mass_before_jumps,
 )
 
 SI = {"force": "N", "mass": "kg", "length": "m"}
@@ -114,11 +114,11 @@ def test_the_force_of_a_jet_stuck_on_is_given_as_known_at_the_end() -> None:
     off = STUCK_ON._replace(kind="jet_off", magnitude=-870.0)
     jump = STUCK_ON._replace(kind=JUMP, jet_index=None)
     withdrawn = STUCK_ON._replace(withdrawn_s=51.0)  # keeps what it had while it stood
-    found = settled((STUCK_ON, off, jump, withdrawn), known, variance)
+    found = finalize_detections((STUCK_ON, off, jump, withdrawn), known, variance)
     assert [one.magnitude for one in found] == [870.5, -870.0, jump.magnitude, 868.0]
     assert found[0].magnitude_std == 0.5
     assert {record.jet_index for record in found} == {None}
-    (unknown,) = settled((STUCK_ON,), known, np.zeros(44))
+    (unknown,) = finalize_detections((STUCK_ON,), known, np.zeros(44))
     assert unknown.magnitude == 868.0
 
 
@@ -127,13 +127,13 @@ def test_a_jump_is_as_large_as_the_mass_before_and_after_differ(orbiter: Vehicle
     later = PAYLOAD._replace(time_s=21.0)
     time_s, reciprocal = np.array([10.0, 11.0, 20.0, 21.0]), 1.0 / np.array([100.0, 104.0, 105.0, 120.0])
     deviation = np.array([1e-4, 2e-4, 1e-4, 1e-4])
-    found = weighed_before([PAYLOAD, later, JET._replace(time_s=11.0)], time_s, reciprocal, deviation)
+    found = note_mass_before_jumps([PAYLOAD, later, JET._replace(time_s=11.0)], time_s, reciprocal, deviation)
     assert [one.before for one in found] == [(reciprocal[0], 1e-4), (reciprocal[2], 1e-4), None]
-    first, second, jet = settled(found, np.zeros(44), np.zeros(44), 1.0 / 125.0, 1e-4)
+    first, second, jet = finalize_detections(found, np.zeros(44), np.zeros(44), 1.0 / 125.0, 1e-4)
     assert (first.mass, second.mass, jet.mass) == (pytest.approx(5.0), pytest.approx(20.0), None)
     assert first.mass_std == pytest.approx(np.hypot(1.0, 1.1025))  # 1e-4 m^2, before and after
     assert (first.mode, second.mode) == ("docking", "docking")
     unknown = np.array([np.nan, *reciprocal[1:]])
-    (at_once, blind) = (weighed_before([PAYLOAD], *given, deviation)[0] for given in
+    (at_once, blind) = (note_mass_before_jumps([PAYLOAD], *given, deviation)[0] for given in
                         ((time_s + 1.0, reciprocal), (time_s, unknown)))  # fmt: skip
     assert (at_once.before, blind.before) == (None, None)

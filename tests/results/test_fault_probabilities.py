@@ -13,8 +13,13 @@ from odds_probe import odds
 from massprop_drake import InputError, Run
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Mode
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, Odds, own_row
-from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability, at_end, rounded
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, Odds, hypothesis_report_row
+from massprop_drake.results.fault_probabilities import (
+    FaultProbabilities,
+    JetProbability,
+    final_probabilities,
+    format_probability,
+)
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 
@@ -26,8 +31,8 @@ LAYOUT = HYPOTHESIS_REPORT.sized(jets=N)
 def ended(vehicle: Vehicle, *rows: Odds) -> FaultProbabilities:
     """Probabilities at the end of a run whose detector gave these, row by row."""
     spool = Spool()
-    spool.append(LAYOUT.columns(np.vstack([LAYOUT.pack(own_row((), row)) for row in rows])))
-    found = at_end(vehicle, spool)
+    spool.append(LAYOUT.columns(np.vstack([LAYOUT.pack(hypothesis_report_row((), row)) for row in rows])))
+    found = final_probabilities(vehicle, spool)
     assert found is not None
     return found
 
@@ -44,7 +49,7 @@ def test_those_at_the_end_are_listed_the_likeliest_first(orbiter: Vehicle, stuck
     assert stuck_run.summary["fault_probability"] is None
     spool = Spool()
     spool.append(LAYOUT.columns(np.full((2, LAYOUT.size), np.nan)))
-    assert at_end(orbiter, spool) is None  # of a detector that gives none
+    assert final_probabilities(orbiter, spool) is None  # of a detector that gives none
 
 
 def test_every_mode_has_its_word(orbiter: Vehicle) -> None:
@@ -98,4 +103,4 @@ def test_words_name_what_is_probable_and_nothing_else() -> None:
     assert words[:3] == [said, f"{said}; something unknown pushes with probability 0.25", ""]
     assert words[3].endswith("A4 0.1, 2 more jets less")
     digits = {1.0: "above 0.9999", 0.99985: "0.9999", 0.9912: "0.9912", 0.9: "0.9", 0.0123: "0.012", 0.0: "0"}
-    assert {value: rounded(value) for value in digits} == digits  # those that count
+    assert {value: format_probability(value) for value in digits} == digits  # those that count

@@ -21,7 +21,7 @@ from massprop_drake.results.folder import (
     is_ours,
     require_files,
     require_writable,
-    reserved,
+    reserve_place,
     resumable_folder,
     whole_folder,
     write_files,
@@ -96,10 +96,10 @@ def test_the_manifest_lists_every_other_file(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_was_made_stays_where_somebody_else_is_about_to_write(tmp_path: Path) -> None:
-    with reserved(tmp_path / "new" / "runs" / "a"):
+    with reserve_place(tmp_path / "new" / "runs" / "a"):
         pass
     assert _names(tmp_path) == set()
-    with reserved(tmp_path / "runs" / "a"):
+    with reserve_place(tmp_path / "runs" / "a"):
         other = require_writable(tmp_path / "runs" / "b")
     _write(other, there="")
     assert (tmp_path / "runs" / "b" / "there").exists()
@@ -120,7 +120,7 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path: Path, name: str, words
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=words):
         require_writable(tmp_path / name, force=True)
-    with pytest.raises(InputError, match=words), reserved(tmp_path / name):
+    with pytest.raises(InputError, match=words), reserve_place(tmp_path / name):
         pass
     if "no file" in words:
         with pytest.raises(InputError, match="there is no such run"):
@@ -218,13 +218,13 @@ def test_what_arrives_in_the_very_moment_of_the_exchange_is_kept(
 ) -> None:
     run = tmp_path / "run"
     _write(run, summary="earlier")
-    swapped = exchange.swapped
+    swapped = exchange.swap_folders
 
     def late(one: Path, other: Path) -> bool:
         (other / "notes.txt").write_text("mine", encoding="utf-8")
         return swapped(one, other)
 
-    monkeypatch.setattr(exchange, "swapped", late)
+    monkeypatch.setattr(exchange, "swap_folders", late)
     with pytest.raises(InputError, match=r"run: is written; what is not ours of the old one is in .*run\.1"):
         _write(run, summary="new")
     assert (_text(run / "summary"), _names(tmp_path / "run.1")) == ("new", {"notes.txt"})
@@ -251,7 +251,7 @@ moment = sys.argv[2]
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 if moment == "renames":  # a system that cannot exchange, and a kill between its two renames
-    exchange.swapped = lambda *_: False
+    exchange.swap_folders = lambda *_: False
     real = Path.rename
     Path.rename = lambda self, target: (real(self, target), Path(target).parent.name == "old" and die())[0]
 elif moment == "removal":
@@ -315,7 +315,7 @@ def test_without_locks_and_exchange_work_goes_on(tmp_path: Path, monkeypatch: py
         raise OSError(37, "No locks available")
 
     monkeypatch.setattr("fcntl.flock", fail)
-    monkeypatch.setattr(exchange, "swapped", lambda *_: False)
+    monkeypatch.setattr(exchange, "swap_folders", lambda *_: False)
     (tmp_path / ".massprop-abcdefgh" / "partial").mkdir(parents=True)  # whose, nobody can tell
     for text in ("one", "two"):
         _write(tmp_path / "run", summary=text)
@@ -442,7 +442,7 @@ def test_work_never_takes_the_place_of_other_work_of_a_run_or_of_what_it_reads(
             if name != "run":  # which another run may take the place of
                 with (
                     pytest.raises(InputError, match="give another folder"),
-                    reserved(target, force=force, reads=["../data/mine"]),
+                    reserve_place(target, force=force, reads=["../data/mine"]),
                 ):
                     pass
     assert _names(tmp_path) == before

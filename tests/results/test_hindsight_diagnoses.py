@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import Run, Scenario, estimate, load_scenario, simulate
-from massprop_drake.results.consistency import Diagnosis, Tally, judged
+from massprop_drake.results.consistency import Diagnosis, Tally, judge_consistency
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.record_stretches import stretches
-from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
+from massprop_drake.results.shown_in_hindsight import Hindsight, analyze_run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 
@@ -40,7 +40,7 @@ def looked(
     spool = Spool(index="time_s")
     spool.append({"time_s": np.array(run.time_s), **rows})
     scenario = load_scenario("sample_maneuver", [*TOLD, *settings])
-    return looked_back(scenario, spool, run["estimate"][-1], found, events)
+    return analyze_run(scenario, spool, run["estimate"][-1], found, events)
 
 
 def test_a_gap_costs_what_is_lost_in_it(sample_run: Run) -> None:
@@ -139,7 +139,7 @@ def test_after_a_declared_failure_nothing_more_is_blamed(sample_run: Run) -> Non
 
 def test_a_diagnosis_makes_a_run_inconsistent_and_is_kept(sample_run: Run) -> None:
     said = Diagnosis("lag", "lag wrong", 100.0, 13.8)
-    found = judged(Tally(), Tally(), np.full(10, np.nan), [""] * 10, [said])
+    found = judge_consistency(Tally(), Tally(), np.full(10, np.nan), [""] * 10, [said])
     assert (found.verdict, found.reasons) == ("inconsistent", ["lag wrong"])
     content = sample_run.results.as_json()
     content["consistency"]["diagnoses"] = [said._asdict()]

@@ -10,7 +10,7 @@ import pytest
 from massprop_drake import Run, load_scenario, load_vehicle
 from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.identified import bound_in_words, identified, unobservable
+from massprop_drake.results.identified import bound_in_words, classify_parameters, unobservable_combinations
 
 
 def test_a_long_maneuver_identifies_all_ten(sample_run: Run) -> None:
@@ -31,11 +31,11 @@ def test_a_short_one_says_what_it_has_not_shown(short_run: Run) -> None:
 
 def test_before_anything_has_fired_nothing_is_known() -> None:
     scenario = load_scenario("sample_maneuver")
-    found = identified(scenario, params.initial_estimate(scenario), params.initial_covariance(scenario))
+    found = classify_parameters(scenario, params.initial_estimate(scenario), params.initial_covariance(scenario))
     assert {entry.flag for entry in found} == {"not_excited"}
     assert found[6].share == pytest.approx(1.0)
     assert found[6].reason.startswith("1-sigma is still 100 % of the start's; a second of ")
-    wider = identified(scenario, params.initial_estimate(scenario), 4.0 * params.initial_covariance(scenario))
+    wider = classify_parameters(scenario, params.initial_estimate(scenario), 4.0 * params.initial_covariance(scenario))
     assert wider[6].reason.startswith("1-sigma has grown to 2 times the start's; a second of ")
     pitch = found[1]  # the jet named for it must turn the body about y
     assert pitch.jet is not None
@@ -47,8 +47,8 @@ def test_before_anything_has_fired_nothing_is_known() -> None:
 
 def test_without_an_accelerometer_the_mass_cannot_be_observed() -> None:
     vehicle = load_vehicle("orbiter")
-    np.testing.assert_array_equal(unobservable(vehicle, accelerometer=False), np.eye(10)[9:])
-    assert unobservable(vehicle, accelerometer=True).size == 0
+    np.testing.assert_array_equal(unobservable_combinations(vehicle, accelerometer=False), np.eye(10)[9:])
+    assert unobservable_combinations(vehicle, accelerometer=True).size == 0
 
 
 def test_sigmas_are_told_against_the_least_for_rounding_as_noise(short_run: Run) -> None:

@@ -12,7 +12,7 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.results.detections import JUMP, DetectionRecord
-from massprop_drake.results.injected import InjectedRecord, false_declarations, what_became
+from massprop_drake.results.injected import InjectedRecord, false_declarations, injected_outcomes
 
 Array = NDArray[np.float64]
 
@@ -57,11 +57,11 @@ def test_a_jet_stuck_off_acts_when_it_is_first_told_to_fire() -> None:
     signals = flown(case, F2R=slice(70, 80))
     signals["thrust"][70:80] = 0.0
     signals["alarm"][[60, 75, 78]] = 1.0  # the first is before it acts
-    (record,) = what_became(case, signals, [])
+    (record,) = injected_outcomes(case, signals, [])
     lost = pytest.approx(-case.vehicle_data.jets[case.vehicle_data.jet_index("F2R")].thrust)
     times = 4.0, 70 * PERIOD_S, 75 * PERIOD_S, None
     assert record == InjectedRecord("stuck_off", "F2R", *times, "missed", None, lost)
-    (record,) = what_became(case, flown(case, F2R=slice(10, 20), F1U=slice(60, 80)), [declared(7.0)])
+    (record,) = injected_outcomes(case, flown(case, F2R=slice(10, 20), F1U=slice(60, 80)), [declared(7.0)])
     assert (record.outcome, record.first_acted_s, record.declared_s, record.force) == ("never_acted", None, None, None)
 
 
@@ -70,15 +70,15 @@ def test_a_failure_acts_while_it_lasts_and_is_tested() -> None:
     signals, jet = flown(case), case.vehicle_data.jet_index("R4R")
     signals["thrust"][(signals["time_s"] > 3.99) & (signals["time_s"] < 4.99), jet] = 40.0
     signals["thrust"][90:, jet] = 3.0  # not its doing
-    (record,) = what_became(case, signals, [])
+    (record,) = injected_outcomes(case, signals, [])
     assert record.force == pytest.approx(40.0)
     case = scenario(STUCK_ON)
-    assert [one.outcome for one in what_became(case, flown(case, tested=slice(0, 40)), [])] == ["not_tested"]
+    assert [one.outcome for one in injected_outcomes(case, flown(case, tested=slice(0, 40)), [])] == ["not_tested"]
 
 
 def test_a_dispersed_jet_is_held_against_what_it_gives_when_well() -> None:
     case = load_scenario("sample_maneuver", ["plant.thrust_dispersion=0.05", f"failures=[{STUCK_OFF}]", "duration_s=8"])
-    (record,) = what_became(case, flown(case, F2R=slice(55, 80)), [])
+    (record,) = injected_outcomes(case, flown(case, F2R=slice(55, 80)), [])
     assert record.outcome == "never_acted"
 
 
@@ -114,7 +114,7 @@ def test_a_failure_is_what_it_is_declared_as(
     found: list[DetectionRecord], failures: list[str], jumps: str, expected: list[Any]
 ) -> None:
     case = scenario(*failures, jumps=jumps)
-    became = what_became(case, flown(case), found)
+    became = injected_outcomes(case, flown(case), found)
     assert [(one.outcome, one.taken_for, one.declared_s) for one in became] == expected
 
 
@@ -122,10 +122,10 @@ def test_an_alarm_after_a_declaration_is_of_something_else_and_others_are_false(
     case = scenario(STUCK_ON, jumps=PAYLOAD.format("dock", 3.0))
     signals = flown(case)
     signals["alarm"][52:54] = 1.0
-    jet, payload = what_became(case, signals, [jump(3.5), declared(53 * PERIOD_S)])
+    jet, payload = injected_outcomes(case, signals, [jump(3.5), declared(53 * PERIOD_S)])
     assert jet.first_alarm_s == pytest.approx(52 * PERIOD_S)
     assert (payload.declared_s, payload.first_alarm_s) == (3.5, None)
     case = scenario(STUCK_ON, jumps=PAYLOAD.format("release", 6.0))
     found = [declared(2.0, jet="F1F"), declared(4.5), declared(5.0, jet="F2F"), declared(7.0, jet="F3F")]
-    causes = false_declarations(case.vehicle_data, what_became(case, flown(case), found), found)
+    causes = false_declarations(case.vehicle_data, injected_outcomes(case, flown(case), found), found)
     assert causes == {0: "healthy", 2: "failure", 3: "jump"}

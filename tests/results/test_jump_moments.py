@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from massprop_drake.results.detections import JUMP, DetectionRecord, placed, since
+from massprop_drake.results.detections import JUMP, DetectionRecord, bound_jump_times, onset_in_words
 
 TIME_S = np.arange(40) * 0.5
 STEPS = {"gyro": 0.1}
@@ -33,9 +33,9 @@ def blocks(
 
 @pytest.mark.parametrize("rows", [1, 7, 40])
 def test_nothing_tells_the_moment_from_the_last_firing_to_the_next_alarm(rows: int) -> None:
-    found = placed([jump(9.0), jump(12.0)], blocks([4, 6, 20, 30], [8, 21, 22, 31], rows=rows), STEPS)
+    found = bound_jump_times([jump(9.0), jump(12.0)], blocks([4, 6, 20, 30], [8, 21, 22, 31], rows=rows), STEPS)
     assert [(one.earliest_s, one.latest_s) for one in found] == [(3.5, 10.5), (10.5, 15.5)]
-    assert since(found[0]) == "begun between 3.50 and 10.50 s"
+    assert onset_in_words(found[0]) == "begun between 3.50 and 10.50 s"
 
 
 @pytest.mark.parametrize(
@@ -50,5 +50,5 @@ def test_nothing_tells_the_moment_from_the_last_firing_to_the_next_alarm(rows: i
 def test_it_lies_where_nothing_shows_it(
     record: DetectionRecord, fired: list[int], alarms: list[int], moved: int | None, within: tuple[float, float]
 ) -> None:
-    (found,) = placed([record], blocks(fired, alarms, moved), STEPS)
+    (found,) = bound_jump_times([record], blocks(fired, alarms, moved), STEPS)
     assert (found.earliest_s, found.latest_s) == within

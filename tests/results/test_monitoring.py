@@ -10,12 +10,12 @@ from odds_probe import history, odds
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import Layout
-from massprop_drake.maths.estimation.faults.fault_report import History, own_row
+from massprop_drake.maths.estimation.faults.fault_report import History, hypothesis_report_row
 from massprop_drake.results.consistency import Tally
 from massprop_drake.results.monitoring import FlightMonitor
-from massprop_drake.results.recent import nothing_seen
+from massprop_drake.results.recent import empty_recent
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summarize import explained
+from massprop_drake.results.summarize import exclude_explained
 from massprop_drake.systems.layouts import HYPOTHESIS_REPORT, JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
 
 N = 44
@@ -48,7 +48,9 @@ def _rows(forks: dict[int, History]) -> list[dict[str, np.ndarray]]:
             "rotation_report": _packed(REPORTS["rotation_report"], **now),
             "mass_report": _packed(REPORTS["mass_report"], **heavy, mass_reciprocal=1.0, variance=1.0),
             "joint_report": _packed(REPORTS["joint_report"], **parts),
-            "hypothesis_report": REPORTS["hypothesis_report"].pack(own_row((), odds(N, {3: 0.7}, 0.3), forks.get(row))),
+            "hypothesis_report": REPORTS["hypothesis_report"].pack(
+                hypothesis_report_row((), odds(N, {3: 0.7}, 0.3), forks.get(row))
+            ),
         }
         found.append(reports)
     return found
@@ -64,7 +66,7 @@ def _tallies(rows: list[dict[str, np.ndarray]]) -> list[Tally]:
     for name, part in (("rotation", "gyro_components"), ("mass", "accelerometer_components")):
         tally, seen = Tally(), spool[f"{name}_used"][:, 0] != 0.0
         tally.add(spool[f"{name}_nis"][seen, 0], spool[part][seen, 0])
-        found.append(explained(tally, spool, name, ()))
+        found.append(exclude_explained(tally, spool, name, ()))
     return found
 
 
@@ -98,7 +100,7 @@ def test_a_history_explains_what_was_heavy() -> None:
 
 
 def test_of_a_fork_that_is_older_than_what_is_kept_its_share_counts() -> None:
-    recent = nothing_seen(10)
+    recent = empty_recent(10)
     for number in range(100):
         recent = recent.followed_on(float(number), 1.0, 6.0, 3.0)
     known = recent.replaced(39.0, 60.0 * 3.0, 60.0 * 3.0).tally  # of sixty samples the last ten

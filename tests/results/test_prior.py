@@ -7,8 +7,8 @@ import pytest
 
 from massprop_drake import Scenario, load_scenario
 from massprop_drake.inputs import factors, params
-from massprop_drake.maths.mass_properties import perturbed
-from massprop_drake.results.prior import contradiction
+from massprop_drake.maths.mass_properties import perturb_body
+from massprop_drake.results.prior import find_contradiction
 from massprop_drake.results.spool import Spool
 
 STATED = 0.3  # relative 1-sigma of mass and moments
@@ -35,8 +35,8 @@ def test_truths_drawn_from_the_start_are_allowed(vehicle: str, common: bool) -> 
         mass, *moments = np.exp(STATED * random.standard_normal(4))
         turn = np.radians(5.0) * random.standard_normal(3)
         moments, turn = (np.full(3, mass), 0.0 * turn) if common else (np.array(moments), turn)
-        body = perturbed(nominal, mass_factor=mass, shift=np.zeros(3), second_moment_factors=moments, rotation=turn)
-        assert contradiction(scenario, signals, body.vector()) is None
+        body = perturb_body(nominal, mass_factor=mass, shift=np.zeros(3), second_moment_factors=moments, rotation=turn)
+        assert find_contradiction(scenario, signals, body.vector()) is None
 
 
 @pytest.mark.parametrize(
@@ -50,11 +50,11 @@ def test_truths_drawn_from_the_start_are_allowed(vehicle: str, common: bool) -> 
 )
 def test_a_common_factor_is_named(inertia: float, mass: float | None, words: str) -> None:
     if mass is None:
-        mass = factors.of_velocities("us", 0.08)[1].size
-        words = words.format(factors.in_words(mass))
+        mass = factors.velocity_factors("us", 0.08)[1].size
+        words = words.format(factors.format_factor(mass))
     scenario = case("orbiter_maneuver")
     end = params.initial_estimate(scenario) * np.array([*[inertia] * 6, 1.0, 1.0, 1.0, mass])
-    found = contradiction(scenario, known_well(scenario), end)
+    found = find_contradiction(scenario, known_well(scenario), end)
     assert found is not None
     assert found.kind == "factor"
     assert words in found.reason
@@ -64,11 +64,11 @@ def test_what_no_factor_explains_is_told_by_the_parameter_that_is_farthest() -> 
     scenario = case("orbiter_maneuver")
     end = params.initial_estimate(scenario)
     end[7] += 12.0 * np.sqrt(params.initial_covariance(scenario)[7, 7])
-    found = contradiction(scenario, known_well(scenario), end)
+    found = find_contradiction(scenario, known_well(scenario), end)
     assert found is not None
     assert (found.kind, found.reason.partition(";")[0]) == ("start", "y_cm ends 12 of the start's sigmas from it")
     zero = load_scenario("orbiter_maneuver", ["estimation.start=zero"])  # claims nothing
-    assert contradiction(zero, known_well(zero), 10.0 * zero.vehicle_data.nominal.vector()) is None
+    assert find_contradiction(zero, known_well(zero), 10.0 * zero.vehicle_data.nominal.vector()) is None
 
 
 def test_propellant_that_was_used_is_no_contradiction(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,8 +79,8 @@ def test_propellant_that_was_used_is_no_contradiction(monkeypatch: pytest.Monkey
     samples = used / (float(vehicle.mass_flows.sum()) * vehicle.sample_period_s)
     end = params.initial_estimate(scenario)
     end[9] = 1.0 / (vehicle.nominal.mass - used)
-    assert contradiction(scenario, known_well(scenario), end) is not None
-    assert contradiction(scenario, known_well(scenario, samples), end) is None
+    assert find_contradiction(scenario, known_well(scenario), end) is not None
+    assert find_contradiction(scenario, known_well(scenario, samples), end) is None
     # where sensors have their own rates, a command lasts until the next row
     rows, period = 5, vehicle.sample_period_s
     signals, jets = Spool(None, index="time_s"), len(vehicle.jets)
@@ -89,4 +89,4 @@ def test_propellant_that_was_used_is_no_contradiction(monkeypatch: pytest.Monkey
     sigmas = np.full((rows, 10), 1e-12)
     signals.append({"time_s": period * np.array([0, 1, 2, 3, 5.0]), "standard_deviation": sigmas, "command": command})
     monkeypatch.setattr(params, "steps_by_readings", lambda _: True)
-    assert contradiction(scenario, signals, end) is None
+    assert find_contradiction(scenario, signals, end) is None

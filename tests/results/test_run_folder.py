@@ -20,7 +20,7 @@ from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.display import figures
 from massprop_drake.inputs.model import digest
 from massprop_drake.results.folder import require_writable
-from massprop_drake.results.json_arrays import from_names
+from massprop_drake.results.json_arrays import parameters_from_names
 
 FILES = ALL_FILES - {"figures"}
 LEAN = {"pictures": False, "report": False}
@@ -105,12 +105,12 @@ def test_the_summary_has_the_promised_keys_and_shapes(short_run: Run, folder: Pa
 
 def test_the_summary_says_what_the_signals_say(short_run: Run) -> None:
     run, summary, vehicle = short_run, short_run.summary, short_run.scenario.vehicle_data
-    np.testing.assert_array_equal(from_names(summary["estimates"]), run["estimate"][-1])
-    np.testing.assert_array_equal(from_names(summary["standard_deviations"]), run["standard_deviation"][-1])
-    truth = from_names(summary["truth"])
+    np.testing.assert_array_equal(parameters_from_names(summary["estimates"]), run["estimate"][-1])
+    np.testing.assert_array_equal(parameters_from_names(summary["standard_deviations"]), run["standard_deviation"][-1])
+    truth = parameters_from_names(summary["truth"])
     np.testing.assert_array_equal(truth, run["truth"][-1])
     percent = 100.0 * (run["estimate"][-1] - truth) / np.abs(truth)
-    np.testing.assert_allclose(from_names(summary["percent_error"]), percent, rtol=1e-12)
+    np.testing.assert_allclose(parameters_from_names(summary["percent_error"]), percent, rtol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(summary["covariance"])), run["standard_deviation"][-1], rtol=1e-14)
     np.testing.assert_allclose(summary["truth"]["inverse_inertia"] @ vehicle.nominal.inertia, np.eye(3), atol=1e-12)
     used = run["rotation_used"][:, 0] != 0.0

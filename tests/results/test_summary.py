@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from massprop_drake import InputError, Run
-from massprop_drake.maths.mass_properties import NAMES, derived
-from massprop_drake.results.json_arrays import from_names
+from massprop_drake.maths.mass_properties import NAMES, derive_mass_and_inertia
+from massprop_drake.results.json_arrays import parameters_from_names
 from massprop_drake.results.summary import Parameter, Summary
 
 
@@ -74,10 +74,12 @@ def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Ru
     estimates = known.estimates.copy()
     estimates[:6] = [1.0, 0.5, 1.0 / 3.3, 0.0, 0.0, 0.0]
     covariance = np.diag(np.append(np.full(6, 1e-2), np.full(4, 1e-6)))
-    wrong = replace(known, estimates=estimates, covariance=covariance, derived=derived(estimates, covariance))
+    wrong = replace(
+        known, estimates=estimates, covariance=covariance, derived=derive_mass_and_inertia(estimates, covariance)
+    )
     stored = wrong.as_json()["derived"]
     assert stored["physically_possible"] is False
-    assert derived(from_names(stored["nearest_possible"]), covariance).physically_possible
+    assert derive_mass_and_inertia(parameters_from_names(stored["nearest_possible"]), covariance).physically_possible
     said = "no rigid body can have the inertia that was estimated"
     near = f"{said}; the nearest that one can have is in summary.json"
     estimates = estimates.copy()

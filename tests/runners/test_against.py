@@ -107,12 +107,12 @@ def test_it_is_kept_shown_and_read_back(runs: Path, tmp_path: Path) -> None:
     assert again.results.against == run.results.against
     assert Summary.from_json(run.results.as_json()).against == run.results.against
     assert again.units["against.gyro"] == "rad/s"
-    assert {"against_rates", "against_velocities"} <= set(plots.available(plots.source(again)))
+    assert {"against_rates", "against_velocities"} <= set(plots.available_plots(plots.source(again)))
     read, simulated = plots.against_rates(plots.source(again)).panels[2].marks
     np.testing.assert_allclose(simulated.y, np.degrees(run["against.gyro"][:, 1]))  # type: ignore[union-attr]
     assert read.label == "gyro, as read"  # type: ignore[union-attr]
     html = report_html(again)
-    (cells,) = table.causes(said(run))
+    (cells,) = table.cause_rows(said(run))
     for cell in cells:
         assert cell in html
 

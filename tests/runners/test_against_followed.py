@@ -10,7 +10,7 @@ import pytest
 from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.errors import InputError
 from massprop_drake.results.against import Against
-from massprop_drake.results.against_followed import turned
+from massprop_drake.results.against_followed import rotation_differences
 from massprop_drake.runners.simulated_beside import beside
 
 FLIGHT = ["duration_s=14", "detector.kind=off", "execution.engine=loop", "plant.thrust_dispersion=0"]
@@ -67,7 +67,7 @@ def test_residuals_are_those_of_what_was_simulated(weak: Run) -> None:
     np.testing.assert_allclose([one.rms for one in found[:2]], rms, rtol=1e-9)
     assert found[0].noise == 7e-5
     assert (rms > 40.0 * 7e-5).all()
-    about_z = turned(weak["mocap"][:, 3:], weak["against.mocap"][:, 3:])[:, 2]
+    about_z = rotation_differences(weak["mocap"][:, 3:], weak["against.mocap"][:, 3:])[:, 2]
     assert found[2].rms == pytest.approx(np.sqrt(np.nanmean(about_z**2)))
 
 

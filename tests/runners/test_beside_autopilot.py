@@ -8,7 +8,7 @@ from vehicle_flights import quick
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 
 SHORT = ["duration_s=12", "maneuver=[]", "estimation.filter=joint", "detector.kind=off"]
 PULSE = "jet_schedule=[{jet: ZP1, start_s: 2, end_s: 2.4}]"
@@ -63,7 +63,7 @@ def test_on_times_hold_attitude_better_and_for_less_propellant_than_whole_cycles
     rms, used = {}, {}
     for output in ("cycles", "on_time"):
         own = pilot | {"rate_deadband": 0.0005, "jet_selection": {"output": output}}
-        run = simulate(resolved({**given, "autopilot": own}))
+        run = simulate(resolve_scenario({**given, "autopilot": own}))
         held, mass = run["attitude_error"][80:], 1.0 / run["truth"][:, 9]
         rms[output], used[output] = float(np.sqrt(np.mean(held**2))), mass[80] - mass[-1]
     assert rms["on_time"] < 0.5 * rms["cycles"]

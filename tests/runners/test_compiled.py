@@ -145,7 +145,7 @@ def test_damaged_compiled_code_is_compiled_anew(tmp_path: Path) -> None:
     pytest.importorskip("numba")
     code = (
         "import numpy as np; from massprop_drake.maths import attitude, kernels; "
-        "print(kernels.compiled(attitude.multiply)(np.eye(4)[0], np.eye(4)[1]))"
+        "print(kernels.compile_kernel(attitude.multiply)(np.eye(4)[0], np.eye(4)[1]))"
     )
     environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
 

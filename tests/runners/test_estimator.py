@@ -15,7 +15,7 @@ import pytest
 
 from massprop_drake import Estimator, EstimatorStep, InputError, Run, Vehicle, load_scenario
 from massprop_drake.inputs.renamed import RenamedWarning
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 
 STILL = np.zeros(3)
 OFF = np.zeros(44)
@@ -54,7 +54,7 @@ def test_a_saturated_reading_counts_as_missing(toy_data: dict[str, Any]) -> None
     toy_data["gyros"][0]["range"] = 0.5
     toy_data["accelerometers"][0]["range"] = 10.0
     vehicle = Vehicle.model_validate(toy_data)
-    dut = Estimator(vehicle, resolved({"estimation": {"filter": "thesis"}}))
+    dut = Estimator(vehicle, resolve_scenario({"estimation": {"filter": "thesis"}}))
     on = np.zeros(12)
     on[0] = 1.0
     seen = []
@@ -179,7 +179,7 @@ NO_SAMPLES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 def test_what_is_no_sample_is_refused_and_leaves_the_state(orbiter: Vehicle) -> None:
-    dut = Estimator(orbiter, resolved({"estimation": {"filter": "thesis"}}))
+    dut = Estimator(orbiter, resolve_scenario({"estimation": {"filter": "thesis"}}))
     dut.step(0.0, STILL, STILL, OFF)
     before = json.dumps(dut.state)
     for name, (change, words) in NO_SAMPLES.items():

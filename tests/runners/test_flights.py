@@ -12,7 +12,7 @@ from pose_probe import again
 from vehicle_flights import pulses, quick, small_pulses
 
 from massprop_drake import Estimator, InputError, Run, Scenario, load_scenario, simulate
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_parts import Disturbance
 
 LOOP = "execution.engine=loop"
@@ -43,7 +43,7 @@ def _followed() -> Scenario:
     vehicle = quick("tracked_flyer", "cold_gas", command_delay_s=0.0, command_delay_std_s=0.005)
     failure = {"kind": "stuck_off", "jet": "T5", "start_s": 12.0}
     drawn = {"plant": {"dispersion": {}, "thrust_dispersion": 0.01}, "jet_schedule": pulses(vehicle, 30.0, seed=2)}
-    return resolved({"vehicle": vehicle, "duration_s": 30.0, "seed": 2, "failures": [failure]} | drawn)
+    return resolve_scenario({"vehicle": vehicle, "duration_s": 30.0, "seed": 2, "failures": [failure]} | drawn)
 
 
 def _lag(factor: float, **failure: Any) -> Scenario:
@@ -198,7 +198,7 @@ def test_every_pulse_gives_what_it_lasts() -> None:
     vehicle = quick("small_satellite", "hydrazine", time_constant_s=0.0)
     told = [("XP1", 0.5, 0.535), ("XP2", 0.5, 0.535), ("XN1", 1.02, 1.055), ("XN1", 1.5, 2.01)]
     schedule = [dict(zip(("jet", "start_s", "end_s"), one, strict=True)) for one in told]
-    run = simulate(resolved({"vehicle": vehicle, "duration_s": 3.0, "jet_schedule": schedule}))
+    run = simulate(resolve_scenario({"vehicle": vehicle, "duration_s": 3.0, "jet_schedule": schedule}))
     thrust = {jet.designation: jet.thrust for jet in vehicle.jets}
     given = dict(zip(vehicle.designations, run["thrust"][:-1].sum(axis=0) * vehicle.sample_period_s, strict=True))
     for name in ("XP1", "XP2", "XN1"):

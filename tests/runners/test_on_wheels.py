@@ -13,7 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake import Scenario, load_vehicle
 from massprop_drake.diagrams import autopilot, vehicle
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Wheel
 
@@ -45,7 +45,7 @@ def flight(**more: Any) -> Scenario:
     start = {"RW0": 220.0, "RW1": -100.0, "RW2": 60.0, "RW3": -30.0}
     plant = {"disturbance": PUSHED, "wheel_speeds": start}
     own = {"name": "on_wheels", "vehicle": on_wheels(), "duration_s": 40.0, "detector": {"kind": "off"}}
-    return resolved(own | {"autopilot": pilot, "plant": plant} | more)
+    return resolve_scenario(own | {"autopilot": pilot, "plant": plant} | more)
 
 
 def flown(scenario: Scenario, *names: str) -> list[np.ndarray]:

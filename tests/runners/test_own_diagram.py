@@ -98,7 +98,7 @@ def test_parts_that_are_wired_by_hand_are_found(scenario: Scenario, bundled: Run
 def plant(scenario: Scenario) -> Diagram:
     """Jets, body and sensors that fly a schedule, with ports of names that a run does not know."""
     parts = DiagramBuilder()
-    commands, _ = params.commands(scenario)
+    commands, _ = params.scheduled_jet_commands(scenario)
     schedule = parts.AddSystem(JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s))
     body = parts.AddNamedSystem("body", vehicle.build(scenario))
     for name in ("command", "held_command"):

@@ -11,10 +11,10 @@ import pytest
 from pose_probe import again
 
 from massprop_drake import Estimator, Run, estimate, load_vehicle, simulate
-from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.runners.recorded import settings_alone
+from massprop_drake.runners.recorded import estimation_settings
 
 FAST, PERIOD = 0.025, 0.1
 PULSES = [
@@ -38,7 +38,7 @@ def at_rates(vehicle: Vehicle, period_s: float) -> Vehicle:
 
 
 def case(vehicle: Vehicle, **more: Any) -> Scenario:
-    return resolved(
+    return resolve_scenario(
         {"name": "rates", "vehicle": vehicle, "duration_s": 3.5, "seed": 4, "detector": {"kind": "off"}} | more
     )
 
@@ -118,7 +118,7 @@ def test_calls_that_read_nothing_lose_and_gain_nothing(servicer: Vehicle) -> Non
         "inertia": [[54.0, -0.6, 0.8], [-0.6, 25.0, -0.4], [0.8, -0.4, 53.0]],
     }
     run = simulate(case(servicer, jet_schedule=pulses, plant={"mass_properties": truth}), look_back=False)
-    settings = settings_alone(case(at_rates(servicer, PERIOD)))
+    settings = estimation_settings(case(at_rates(servicer, PERIOD)))
     plain, cut = (fed(Estimator(settings.vehicle_data, settings), run, between) for between in (0, 2))
     sigma = np.sqrt(np.diag(plain.covariance))
     np.testing.assert_allclose(np.sqrt(np.diag(cut.covariance)), sigma, rtol=0.02)

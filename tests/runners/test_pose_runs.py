@@ -19,7 +19,7 @@ from massprop_drake import (
     load_vehicle,
     simulate,
 )
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 
@@ -122,7 +122,7 @@ def _pulsed(vehicle: Vehicle, rows: int, **more: Any) -> Scenario:
     true = {"mass": 4.5, "center_of_mass": [0.002, -0.003, 0.001]}
     true["inertia"] = [[0.025, 0.0005, 0.0], [0.0005, 0.021, -0.0004], [0.0, -0.0004, 0.023]]
     plant = {"thrust_dispersion": 0.03, "mass_properties": true}
-    return resolved(
+    return resolve_scenario(
         {
             "name": "mix",
             "vehicle": vehicle,

@@ -18,10 +18,10 @@ from replay_probe import replayed
 from vehicle_flights import quick, small_pulses
 
 from massprop_drake import Estimator, EstimatorStep, Run, Scenario, estimate, load_scenario, simulate
-from massprop_drake.inputs.scenario import bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import bundled_scenarios, resolve_scenario
 from massprop_drake.inputs.vehicle_parts import Disturbance
 from massprop_drake.inputs.vehicle_sensors import PoseSensor
-from massprop_drake.runners.recorded import settings_alone
+from massprop_drake.runners.recorded import estimation_settings
 
 NEAR = "estimation={filter: thesis, start: nominal, std_fraction: 0.001}"
 JOINT_NEAR = (
@@ -42,7 +42,7 @@ def _two_gyros(combine: str, *overrides: str) -> Scenario:
     data = load_scenario("sample_maneuver", given).model_dump(mode="json")
     vehicle = load_scenario("sample_maneuver").vehicle_data.model_dump(mode="json")
     vehicle["gyros"].append({**vehicle["gyros"][0], "name": "gyro2", "quantum": 3e-6})
-    return resolved({**data, "vehicle": vehicle})
+    return resolve_scenario({**data, "vehicle": vehicle})
 
 
 def _given_start() -> Scenario:
@@ -53,7 +53,7 @@ def _given_start() -> Scenario:
     covariance[0, 6] = covariance[6, 0] = 0.3 * deviation[0] * deviation[6]
     data = load_scenario("sample_maneuver", ["duration_s=7"]).model_dump(mode="json")
     data["estimation"] |= {"start": "given", "given": {"covariance": covariance.tolist()}}
-    return resolved(data)
+    return resolve_scenario(data)
 
 
 def _stated_disturbance() -> Scenario:
@@ -170,7 +170,7 @@ def test_every_runner_gives_the_same_bits(name: str, tmp_path: Path) -> None:
 
     telemetry = run.save(tmp_path / "run", pictures=False, report=False) / "telemetry.csv"
     found = estimate(telemetry, load_scenario(tmp_path / "run"))
-    second = replayed(telemetry, settings_alone(run.scenario))
+    second = replayed(telemetry, estimation_settings(run.scenario))
     assert {"estimate", "standard_deviation", "rotation_nis"} <= set(second.signals)
     for signal, expected in second.signals.items():
         np.testing.assert_array_equal(found[signal], expected, err_msg=signal)

@@ -13,7 +13,7 @@ from telemetry_probe import toy_vehicle
 
 from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filters import rotation_filter
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -27,7 +27,7 @@ def _pushing(toy_data: dict[str, Any], mass: float, **changes: Any) -> Scenario:
     toy_data["mass_properties"]["mass"] = mass
     pulses = [{"jet": jet, "start_s": 0.2, "end_s": 1.0} for jet in ("J1", "J2")]
     data = {"vehicle": toy_vehicle(toy_data), "duration_s": 1.0, "jet_schedule": pulses, **changes}
-    return validated(Scenario, data)
+    return validate_data(Scenario, data)
 
 
 @pytest.mark.parametrize("time_step", [None, 0.0])

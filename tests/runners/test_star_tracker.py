@@ -9,7 +9,7 @@ import pytest
 from pose_probe import again
 
 from massprop_drake import InputError, Run, Scenario, load_vehicle, simulate
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import PoseSensor
 
@@ -37,7 +37,7 @@ def leaking(vehicle: Vehicle, **more: Any) -> Scenario:
         "plant": {"mass_properties": properties},
         "failures": [{"kind": "leak", "jet": "YN1", "start_s": LEAKS_S, "force": 0.25}],
     }
-    return resolved(data | more)
+    return resolve_scenario(data | more)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 from pose_probe import again
 
 from massprop_drake import Scenario, load_vehicle
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 
 
@@ -37,4 +37,4 @@ def small_pulses(duration_s: float, vehicle: Vehicle | None = None, **more: Any)
     own = {"name": "pulses", "vehicle": vehicle, "duration_s": duration_s, "seed": 3, "joint": {"tank_fraction": 0}}
     plant = {"dispersion": {}, "thrust_dispersion": 0.01, **more.pop("plant", {})}
     loop = {"execution": {"engine": "loop"}}
-    return resolved(own | {"plant": plant, "jet_schedule": pulses(vehicle, duration_s)} | loop | more)
+    return resolve_scenario(own | {"plant": plant, "jet_schedule": pulses(vehicle, duration_s)} | loop | more)

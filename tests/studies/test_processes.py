@@ -9,11 +9,11 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 
 from massprop_drake.errors import InputError, require_text
-from massprop_drake.studies.processes import apart
+from massprop_drake.studies.processes import call_in_process
 
 
 def test_a_process_of_its_own_gives_the_result_and_is_gone() -> None:
-    pid = apart(os.getpid)
+    pid = call_in_process(os.getpid)
     assert pid != os.getpid()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
@@ -21,9 +21,9 @@ def test_a_process_of_its_own_gives_the_result_and_is_gone() -> None:
 
 def test_what_it_raises_is_raised_here() -> None:
     with pytest.raises(InputError, match="has the character NUL"):
-        apart(require_text, name="\0")
+        call_in_process(require_text, name="\0")
 
 
 def test_one_that_is_killed_is_no_result() -> None:
     with pytest.raises(BrokenProcessPool):
-        apart(signal.raise_signal, signal.SIGKILL)
+        call_in_process(signal.raise_signal, signal.SIGKILL)

@@ -11,14 +11,14 @@ import pytest
 from scipy.optimize import linprog
 
 from massprop_drake import load_vehicle
-from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
-from massprop_drake.studies.vehicle_report import DIRECTIONS, reaches, vehicle_report
+from massprop_drake.studies.vehicle_report import DIRECTIONS, largest_accelerations, vehicle_report
 
 
 def _vehicle(data: dict[str, Any]) -> Vehicle:
-    return validated(Vehicle, data)
+    return validate_data(Vehicle, data)
 
 
 def _report(data: dict[str, Any], n_pairs: int = 5) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def test_reach_agrees_with_another_solver() -> None:
     activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
     rows = activity / np.abs(activity).max(axis=1, keepdims=True)
     directions = [sign * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
-    for direction, found in zip(directions, reaches(activity), strict=True):
+    for direction, found in zip(directions, largest_accelerations(activity), strict=True):
         least = linprog(-direction @ rows, A_eq=rows[direction == 0.0], b_eq=np.zeros(5), bounds=(0.0, 1.0))
         np.testing.assert_allclose(found, -least.fun * np.abs(activity[direction != 0.0]).max(), rtol=1e-6)
 

@@ -45,7 +45,7 @@ FORMATS = {
 }
 
 
-def chosen(name: str) -> Format:
+def find_format(name: str) -> Format:
     """Returns the format of a name.
 
     Raises:
@@ -53,7 +53,7 @@ def chosen(name: str) -> Format:
     """
     if name not in FORMATS:
         raise InputError(f"'{name}' is no format to export to; valid are: {', '.join(FORMATS)}")
-    _stream(FORMATS[name])
+    _load_stream_module(FORMATS[name])
     return FORMATS[name]
 
 
@@ -63,7 +63,7 @@ def write(content: Content, to: str, path: Path) -> None:
     Raises:
         InputError: when the format is not known, or its package is missing.
     """
-    _stream(chosen(to)).write(content, path)
+    _load_stream_module(find_format(to)).write(content, path)
 
 
 class Replay:
@@ -89,7 +89,7 @@ class Replay:
     ):
         if not (math.isfinite(speed) and speed > 0.0):
             raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
-        stream = _stream(chosen(to))
+        stream = _load_stream_module(find_format(to))
         self._content, self._speed = Content(run, epoch_s=epoch_s), speed
         self._viewer = stream.connected(self._content.outline, stream.PORT if port is None else port)
         self.address: str = self._viewer.address
@@ -108,7 +108,7 @@ class Replay:
             self._viewer.begin()
             began = time.monotonic()
             for rows in self._content.stretches():
-                for part in _parts(rows, round(1e9 * _FRAME_S * self._speed)):
+                for part in _split_block(rows, round(1e9 * _FRAME_S * self._speed)):
                     due_s = 1e-9 * int(part.time_ns[0] - self.outline.start_ns) / self._speed
                     time.sleep(max(0.0, began + due_s - time.monotonic()))
                     self._viewer.put(part)
@@ -120,7 +120,7 @@ class Replay:
         self._viewer.close()
 
 
-def _parts(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
+def _split_block(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
     """Splits a sample block into parts as long as a viewer's frame, or of one row."""
     first, times = 0, rows.time_ns
     for row in range(1, times.size + 1):
@@ -129,7 +129,7 @@ def _parts(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
             first = row
 
 
-def _stream(form: Format) -> Any:
+def _load_stream_module(form: Format) -> Any:
     """Loads the module that writes a format."""
     try:
         return import_module(f"{__name__}.{form.module}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.display import event_marks, motion, solids
-from massprop_drake.display.plot_source import failing as truly_failing
+from massprop_drake.display.plot_source import failing_jets as truly_failing
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
@@ -199,7 +199,7 @@ class Content:
         self._simulated = "thrust" in self._names
         self._end_s = float(time_s[-1])
         self._messages = _messages(run, self._notes())
-        self._found = event_marks.found(run)
+        self._found = event_marks.detection_marks(run)
         self._before: dict[str, Arrows | Balls] = {}
         self.outline = self._outline(int(self._ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
@@ -239,7 +239,7 @@ class Content:
             )
             for name, signal in run.descriptions.items()
         }
-        body = [Mesh(solids.triangles(solid), _rgba(solid.color, _OPACITY)) for solid in solids.shape(vehicle)]
+        body = [Mesh(solids.triangles(solid), _rgba(solid.color, _OPACITY)) for solid in solids.vehicle_solids(vehicle)]
         body += [Mesh(solids.nozzle(vehicle, jet), (64, 71, 84, 255)) for jet in range(len(vehicle.jets))]
         frames = [self._vehicle_frame(name) for name in self._sources]
         frames += [CENTER] * ("truth" in self._names) + [CENTER_ESTIMATED]
@@ -252,7 +252,7 @@ class Content:
             series,
             tuple(frames),
             {
-                name: (vehicle.positions[jet], _along(self._outwards[jet]))
+                name: (vehicle.positions[jet], _rotation_from_z(self._outwards[jet]))
                 for jet, name in enumerate(vehicle.designations)
             },
             body,
@@ -326,7 +326,7 @@ class Content:
         command = np.nan_to_num(signals["command"])
         thrust = np.nan_to_num(signals["thrust"]) if self._simulated else command * full
         failing = truly_failing(time_s, self._scenario) & self._simulated
-        kinds = motion.plumes(thrust / full, command > 0.0, failing)
+        kinds = motion.classify_plumes(thrust / full, command > 0.0, failing)
         shown = np.where(kinds["withheld"], full, np.maximum(thrust, 0.0))
         vectors = solids.plume_lengths(vehicle, shown)[:, :, None] * self._outwards
         colors = {kind: _rgba(_PLUMES[kind], 0.75) for kind in _PLUMES}
@@ -349,7 +349,7 @@ class Content:
             )
 
     def _failures(self) -> list[event_marks.Mark]:
-        return event_marks.failures(self._scenario, self._end_s) if self._simulated else []
+        return event_marks.failure_marks(self._scenario, self._end_s) if self._simulated else []
 
     def _centers(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
         """Returns true and estimated center of mass, and the latter's 3-sigma ellipsoid along the axes."""
@@ -399,7 +399,7 @@ def _messages(run: RunContent, notes: Sequence[str]) -> list[LogEntry]:
         found += [LogEntry(start_s, "warning", "record", text) for text in of_record]
     if "thrust" in run.signals:
         found += [LogEntry(start_s, "warning", "scenario", str(doubt)) for doubt in scenario.simulation_doubts]
-        for mark in event_marks.failures(scenario, end_s):
+        for mark in event_marks.failure_marks(scenario, end_s):
             found.append(LogEntry(mark.start_s, "error", "scenario", f"{mark.text} begins"))
             if mark.end_s <= end_s:
                 found.append(LogEntry(mark.end_s, "info", "scenario", f"{mark.text} ends"))
@@ -453,7 +453,7 @@ def _rgba(color: str, opacity: float) -> Color:
     return red, green, blue, round(255 * opacity)
 
 
-def _along(direction: Array) -> Array:
+def _rotation_from_z(direction: Array) -> Array:
     """Returns the quaternion (w, x, y, z) of a rotation that takes z to a direction of length 1."""
     x, y, z = direction.tolist()
     if z < -1.0 + 1e-12:

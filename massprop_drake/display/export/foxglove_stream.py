@@ -89,7 +89,7 @@ class FoxgloveStream:
             )
             for mesh in self._outline.body
         ]
-        self._log_scene("vehicle", time_ns, SceneEntity(**_standing(now, "vehicle"), triangles=surfaces))
+        self._log_scene("vehicle", time_ns, SceneEntity(**_vehicle_entity_fields(now, "vehicle"), triangles=surfaces))
         jets = [
             _transform(now, VEHICLE, f"jet_{name}", place, turned)
             for name, (place, turned) in self._outline.jets.items()
@@ -98,7 +98,7 @@ class FoxgloveStream:
 
     def put(self, rows: SampleBlock) -> None:
         """Logs rows and messages in the order of time."""
-        encoded = {name: protobuf.encoded(values) for name, values in rows.signals.items()}
+        encoded = {name: protobuf.encode_rows(values) for name, values in rows.signals.items()}
         changes: dict[int, list[tuple[str, Arrows | Balls]]] = {}
         for name, found in rows.scene.items():
             for row, part in found:
@@ -252,13 +252,13 @@ def _entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
             SpherePrimitive(pose=Pose(position=_vector(center)), size=_vector(2.0 * half), color=_paint(color))
             for center, half, color in zip(*part, strict=True)
         ]
-        return SceneEntity(**_standing(now, name), spheres=spheres)
+        return SceneEntity(**_vehicle_entity_fields(now, name), spheres=spheres)
     arrows = []
     for origin, vector, color in zip(*part, strict=True):
         length = float(np.linalg.norm(vector))
         arrows.append(
             ArrowPrimitive(
-                pose=Pose(position=_vector(origin), orientation=_from_x(vector / length)),
+                pose=Pose(position=_vector(origin), orientation=_rotation_from_x(vector / length)),
                 shaft_length=(1.0 - _HEAD) * length,
                 shaft_diameter=_SHAFT * length,
                 head_length=_HEAD * length,
@@ -266,10 +266,10 @@ def _entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
                 color=_paint(color),
             )
         )
-    return SceneEntity(**_standing(now, name), arrows=arrows)
+    return SceneEntity(**_vehicle_entity_fields(now, name), arrows=arrows)
 
 
-def _standing(now: Timestamp, name: str) -> dict[str, Any]:
+def _vehicle_entity_fields(now: Timestamp, name: str) -> dict[str, Any]:
     """Returns fields of an entity that stands in the vehicle frame and moves with it."""
     return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
@@ -298,7 +298,7 @@ def _quaternion(values: Array) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def _from_x(direction: Array) -> Quaternion:
+def _rotation_from_x(direction: Array) -> Quaternion:
     """Returns a rotation that takes x, along which arrows point, to a direction of length 1."""
     x, y, z = direction.tolist()
     if x < -1.0 + 1e-12:

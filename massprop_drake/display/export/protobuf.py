@@ -56,7 +56,7 @@ def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> byt
     return _bytes(1, file + _bytes(9, comments) + _text(12, "proto3"))
 
 
-def encoded(values: Array) -> list[bytes]:
+def encode_rows(values: Array) -> list[bytes]:
     """Encodes rows as messages, shape (n, components), the first column in field 1."""
     tags = [_varint(number << 3 | _DOUBLE) for number in range(1, values.shape[1] + 1)]
     template = np.frombuffer(b"".join(tag + bytes(8) for tag in tags), dtype=np.uint8)

@@ -63,14 +63,16 @@ class RerunStream:
         outline, put = self._outline, self._put_static
         self._recording.send_recording_name(outline.title)
         put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
-        put(_place(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
+        put(_frame_path(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
         for number, mesh in enumerate(outline.body):
-            put(f"{_place(VEHICLE)}/shape/{number}", _surface(mesh.triangles, mesh.color))
+            put(f"{_frame_path(VEHICLE)}/shape/{number}", _surface(mesh.triangles, mesh.color))
         for name, (place, turned) in outline.jets.items():
             frame = rr.Transform3D(translation=place, quaternion=rr.Quaternion(xyzw=turned[[1, 2, 3, 0]]))
-            put(f"{_place(VEHICLE)}/jets/{rr.escape_entity_path_part(name)}", frame)
+            put(f"{_frame_path(VEHICLE)}/jets/{rr.escape_entity_path_part(name)}", frame)
         for name in ("marks", "centers", "payloads"):
-            put(f"{_place(VEHICLE)}/{name}", rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe"))
+            put(
+                f"{_frame_path(VEHICLE)}/{name}", rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe")
+            )
         for series in outline.series.values():
             named = _names(series)
             for path, columns in _curves(series):
@@ -89,10 +91,10 @@ class RerunStream:
         for name, (places, turns) in rows.frames.items():
             known = np.isfinite(places).all(axis=1) & np.isfinite(turns).all(axis=1)
             frames = rr.Transform3D.columns(translation=places[known], quaternion=turns[known][:, [1, 2, 3, 0]])
-            self._send(_place(name), rows.time_ns[known], frames)
+            self._send(_frame_path(name), rows.time_ns[known], frames)
         for name, changes in rows.scene.items():
             times = rows.time_ns[[row for row, _ in changes]]
-            self._send(f"{_place(VEHICLE)}/{name}", times, _drawn([part for _, part in changes]))
+            self._send(f"{_frame_path(VEHICLE)}/{name}", times, _draw_parts([part for _, part in changes]))
         if rows.messages:
             times = np.array([time_ns for time_ns, _ in rows.messages])
             said = [message for _, message in rows.messages]
@@ -205,9 +207,9 @@ def _names(series: Series) -> list[str]:
     ]
 
 
-def _place(frame: str) -> str:
+def _frame_path(frame: str) -> str:
     """Returns the path of a frame: below that of its parent."""
-    return frame if frame == WORLD else f"{_place(PARENTS[frame])}/{frame}"
+    return frame if frame == WORLD else f"{_frame_path(PARENTS[frame])}/{frame}"
 
 
 def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
@@ -219,7 +221,7 @@ def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
     )
 
 
-def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
+def _draw_parts(parts: Sequence[Arrows | Balls]) -> Any:
     """Draws parts of a scene, one a row."""
     lengths = [len(part.colors) for part in parts]
     colors = [color for part in parts for color in part.colors]

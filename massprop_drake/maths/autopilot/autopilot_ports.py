@@ -21,9 +21,9 @@ from massprop_drake.maths.autopilot.phase_space import (
     attitude_step,
     phase_space_request,
 )
-from massprop_drake.maths.autopilot.pulses import Pulses, after_pulse, coming_pulse
-from massprop_drake.maths.kernels import fill, kernel, taken
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.autopilot.pulses import Pulses, coming_pulse, remaining_after_pulse
+from massprop_drake.maths.kernels import fill, kernel, read_bundle
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 
 HAND_CONTROLLERS = Layout("hand_controllers", rotation=3, translation=3)
 ATTITUDE_MEMORY = Layout("attitude_memory", attitude=4, reference=4, holding=3, rate=3)
@@ -63,7 +63,7 @@ def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array
         held: holder of `Reference`.
     """
     given = held.value
-    before = taken(memory, given.memory)
+    before = read_bundle(memory, given.memory)
     step = attitude_step(before, rate, controllers[_ROTATION], given.period_s, given.capture_rate)
     row = np.empty(3 + memory.size)
     fill(row, (step.error, step.attitude, step.reference, step.holding, rate))
@@ -95,7 +95,7 @@ def request(memory: Array, controllers: Array, error: Array, rate: Array, delive
     """
     given = held.value
     sensed = Sensed(controllers[_ROTATION], controllers[_TRANSLATION], error, rate, delivered)
-    asked, after = phase_space_request(sensed, taken(memory, given.memory), given.settings)
+    asked, after = phase_space_request(sensed, read_bundle(memory, given.memory), given.settings)
     row = np.empty(_REQUEST + memory.size)
     changes = (asked.rate_change, asked.velocity_change, asked.time_limit_s, float(asked.urgency.value))
     fill(row[:_REQUEST], changes)
@@ -120,24 +120,26 @@ class Burning(NamedTuple):
 
 
 @kernel
-def going_on(remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any) -> Array:
-    """Computes a row of 1 where jets must be selected, else 0, and the output of `fired`, valid where it is 0.
+def select_or_fire(
+    remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any
+) -> Array:
+    """Computes a row of 1 where jets must be selected, else 0, and the output of `fire_sample`, valid where it is 0.
 
     Args:
-        remaining, mass_reciprocal, held: as in `fired`.
+        remaining, mass_reciprocal, held: as in `fire_sample`.
         asked: packed as `REQUEST`.
         refused: see `must_select`.
         told: by the detector, packed as `RECONFIGURATION`.
     """
-    wanted, declared = taken(asked, held.value.request), told[_DECLARED] != 0.0
+    wanted, declared = read_bundle(asked, held.value.request), told[_DECLARED] != 0.0
     row = np.empty(2 * remaining.size + 4)
-    row[0] = must_select(remaining, wanted, refused, nonzero(told[_KNOWN_WRENCH]), declared)
-    row[1:] = fired(remaining, mass_reciprocal, held)
+    row[0] = must_select(remaining, wanted, refused, has_nonzero(told[_KNOWN_WRENCH]), declared)
+    row[1:] = fire_sample(remaining, mass_reciprocal, held)
     return row
 
 
 @kernel
-def fired(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
+def fire_sample(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
     """Runs a sample of a burst, shape (2 n_jets + 3,): cycles left after it, the command, and its velocity change.
 
     Args:
@@ -149,5 +151,5 @@ def fired(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
     command = coming_pulse(remaining, given.pulses)
     delivered = delivered_velocity(command, given.forces, mass_reciprocal, given.period_s)
     row = np.empty(2 * remaining.size + 3)
-    fill(row, (after_pulse(remaining, command), command, delivered))
+    fill(row, (remaining_after_pulse(remaining, command), command, delivered))
     return row

@@ -30,7 +30,7 @@ class GimbalControl(NamedTuple):
     period_s: float
 
 
-def by_angles(levels: Array, control: GimbalControl) -> Array:
+def gimbal_jacobian(levels: Array, control: GimbalControl) -> Array:
     """Computes derivatives of the vehicle's angular acceleration by the gimbal angles, 1/s^2, shape (3, 2 n).
 
     Args:
@@ -45,7 +45,7 @@ def by_angles(levels: Array, control: GimbalControl) -> Array:
     return np.asarray(np.linalg.solve(np.asarray(body.inertia), np.array(columns).T))
 
 
-def steered(scheduled: Array, rate: Array, turned: Array, control: GimbalControl) -> tuple[Array, Array]:
+def steer_gimbals(scheduled: Array, rate: Array, turned: Array, control: GimbalControl) -> tuple[Array, Array]:
     """Computes engine commands, shape (n, 3), and the integral of the rate since the burn began, rad, shape (3,).
 
     Args:
@@ -59,7 +59,7 @@ def steered(scheduled: Array, rate: Array, turned: Array, control: GimbalControl
         return scheduled, np.zeros(3)
     turned, own = turned + rate * control.period_s, control.bandwidth
     wanted = -own * (2.0 * _DAMPING * rate + own * turned)
-    angles = np.linalg.lstsq(by_angles(levels, control), wanted, rcond=1e-6)[0]
+    angles = np.linalg.lstsq(gimbal_jacobian(levels, control), wanted, rcond=1e-6)[0]
     commands = scheduled.copy()
     commands[:, 1:] += angles.reshape(-1, N_CHANNELS - 1)
     return commands, turned

@@ -14,8 +14,8 @@ import numpy as np
 
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
 from massprop_drake.maths.kernels import kernel, numbers
-from massprop_drake.maths.linear_algebra import Array, nonzero, skew
-from massprop_drake.maths.mass_properties import symmetric
+from massprop_drake.maths.linear_algebra import Array, has_nonzero, skew
+from massprop_drake.maths.mass_properties import symmetric_matrix
 
 
 def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
@@ -25,7 +25,7 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
         mass_properties: the ten parameters, shape (10,).
     """
-    inverse_inertia = symmetric(mass_properties[:6])
+    inverse_inertia = symmetric_matrix(mass_properties[:6])
     torque = wrenches[:, :3] - wrenches[:, 3:] @ skew(mass_properties[6:9]).T
     result = np.empty((6, wrenches.shape[0]))
     result[:3] = inverse_inertia @ torque.T
@@ -33,7 +33,7 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
     return result
 
 
-def forces_of(wrenches: Array) -> Array:
+def jet_forces(wrenches: Array) -> Array:
     """Returns forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
     return np.ascontiguousarray(wrenches[:, 3:].T)
 
@@ -93,7 +93,7 @@ def must_select(remaining: Array, request: Request, refused: Array, acts: bool, 
     """
     if declared or request.urgency == Urgency.AT_ONCE:
         return True
-    if nonzero(remaining):
+    if has_nonzero(remaining):
         return False
     if acts:
         return True
@@ -113,6 +113,6 @@ def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, pe
         mass_reciprocal: 1/slug or 1/kg.
         period_s: sample period, s.
     """
-    if not nonzero(command):
+    if not has_nonzero(command):
         return np.zeros(3)
     return (forces * mass_reciprocal) @ command * period_s

@@ -14,9 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.attitude import conjugate, from_rotation_vector, multiply, propagated, to_rotation_vector
+from massprop_drake.maths.attitude import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    propagate_attitude,
+    to_rotation_vector,
+)
 from massprop_drake.maths.kernels import kernel, numbers
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 
 
 class Urgency(IntEnum):
@@ -47,7 +53,7 @@ def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
     """Returns both hand controllers at a time: -1, 0 or 1 per axis, rotation xyz, then translation xyz, shape (6,)."""
     command = np.zeros(6)
     for window in windows:
-        if _in_force(window, time_s):
+        if _is_in_window(window, time_s):
             command[window.channel] = window.sign
     return command
 
@@ -56,11 +62,11 @@ def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
     """Returns `hand_controllers` at several times, shape (n, 6)."""
     rows = np.zeros((times_s.size, 6))
     for window in windows:
-        rows[_in_force(window, times_s), window.channel] = window.sign
+        rows[_is_in_window(window, times_s), window.channel] = window.sign
     return rows
 
 
-def _in_force(window: Window, time_s: Any) -> Any:
+def _is_in_window(window: Window, time_s: Any) -> Any:
     """Tests whether a window covers a time, or each of several."""
     return (window.start_s <= time_s) & (time_s < window.end_s)
 
@@ -141,14 +147,14 @@ def attitude_step(
     attitude, reference, holding, previous_rate = memory.attitude, memory.reference, memory.holding, memory.rate
     if math.isnan(previous_rate[0]):  # before the first reading no time has passed
         previous_rate, period_s = rate, 0.0
-    attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
+    attitude = propagate_attitude(attitude, 0.5 * (previous_rate + rate), period_s)
     error = to_rotation_vector(multiply(conjugate(reference), attitude))
     x, y, z = numbers(rotation_command, 3)
     held_x, held_y, held_z = numbers(holding, 3)
     rate_x, rate_y, rate_z = numbers(rate, 3)
-    keeps_x = _keeps(x, held_x, rate_x, capture_rate)
-    keeps_y = _keeps(y, held_y, rate_y, capture_rate)
-    keeps_z = _keeps(z, held_z, rate_z, capture_rate)
+    keeps_x = _holds_attitude(x, held_x, rate_x, capture_rate)
+    keeps_y = _holds_attitude(y, held_y, rate_y, capture_rate)
+    keeps_z = _holds_attitude(z, held_z, rate_z, capture_rate)
     now = np.array([keeps_x, keeps_y, keeps_z])
     if keeps_x * keeps_y * keeps_z == 0.0:
         error = error * now
@@ -157,7 +163,7 @@ def attitude_step(
 
 
 @kernel
-def _keeps(command: float, held: float, rate: float, capture_rate: float) -> float:
+def _holds_attitude(command: float, held: float, rate: float, capture_rate: float) -> float:
     """Returns 1 where an axis holds its attitude: in detent, and held before or slow enough by now; else 0."""
     return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
 
@@ -167,11 +173,17 @@ def commanded_rate(rotation_command: Array, attitude_error: Array, params: Phase
     """Computes the commanded rate of each axis, rad/s: the discrete rate, or the return to the held attitude."""
     x, y, z = numbers(rotation_command, 3)
     error_x, error_y, error_z = numbers(attitude_error, 3)
-    return np.array([_turning(x, error_x, params), _turning(y, error_y, params), _turning(z, error_z, params)])
+    return np.array(
+        [
+            _commanded_axis_rate(x, error_x, params),
+            _commanded_axis_rate(y, error_y, params),
+            _commanded_axis_rate(z, error_z, params),
+        ]
+    )
 
 
 @kernel
-def _turning(command: float, error: float, params: PhaseSpaceParams) -> float:
+def _commanded_axis_rate(command: float, error: float, params: PhaseSpaceParams) -> float:
     """Computes the commanded rate of one axis, rad/s."""
     if command != 0.0:
         return command * params.discrete_rate
@@ -244,15 +256,15 @@ def phase_space_request(
     rate_error = commanded_rate(sensed.rotation_command, sensed.attitude_error, params) - sensed.rate
     x, y, z = numbers(np.abs(rate_error), 3)
     largest = max(x, y, z)
-    if not nonzero(translation_command):
+    if not has_nonzero(translation_command):
         urgency = Urgency.WHEN_IDLE if largest > params.rate_deadband else Urgency.NONE
-        if nonzero(memory.command):  # back in detent: what is left of the translation is dropped
+        if has_nonzero(memory.command):  # back in detent: what is left of the translation is dropped
             urgency = Urgency.AT_ONCE
         return Request(rate_error, np.zeros(3), np.inf, urgency), TranslationMemory(
             translation_command, np.zeros(3), 0.0, 0.0
         )
 
-    changed = nonzero(translation_command - memory.command)
+    changed = has_nonzero(translation_command - memory.command)
     velocity_left = memory.velocity_left - sensed.delivered
     horizon_left = memory.horizon_left_s - period_s
     since = memory.since_selection_s + period_s
@@ -277,7 +289,7 @@ class PilotMemory(NamedTuple):
 
 
 @kernel
-def piloted(
+def run_autopilot(
     memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
 ) -> tuple[Request, Array, PilotMemory]:
     """Runs the autopilot for a sample: attitude by the gyro, then the request to jet selection.

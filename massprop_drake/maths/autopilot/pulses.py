@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 _SAME = 1e-9  # of a cycle: rounding
 _SHORTEST = 1e-6  # of a cycle, physics: no valve is faster; edges that are closer are one, see `on_times`
@@ -36,7 +36,7 @@ class Pulses(NamedTuple):
     accumulates: bool
 
 
-def whole_cycles(n_jets: int) -> Pulses:
+def whole_cycle_pulses(n_jets: int) -> Pulses:
     """Makes `Pulses` of valves that open and close only at cycle boundaries."""
     return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
 
@@ -56,7 +56,7 @@ def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: floa
     return Pulses(True, place, quanta_s / period_s, least, accumulates)
 
 
-def clocked(on_times: Array, pulses: Pulses) -> Array:
+def round_to_clock(on_times: Array, pulses: Pulses) -> Array:
     """Rounds on-times to the nearest whole steps of the valves' clocks, cycles, shape (n_jets,)."""
     steps = np.where(pulses.quanta > 0.0, pulses.quanta, 1.0)
     ticked = np.where(pulses.quanta > 0.0, np.floor(on_times / steps + 0.5) * steps, on_times)
@@ -75,7 +75,7 @@ def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, A
         owed: before, cycles, shape (n_jets,).
         pulses: of the jets.
     """
-    flown = clocked(on_times, pulses)
+    flown = round_to_clock(on_times, pulses)
     if pulses.place > 0.0:  # equal shares must not be too short
         cycles = np.ceil(flown - _SAME)
         flown = np.where((cycles > 1.0) & (flown < cycles * pulses.least), np.floor(flown + _SAME), flown)
@@ -109,7 +109,7 @@ def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
 
 
 @kernel
-def after_pulse(remaining: Array, flown: Array) -> Array:
+def remaining_after_pulse(remaining: Array, flown: Array) -> Array:
     """Computes on-times left after a cycle, cycles, shape (n_jets,); rounding errors count as zero."""
     left = remaining - flown
     return np.where(left < _SAME, 0.0, left)
@@ -119,7 +119,7 @@ def after_pulse(remaining: Array, flown: Array) -> Array:
 def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
     """Returns times in a cycle at which jets open, s, NaN where they switch with cycles, shape (n_jets,)."""
     if not pulses.within:
-        return levels_alone(shares.size)
+        return level_onsets(shares.size)
     return pulses.place * period_s * (1.0 - shares)
 
 

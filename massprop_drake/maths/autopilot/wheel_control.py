@@ -52,7 +52,7 @@ class WheelControlParams(NamedTuple):
     settings: PhaseSpaceParams
 
 
-def shares_of(axes: Array) -> Array:
+def torque_shares(axes: Array) -> Array:
     """Computes the matrix from the wheels' total torque to each motor's, shape (n, 3).
 
     Args:
@@ -83,7 +83,7 @@ def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: Wh
     return np.clip(torques, span * (-params.fastest - speeds), span * (params.fastest - speeds))
 
 
-def next_unloading(unloading: bool, speeds: Array, params: WheelControlParams) -> bool:
+def must_unload(unloading: bool, speeds: Array, params: WheelControlParams) -> bool:
     """Tests whether jets are to unload the wheels from now on.
 
     They begin when a wheel is too fast. They end when no wheel would be, were momentum shared as well as can be: what

@@ -52,12 +52,12 @@ _NO_SPREAD = np.zeros((3, 3))
 NO_ADAPTATION = Adaptation(Action.NONE, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, mass_jumped=False)
 
 
-def _left_alone(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled alone
+def _passive_adaptation(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled alone
     return Adaptation(action, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), mass_jumped)
 
 
-@idiom(_left_alone)
-def left_alone(action: int, mass_jumped: bool) -> Adaptation:
+@idiom(_passive_adaptation)
+def passive_adaptation(action: int, mass_jumped: bool) -> Adaptation:
     """Makes an adaptation with an action that takes nothing out of the innovations."""
     if action == Action.NONE and not mass_jumped:
         return NO_ADAPTATION
@@ -76,13 +76,13 @@ LAYOUT = Layout(
 _ACTION, _JUMPED = LAYOUT.slice("action").start, LAYOUT.slice("mass_jumped").start
 
 
-def packed(adaptation: Adaptation) -> Array:
+def pack_adaptation(adaptation: Adaptation) -> Array:
     """Packs an adaptation into a vector, shape (26,)."""
     return LAYOUT.pack(adaptation)
 
 
-def unpacked(vector: Array) -> Adaptation:
-    """Unpacks an adaptation: the inverse of `packed`."""
+def unpack_adaptation(vector: Array) -> Adaptation:
+    """Unpacks an adaptation: the inverse of `pack_adaptation`."""
     if vector.item(_ACTION) == 0.0 and vector.item(_JUMPED) == 0.0:  # Action.NONE
         return NO_ADAPTATION
     action, *parts = LAYOUT.read(vector)

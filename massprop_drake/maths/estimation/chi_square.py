@@ -21,10 +21,10 @@ def chi_square_limit(rate: float, degrees: int) -> float:
         middle = 0.5 * (low + high)
         if not low < middle < high:
             return middle
-        low, high = (middle, high) if _tail(middle, degrees) > rate else (low, middle)
+        low, high = (middle, high) if _tail_probability(middle, degrees) > rate else (low, middle)
 
 
-def _tail(value: float, degrees: int) -> float:
+def _tail_probability(value: float, degrees: int) -> float:
     """Computes the probability that chi-square of some degrees of freedom exceeds a value."""
     half = 0.5 * value
     odd = degrees % 2

@@ -20,9 +20,9 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Evidence, Judgment, KnownForce
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint, Told
-from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
-from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
-from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, all_ten
+from massprop_drake.maths.estimation.impulses import Impulses, add_wrench, interval_impulses
+from massprop_drake.maths.linear_algebra import Array, has_nonzero, is_covariance
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, join_ten_parameters
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
@@ -35,7 +35,7 @@ class EstimationParams(NamedTuple):
         lag: of the thrust, as the estimators take it.
         filter, filter_params: the method of estimation.
         detector, detector_params: the method of detection; None: there is none.
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
     """
 
     period_s: float
@@ -143,13 +143,13 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
     )
     known = known_force(state, sample, params)
     if known.acts:
-        impulses = with_wrench(impulses, known.wrench, params.period_s)
-    interval = Interval(impulses, known, told_of(sample))
+        impulses = add_wrench(impulses, known.wrench, params.period_s)
+    interval = Interval(impulses, known, collect_commands(sample))
     measurement = params.filter.measure(state.filter, sample.rates, sample.velocities, interval, params.filter_params)
     return Measured(interval, measurement)
 
 
-def told_of(sample: Sample) -> Told:
+def collect_commands(sample: Sample) -> Told:
     """Collects commands and other data of a sample for a filter with a thrust model of its own."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
@@ -159,7 +159,7 @@ def told_of(sample: Sample) -> Told:
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
     """Computes the effect of the forces of failed jets that are known already."""
-    if params.detector is None or not nonzero(state.detector.variance):
+    if params.detector is None or not has_nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
     return params.detector.known_force(state.detector, predicted, sample.command, params.detector_params)
@@ -171,11 +171,11 @@ def judge(state: EstimationState, sample: Sample, measured: Measured, params: Es
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
     evidence = seen
     if isinstance(seen, Joint):
-        evidence = evidence_of(sample.time_s, sample.command, measured.interval.impulses, seen)
+        evidence = make_evidence(sample.time_s, sample.command, measured.interval.impulses, seen)
     return params.detector.judge(state.detector, evidence, params.detector_params)
 
 
-def evidence_of(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
+def make_evidence(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
     """Joins the filter's innovations and the circumstances of the sample into the detector's evidence."""
     return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
 
@@ -197,12 +197,12 @@ def finish(
     return EstimationStep(after, interval, filtered, judgment)
 
 
-def _call(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
+def _call_directly(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
     return function(*arguments)
 
 
 def step(
-    state: EstimationState, sample: Sample, params: EstimationParams, call: Callable[..., Any] = _call
+    state: EstimationState, sample: Sample, params: EstimationParams, call: Callable[..., Any] = _call_directly
 ) -> EstimationStep:
     """Runs one cycle.
 
@@ -218,19 +218,21 @@ def step(
     return done
 
 
-def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
+def estimate_and_covariance(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
     """Returns estimate and covariance of the ten parameters in the filter's state, shapes (10,) and (10, 10)."""
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
-def reported(done: EstimationStep) -> tuple[Array, Array]:
+def reported_estimate(done: EstimationStep) -> tuple[Array, Array]:
     """Returns estimate and 1-sigma of the ten parameters after a cycle, NaN if not observed, shape (10,) each."""
     rotation, mass = done.filtered.rotation, done.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
-    return all_ten(rotation.estimate, reciprocal), all_ten(rotation.standard_deviation, deviation)
+    return join_ten_parameters(rotation.estimate, reciprocal), join_ten_parameters(
+        rotation.standard_deviation, deviation
+    )
 
 
-def saved(state: EstimationState, params: EstimationParams) -> Groups:
+def save_state(state: EstimationState, params: EstimationParams) -> Groups:
     """Packs the state into a dictionary of vectors, by the part of the diagram that holds each."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
@@ -239,8 +241,8 @@ def saved(state: EstimationState, params: EstimationParams) -> Groups:
     return groups
 
 
-def restored(groups: Groups, params: EstimationParams) -> EstimationState:
-    """Unpacks a state: the inverse of `saved`.
+def restore_state(groups: Groups, params: EstimationParams) -> EstimationState:
+    """Unpacks a state: the inverse of `save_state`.
 
     Raises:
         ValueError: when no run can have left such a state.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Field, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 
 TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovation that a detector sees
 
@@ -40,7 +40,7 @@ class KnownJets(NamedTuple):
             (n_jets, 6).
         thrusts: full force of each jet, lbf or N, shape (n_jets,).
         manifolds: index of each jet's propellant manifold, -1: it has none, shape (n_jets,).
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
     """
 
     period_s: float
@@ -105,9 +105,9 @@ _NO_SPREAD = np.zeros((3, 3))
 NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
-def known_force_of(vector: Array) -> KnownForce:
+def unpack_known_force(vector: Array) -> KnownForce:
     """Unpacks a known force from its vector; `NO_KNOWN_FORCE` itself where all is zero."""
-    return KnownForce(*KNOWN_FORCE.read(vector)) if nonzero(vector) else NO_KNOWN_FORCE
+    return KnownForce(*KNOWN_FORCE.read(vector)) if has_nonzero(vector) else NO_KNOWN_FORCE
 
 
 # what is logged of every cycle; what does not apply to a method is NaN

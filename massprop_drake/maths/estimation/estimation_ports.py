@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.filter import (
     NOT_MEASURED,
     ROTATION_REPORT,
     Joint,
-    not_measured,
+    empty_joint,
 )
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import (
@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
 from massprop_drake.maths.estimation.filters.thesis import TURNING, Turning
 from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
 from massprop_drake.maths.estimation.impulses import interval_impulses
-from massprop_drake.maths.kernels import fill, kernel, taken
+from massprop_drake.maths.kernels import fill, kernel, read_bundle
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.vehicle.thrust import LagFactors
@@ -112,7 +112,7 @@ class Heard(NamedTuple):
     adaptation: Adaptation
 
 
-def heard() -> Heard:
+def input_templates() -> Heard:
     """Makes a template of each vector that a filter gets: impulses, known force, adaptation."""
     return Heard(Acted(np.zeros(3), np.zeros(3), False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
 
@@ -178,24 +178,24 @@ class Rotating(NamedTuple):
     heard: Heard
 
 
-def rotating(params: RotationParams, state: RotationVector) -> Rotating:
+def make_rotation_filter(params: RotationParams, state: RotationVector) -> Rotating:
     """Makes the rotation filter with its parameters, its initial state, and templates of its vectors."""
-    return Rotating(params, state, _turned(), _rotation_seen(state.rates), heard())
+    return Rotating(params, state, _turned_template(), _rotation_seen_template(state.rates), input_templates())
 
 
-def _rotation_seen(rates: Array) -> RotationSeen:
+def _rotation_seen_template(rates: Array) -> RotationSeen:
     three, square, jacobian = np.zeros(3), np.zeros((3, 3)), np.zeros((3, N_ROTATION))
     return RotationSeen(square, three, three, False, square, jacobian, square, False, 0.0, False, rates)
 
 
-def _turned() -> Turned:
+def _turned_template() -> Turned:
     three, square = np.zeros(3), np.zeros((3, 3))
     covariance, cross = np.zeros((N_ROTATION, N_ROTATION)), np.zeros((3, N_ROTATION))
     return Turned(three, square, three, three, 0.0, np.zeros(N_ROTATION), covariance, cross)
 
 
 @kernel
-def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
+def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
     """Runs the rotation filter's measurement of a sample, packed as `Turned`, then `RotationSeen`.
 
     Args:
@@ -209,14 +209,18 @@ def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
     given = held.value
-    before, acted, known = taken(vector, given.state), taken(told, given.heard.acted), taken(force, given.heard.known)
+    before, acted, known = (
+        read_bundle(vector, given.state),
+        read_bundle(told, given.heard.acted),
+        read_bundle(force, given.heard.known),
+    )
     state = RotationState(before.estimate, before.covariance, None)
     acting = acted.firing or bool(known.wrench.any() or known.translation_spread.any())
     angular, linear = acted.angular_impulse, acted.linear_impulse
     interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
     memory = RotationMemory(before.rates, before.subtract_coupling)
     sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, given.params)
-    said = thesis.turning_from(state, sample, innovation)
+    said = thesis.make_turning(state, sample, innovation)
     row = np.empty(_TURNING + _ROTATION_SEEN + rates.size)
     fill(row, (said.innovation, said.innovation_covariance, said.increment, said.rate, said.rate_variance))
     fill(row[_PREDICTION:], (said.estimate, said.covariance, said.cross_covariance))
@@ -238,16 +242,16 @@ def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -
 
 
 @kernel
-def rotated(measured: Array, adaptation: Array, held: Any) -> Array:
+def finish_rotation(measured: Array, adaptation: Array, held: Any) -> Array:
     """Finishes the rotation filter's cycle: its report, packed as `ROTATION_REPORT`, and its state.
 
     Args:
-        measured: what `turning` gave.
+        measured: what `measure_rotation` gave.
         adaptation: packed as `adaptation.LAYOUT`.
         held: holder of `Rotating`.
     """
     given = held.value
-    said, seen = taken(measured, given.turned), taken(measured[_TURNING:], given.seen)
+    said, seen = read_bundle(measured, given.turned), read_bundle(measured[_TURNING:], given.seen)
     sample = RotationSample(
         said.increment,
         said.rate,
@@ -268,10 +272,10 @@ def rotated(measured: Array, adaptation: Array, held: Any) -> Array:
         seen.subtract_coupling,
         seen.nis,
     )
-    todo, state = taken(adaptation, given.heard.adaptation), RotationState(said.estimate, said.covariance, None)
+    todo, state = read_bundle(adaptation, given.heard.adaptation), RotationState(said.estimate, said.covariance, None)
     cycle = rotation_filter.finish_one(state, (sample, innovation), seen.learning, todo, given.params)
     after, row = cycle.state, np.empty(_ROTATION_REPORT + _ROTATION_STATE + seen.rates.size)
-    fill(row, thesis.report_of_rotation(innovation, cycle))
+    fill(row, thesis.rotation_report(innovation, cycle))
     fill(row[_ROTATION_REPORT:], (after.estimate, after.covariance, seen.subtract_coupling, seen.rates))
     return row
 
@@ -328,42 +332,47 @@ class Weighing(NamedTuple):
     heard: Heard
 
 
-def weighing(params: MassParams, state: MassVector) -> Weighing:
+def make_mass_filter(params: MassParams, state: MassVector) -> Weighing:
     """Makes the mass filter with its parameters, its initial state, and templates of its vectors."""
-    return Weighing(params, state, _turned(), _mass_seen(state.window, state.velocities), heard())
+    return Weighing(
+        params, state, _turned_template(), _mass_seen_template(state.window, state.velocities), input_templates()
+    )
 
 
-def _mass_seen(window: Array, velocities: Array) -> MassSeen:
+def _mass_seen_template(window: Array, velocities: Array) -> MassSeen:
     three, square, last = np.zeros(3), np.zeros((3, 3)), (0.0, 0.0, window, velocities)
     return MassSeen(three, square, square, square, 0.0, three, square, three, False, False, *last)
 
 
-def _size(bundle: tuple[Any, ...]) -> int:
+def _count_numbers(bundle: tuple[Any, ...]) -> int:
     """Counts the numbers in a bundle."""
     return sum(np.size(field) for field in bundle)
 
 
 # besides readings and the window
-_ROTATION_SEEN, _MASS_SEEN = _size(_rotation_seen(np.empty(0))), _size(_mass_seen(np.empty(0), np.empty(0)))
+_ROTATION_SEEN, _MASS_SEEN = (
+    _count_numbers(_rotation_seen_template(np.empty(0))),
+    _count_numbers(_mass_seen_template(np.empty(0), np.empty(0))),
+)
 
 
 @kernel
-def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
+def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
     """Computes the detector's evidence, packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
         vector: state, packed as `thesis.MASS_STATE`.
         velocities: readings of the accelerometers, shape (s, 3), of which the first that is there counts.
         turned: what the rotation filter says, packed as `Turned`.
-        told, force: as in `turning`.
+        told, force: as in `measure_rotation`.
         held: holder of `Weighing`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
     given = held.value
-    before, said = taken(vector, given.state), taken(turned, given.turned)
-    acted, known = taken(told, given.heard.acted), taken(force, given.heard.known)
+    before, said = read_bundle(vector, given.state), read_bundle(turned, given.turned)
+    acted, known = read_bundle(told, given.heard.acted), read_bundle(force, given.heard.known)
     state = MassState(before.mass_reciprocal, before.variance, before.window, None)
     turning = Turning(
         said.innovation,
@@ -378,13 +387,13 @@ def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force
         None,
     )
     interval = MassInterval(acted.linear_impulse, known.translation_spread, None)
-    both, rotation = (before.velocities, velocities), thesis.rotation_of(turning)
+    both, rotation = (before.velocities, velocities), thesis.rotation_inputs(turning)
     sample, innovation = mass_filter.measure_one(state, both, interval, rotation, given.params)
     row = np.empty(_EVIDENCE + _MASS_SEEN + before.window.size + before.velocities.size)
     if acted.usable:
-        fill(row, thesis.joint_of(turning, sample, innovation, state))
+        fill(row, thesis.join_innovations(turning, sample, innovation, state))
     else:
-        fill(row, not_measured())
+        fill(row, empty_joint())
     seen = MassSeen(
         innovation.innovation,
         innovation.covariance,
@@ -406,22 +415,22 @@ def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force
 
 
 @kernel
-def weighed(measured: Array, adaptation: Array, held: Any) -> Array:
+def finish_mass(measured: Array, adaptation: Array, held: Any) -> Array:
     """Finishes the mass filter's cycle: its report, packed as `MASS_REPORT`, and its state.
 
     Args:
-        measured: what `evidence` gave.
+        measured: what `measure_mass` gave.
         adaptation: packed as `adaptation.LAYOUT`.
         held: holder of `Weighing`.
     """
     given = held.value
-    seen, todo = taken(measured[_EVIDENCE:], given.seen), taken(adaptation, given.heard.adaptation)
+    seen, todo = read_bundle(measured[_EVIDENCE:], given.seen), read_bundle(adaptation, given.heard.adaptation)
     sample = MassSample(seen.measured, seen.noise, seen.linear_impulse, None)
     innovation = MassInnovation(seen.innovation, seen.covariance, seen.information, seen.spread, None, seen.nis)
     state = MassState(seen.mass_reciprocal, seen.variance, seen.window, None)
     cycle = mass_filter.finish_one(state, (sample, innovation), (seen.usable, seen.firing), todo, given.params)
     after, row = cycle.state, np.empty(_MASS_REPORT + 2 + seen.velocities.size + seen.window.size)
-    fill(row, thesis.report_of_mass(innovation, cycle))
+    fill(row, thesis.mass_report(innovation, cycle))
     fill(row[_MASS_REPORT:], (after.mass_reciprocal, after.variance, seen.velocities, after.window))
     return row
 
@@ -444,9 +453,9 @@ class Judging(NamedTuple):
     acted: Acted
 
 
-def judging(params: CglrParams) -> Judging:
+def make_detector(params: CglrParams) -> Judging:
     """Makes the detector with its parameters, its initial state, and templates of its vectors."""
-    return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, heard().acted)
+    return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, input_templates().acted)
 
 
 @kernel
@@ -461,12 +470,12 @@ def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> A
     """
     given = held.value
     row = np.empty(_KNOWN)
-    fill(row, acting_force(taken(vector, given.state), predicted, command, given.params))
+    fill(row, acting_force(read_bundle(vector, given.state), predicted, command, given.params))
     return row
 
 
 @kernel
-def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
+def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
     """Runs one cycle of the detector, from packed vectors to a packed one.
 
     Args:
@@ -485,7 +494,11 @@ def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Arra
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
     given = held.value
-    state, acted, joint = taken(vector, given.state), taken(told, given.acted), taken(seen, given.joint)
+    state, acted, joint = (
+        read_bundle(vector, given.state),
+        read_bundle(told, given.acted),
+        read_bundle(seen, given.joint),
+    )
     evidence = Evidence(
         time_s,
         command,
@@ -498,7 +511,7 @@ def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Arra
         joint.estimate_covariance,
         joint.cross_covariance,
     )
-    done = cglr.judged(state, evidence, given.params)
+    done = cglr.run_cycle(state, evidence, given.params)
     after, jets = done.state, command.size
     row = np.empty(_ADAPTATION + 1 + _WRENCH + vector.size + _STATUS + 4 * jets)
     fill(row, done.adaptation)

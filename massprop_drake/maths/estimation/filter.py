@@ -89,7 +89,7 @@ class Setup(NamedTuple):
         gyros, accelerometers: see `Instruments`.
         thrust: see `ThrustModel`.
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
         trackers: of attitude.
         disturbance: see `DisturbanceParams`, for the nominal vehicle.
         opens_at: where in a sample an on-time lies of which no onset is told, see `maths.vehicle.on_times`; None:
@@ -200,13 +200,13 @@ JOINT = Layout(
 NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
 
 
-def _not_measured():  # type: ignore[no-untyped-def] # compiled alone
+def _empty_joint():  # type: ignore[no-untyped-def] # compiled alone
     unknown = np.full(6, np.nan)
     return Joint(unknown, np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
 
 
-@idiom(_not_measured)
-def not_measured() -> Joint:
+@idiom(_empty_joint)
+def empty_joint() -> Joint:
     """Returns the `Joint` of a sample that is not tested: NaN and zeros."""
     return NOT_MEASURED
 
@@ -293,17 +293,17 @@ class FilterStep(NamedTuple):
     known: tuple[Array, Array] | None = None
 
 
-def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
+def replace_state(step: FilterStep, state: Any, _params: Any) -> FilterStep:
     """Replaces the filter's state after a cycle."""
     return step._replace(state=state)
 
 
-def publishing_its_own(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
+def publish_own_state(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
     """Returns the step unchanged: a filter of this kind reports no estimates but its own."""
     return step
 
 
-def telling(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
+def replace_estimates(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
     """Replaces the estimates in a cycle's reports; the innovations stay.
 
     Args:
@@ -356,7 +356,7 @@ class Filter(NamedTuple):
     covariance: Callable[[Any], Array]
     saved: Callable[[Any, Any], Groups]
     restored: Callable[[Groups, Any], Any]
-    replaced: Callable[[FilterStep, Any, Any], FilterStep] = going_on_from
-    published: Callable[[FilterStep, Any, Any], FilterStep] = publishing_its_own
+    replaced: Callable[[FilterStep, Any, Any], FilterStep] = replace_state
+    published: Callable[[FilterStep, Any, Any], FilterStep] = publish_own_state
     report: Layout | None = None
     growing: str = ""

@@ -43,14 +43,14 @@ class Foretelling(NamedTuple):
     shown: Array
 
 
-def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
+def begin_forecast(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
     """Begins a forecast before the first sample; returns it and its parameters, without second-order terms.
 
     Args:
         properties: the ten parameters, shape (10,).
         params: see `JointFilterParams`.
     """
-    places, begins = params.joint.places, joint.initial(params)
+    places, begins = params.joint.places, joint.initial_state(params)
     state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
     state.mean[:N_PROPERTIES] = properties
     pushes = 2 * places.jets + N_PROPERTIES

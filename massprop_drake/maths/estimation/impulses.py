@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, Layout
-from massprop_drake.maths.kernels import either, idiom, kernel
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.kernels import idiom, kernel, select_where
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
 
 _OFF, _ON_OFF = {0.0}, {0.0, 1.0}
@@ -46,7 +46,7 @@ class Impulses(NamedTuple):
 LAYOUT = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, firing=FLAG)
 
 
-def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone
+def _classify_command(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone
     steady, known, firing = True, True, False
     for jet in range(command.size):
         told = command[jet]
@@ -56,8 +56,8 @@ def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # co
     return steady, known, firing
 
 
-@idiom(_steadiness)
-def steadiness(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
+@idiom(_classify_command)
+def classify_command(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
     """Returns whether a combination of jets is steady, whether all of it is known, and whether it fires."""
     told = set(command.tolist())
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
@@ -90,16 +90,16 @@ def interval_impulses(
         lag: factors of the thrust lag; with zero time constants the level is the command.
         outside_impulse: of known outside forces, about the vehicle origin, shape (6,); None: none.
     """
-    steady, known, firing = steadiness(command, previous_command)
+    steady, known, firing = classify_command(command, previous_command)
     if not known:
-        command = either(np.isnan(command), 0.0, command)
-        firing = nonzero(command)
+        command = select_where(np.isnan(command), 0.0, command)
+        firing = has_nonzero(command)
     mean = after = command
     if not lag.instantaneous:
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
     impulse = np.dot(mean, impulse_per_level)
-    if _acts(outside_impulse):
-        impulse, firing = _sum(impulse, outside_impulse), True
+    if _is_acting(outside_impulse):
+        impulse, firing = _add_outside_impulse(impulse, outside_impulse), True
     return Impulses(
         angular_impulse=impulse[:3],
         linear_impulse=impulse[3:],
@@ -111,21 +111,21 @@ def interval_impulses(
 
 
 @kernel
-def _acts(outside_impulse: Array | None) -> bool:
+def _is_acting(outside_impulse: Array | None) -> bool:
     if outside_impulse is None:
         return False
-    return nonzero(outside_impulse)
+    return has_nonzero(outside_impulse)
 
 
 @kernel
-def _sum(impulse: Array, outside_impulse: Array | None) -> Array:
+def _add_outside_impulse(impulse: Array, outside_impulse: Array | None) -> Array:
     if outside_impulse is None:
         return impulse
     return impulse + outside_impulse
 
 
 @kernel
-def with_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
+def add_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
     """Adds the impulse of a wrench about the vehicle origin that acts all along, shape (6,)."""
     impulse = wrench * period_s
     return Impulses(

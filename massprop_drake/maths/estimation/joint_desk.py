@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import LINK, Traces
 from massprop_drake.maths.estimation.joint.swing import unswung
 from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, started
 from massprop_drake.maths.estimation.joint.wheels import Spun
-from massprop_drake.maths.estimation.whole import Samples, one_sample
+from massprop_drake.maths.estimation.whole import Samples, allocate_sample
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
@@ -102,7 +102,7 @@ class Besides(NamedTuple):
     before: Array
 
 
-def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
+def make_besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
     """Makes the further readings and commands of some rows, as `Besides`; zeros where cycles fill them in.
 
     Args:
@@ -166,7 +166,7 @@ def shut_engines(places: Places) -> Burn:
     return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
 
 
-def no_sample(places: Places) -> JointSample:
+def empty_sample(places: Places) -> JointSample:
     """Returns a sample of zeros, a template of its types."""
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
@@ -175,7 +175,7 @@ def no_sample(places: Places) -> JointSample:
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
 
 
-def no_following(places: Places, sample: JointSample) -> Following:
+def empty_following(places: Places, sample: JointSample) -> Following:
     """Returns inputs of `followed` without an onset, a template of their types."""
     n, m = places.size, places.outputs
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
@@ -200,14 +200,14 @@ def no_following(places: Places, sample: JointSample) -> Following:
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
-def no_memory(state: JointState, places: Places) -> JointMemory:
+def initial_memory(state: JointState, places: Places) -> JointMemory:
     """Returns the memory before the first cycle, from the filter's initial state."""
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 
 
-def no_past(places: Places, links: int) -> Past:
+def empty_past(places: Places, links: int) -> Past:
     """Returns empty storage of past states, with room for a number of links."""
     states = np.zeros((ONSETS, state_layout(places).size))
     kept = np.zeros((links, link_layout(places).size))
@@ -215,12 +215,12 @@ def no_past(places: Places, links: int) -> Past:
     return Past(states, roots, order, kept, np.zeros(links))
 
 
-def no_desk(places: Places) -> JointDesk:
+def empty_desk(places: Places) -> JointDesk:
     """Returns a desk with one row of zeros, a template of its types."""
-    samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
+    samples, nothing = allocate_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)
-    return JointDesk(samples, np.zeros(1), besides(1, places), rows, reached, no_past(places, 2), rules)
+    return JointDesk(samples, np.zeros(1), make_besides(1, places), rows, reached, empty_past(places, 2), rules)
 
 
 def link_layout(places: Places) -> Layout:

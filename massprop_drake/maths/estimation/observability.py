@@ -83,7 +83,7 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
     return rows.reshape(-1, 10)
 
 
-def unobservable(jacobian: Array, scale: Array) -> Array:
+def unobservable_combinations(jacobian: Array, scale: Array) -> Array:
     """Computes the null space of a Jacobian: unobservable parameter combinations, a row each, shape (10 - rank, 10).
 
     Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
@@ -104,10 +104,10 @@ def unobservable(jacobian: Array, scale: Array) -> Array:
     # of the triangular factor, which has the same values and rows, and ten rows instead of hundreds
     _, values, rows = np.linalg.svd(np.linalg.qr(scaled, mode="r"), full_matrices=True)
     rank = int((values > _RANK_TOLERANCE * values[0]).sum())
-    return _reduced(rows[rank:])
+    return _reduce_rows(rows[rank:])
 
 
-def _reduced(rows: Array) -> Array:
+def _reduce_rows(rows: Array) -> Array:
     """Computes the reduced row echelon form of independent rows, with pivoting; rounding below 1e-6 becomes zero."""
     result = rows.copy()
     row = 0
@@ -126,7 +126,7 @@ def _reduced(rows: Array) -> Array:
     return result
 
 
-def whitened(signatures: Array, covariance: Array) -> Array:
+def whiten_signatures(signatures: Array, covariance: Array) -> Array:
     """Whitens signatures by the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
 
     Args:
@@ -159,11 +159,11 @@ class Pair(NamedTuple):
     opposed: bool
 
 
-def pairs(signatures: Array) -> list[Pair]:
+def jet_pairs(signatures: Array) -> list[Pair]:
     """Returns all pairs of jets, those hardest to tell apart first.
 
     Args:
-        signatures: in units of the noise, see `whitened`, shape (n_jets, k); a jet that shows nothing
+        signatures: in units of the noise, see `whiten_signatures`, shape (n_jets, k); a jet that shows nothing
             (all but zero beside the others) looks like no other.
     """
     size, units = _sizes_and_directions(signatures)
@@ -201,7 +201,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
     by those that point against it. Where other jets fire too, rivals of both kinds count.
 
     Args:
-        signatures: in units of the noise per unit force, see `whitened`, shape (n_jets, k).
+        signatures: in units of the noise per unit force, see `whiten_signatures`, shape (n_jets, k).
         margin: in likelihood argument, see `jet_tests.isolate`.
         lost: whether the jet loses thrust while it fires; else it gives thrust untold.
     """
@@ -220,7 +220,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
     return Isolability(np.where(never, np.inf, force), np.where(rivalled, rival, -1))
 
 
-def span(vectors: Array, tolerance: float = 1e-6) -> Array:
+def span_basis(vectors: Array, tolerance: float = 1e-6) -> Array:
     """Computes an orthonormal basis of the span of vectors, a row each, shape (rank, 3).
 
     Args:

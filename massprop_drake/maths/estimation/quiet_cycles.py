@@ -11,7 +11,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationSt
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.estimation.faults.alarms import Watch, WatchedCycle
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, quiet_report_row
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
@@ -29,15 +29,15 @@ from massprop_drake.maths.estimation.joint_desk import (
     JointMemory,
     JointRows,
     Rules,
-    besides,
+    empty_past,
     link_layout,
-    no_past,
+    make_besides,
 )
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.estimation.whole_joint import Work
-from massprop_drake.maths.kernels import fill, held, released, shared
+from massprop_drake.maths.kernels import fill, make_holder, make_shared_holder, read_holder
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import split_sample
 
 
 class Quiet:
@@ -57,14 +57,14 @@ class Quiet:
         self._work: Work = joint.compiled
         self._places, self._wheels, self._compiled = joint.places, joint.wheels, compiled
         self._links = OLDEST * joint.rates.steps + 2  # that are kept: the oldest onset's, and those since
-        self._past, self._reached = no_past(joint.places, self._links), np.zeros(2, dtype=np.int_)
+        self._past, self._reached = empty_past(joint.places, self._links), np.zeros(2, dtype=np.int_)
         jets = joint.places.jets
         self._rules = Rules(
             made.period_s,
             np.ascontiguousarray(made.impulse_per_level),
             made.lag,
             np.zeros(STATUS.size + 4 * jets),
-            HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
+            HYPOTHESIS_REPORT.sized(jets=jets).pack(quiet_report_row(jets)),
         )
         self._cycles: deque[JointSample | tuple[Samples, Besides, int]] = deque(
             maxlen=self._links
@@ -80,9 +80,9 @@ class Quiet:
         beside: tracked readings and onsets, see `besides`.
             rows: to be filled in.
         """
-        self._samples, self._besides = samples, besides(samples.time_s.size, self._places, *beside)
+        self._samples, self._besides = samples, make_besides(samples.time_s.size, self._places, *beside)
         desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
-        self._desk = shared(desk, self._compiled)
+        self._desk = make_shared_holder(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
         """Goes on from a state, if nothing is happening in it."""
@@ -102,7 +102,7 @@ class Quiet:
             self._past.links[number % self._links] = layout.pack(record.link)
             self._past.excess[number % self._links] = 0.5 * (record.link.nis - record.link.degrees)
             self._cycles.append(record.sample)
-        fill(self._rules.detector_row, faults.unremarkable(detector))
+        fill(self._rules.detector_row, faults.quiet_log_rows(detector))
         memory = JointMemory(
             filtered.joint,
             filtered.clock,
@@ -115,7 +115,7 @@ class Quiet:
             filtered.frame,
             filtered.speeds,
         )
-        self._memory = held(memory, self._compiled)
+        self._memory = make_holder(memory, self._compiled)
 
     def advance(self, row: int, until: int) -> int:
         """Advances from a row as long as nothing happens, or to another that is not taken any more; returns which."""
@@ -129,7 +129,7 @@ class Quiet:
 
     def state(self) -> EstimationState:
         """Returns the state with which the next cycle begins."""
-        kept: JointMemory = released(self._memory)
+        kept: JointMemory = read_holder(self._memory)
         since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
         states = self._past.states.copy()
         onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
@@ -162,7 +162,7 @@ class Quiet:
         samples, beside, row = each
         duration_s = float(beside.durations_s[row])
         outside, wheels = samples.outside[row] * duration_s, self._wheels
-        durations, commands = pieces(
+        durations, commands = split_sample(
             samples.commands[row], beside.onsets_s[row], self._rules.period_s, (0.0, duration_s)
         )
         plain = JointSample(

@@ -39,7 +39,9 @@ class Rule(IntEnum):
     SERIAL = 5
 
 
-def combined(measurements: Array, covariances: Array, rule: int, *, correlated: bool = False) -> tuple[Array, Array]:
+def combine_packages(
+    measurements: Array, covariances: Array, rule: int, *, correlated: bool = False
+) -> tuple[Array, Array]:
     """Combines the measurements of several packages into one, shape (3,), with its covariance, shape (3, 3).
 
     Args:

@@ -57,13 +57,13 @@ class Whitener(NamedTuple):
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
         rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)
-        substituted(self.factor, rows)
+        substitute_forward(self.factor, rows)
         result = np.zeros_like(x)
         result[..., 1:] = np.moveaxis(rows.reshape(-1, *x.shape[:-1]), 0, -1)
         return result
 
 
-def substituted(factor: Array, rows: Array) -> None:
+def substitute_forward(factor: Array, rows: Array) -> None:
     """Solves L y = u in place, by forward substitution.
 
     Args:
@@ -79,7 +79,7 @@ def substituted(factor: Array, rows: Array) -> None:
         rows[k] /= own[k]
 
 
-def factored(bands: Array) -> Array:
+def factor_banded(bands: Array) -> Array:
     """Computes the lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n).
 
     Args:
@@ -94,7 +94,7 @@ def factored(bands: Array) -> Array:
     return np.array(factor).T.copy()
 
 
-def whitener(time_s: Array, noise: Gathering) -> Whitener:
+def make_whitener(time_s: Array, noise: Gathering) -> Whitener:
     """Makes the whitener of a component that is read at some times.
 
     Args:
@@ -105,7 +105,7 @@ def whitener(time_s: Array, noise: Gathering) -> Whitener:
     if noise.acting == 0.0:
         bands = np.zeros((3, n))
         bands[0], bands[1, :-1] = own + 2.0, -1.0
-        return Whitener(factored(bands), np.ones(n), np.zeros(n - 1))
+        return Whitener(factor_banded(bands), np.ones(n), np.zeros(n - 1))
     constant_s = noise.time_constant_s
     x = length_s / constant_s
     lost = -np.expm1(-x)
@@ -129,4 +129,4 @@ def whitener(time_s: Array, noise: Gathering) -> Whitener:
     if n > 2:
         bands[2, 0] = first[1] * behind[1]
         bands[2, 1:-2] = ahead[:-2] * behind[2:]
-    return Whitener(factored(bands), 1.0 / theta, kept[:-1])
+    return Whitener(factor_banded(bands), 1.0 / theta, kept[:-1])

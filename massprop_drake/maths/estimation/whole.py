@@ -11,21 +11,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.adaptation import Adaptation, left_alone
+from massprop_drake.maths.estimation.adaptation import Adaptation, passive_adaptation
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS, Evidence, KnownForce, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
-from massprop_drake.maths.estimation.filter import not_measured
+from massprop_drake.maths.estimation.filter import empty_joint
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassInterval, MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationInterval, RotationMemory, RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisState
-from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
+from massprop_drake.maths.estimation.impulses import add_wrench, interval_impulses
 from massprop_drake.maths.kernels import fill, kernel
-from massprop_drake.maths.linear_algebra import Array, nonzero
-from massprop_drake.maths.mass_properties import all_ten
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
+from massprop_drake.maths.mass_properties import join_ten_parameters
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 _EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Verdict.DECLARED)
@@ -75,7 +75,7 @@ class Samples(NamedTuple):
     outside: Array
 
 
-def one_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
+def allocate_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
     """Allocates one sample of zeros for so many gyros, accelerometers and jets."""
     velocities = np.zeros((1, accelerometers, 3))
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
@@ -95,7 +95,7 @@ class ThesisAsked(NamedTuple):
     closed: Array
 
 
-def nothing_asked(n_jets: int) -> ThesisAsked:
+def empty_requests(n_jets: int) -> ThesisAsked:
     """Allocates the detector's requests as zeros, to be written in place."""
     return ThesisAsked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
 
@@ -120,14 +120,14 @@ def covers(params: EstimationParams) -> bool:
     return (
         params.filter is thesis.FILTER
         and made.mass is not None
-        and rotation_filter.counts_one(made.rotation)
-        and mass_filter.counts_one(made.mass)
+        and rotation_filter.uses_one_package(made.rotation)
+        and mass_filter.uses_one_package(made.mass)
         and made.thrust_errors is None
         and (params.detector is None or params.detector is cglr.DETECTOR)
     )
 
 
-def params_of(params: EstimationParams) -> WholeParams:
+def kernel_params(params: EstimationParams) -> WholeParams:
     """Makes the kernel's parameters from those of a cycle that it covers."""
     made = params.filter_params
     return WholeParams(
@@ -150,26 +150,26 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
     """
     state, block, given = holder.value, rows.value, params.value
     while reached[0] < reached[1]:
-        state = one(state, block.samples, reached[0], (block.rows, reached[0]), given)
+        state = step_cycle(state, block.samples, reached[0], (block.rows, reached[0]), given)
         holder.value = state
         reached[0] += 1
-    _ask(block.asked, state.detector, block.rows.detector_report, reached[0] - 1)
+    _write_requests(block.asked, state.detector, block.rows.detector_report, reached[0] - 1)
 
 
 @kernel
-def cycled(state: EstimationState, block: ThesisBlock, row: int, params: WholeParams) -> EstimationState:
+def run_cycle(state: EstimationState, block: ThesisBlock, row: int, params: WholeParams) -> EstimationState:
     """Runs a single cycle; fills in its row and the requests after it, and returns the state.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    after = one(state, block.samples, row, (block.rows, row), params)
-    _ask(block.asked, after.detector, block.rows.detector_report, row)
+    after = step_cycle(state, block.samples, row, (block.rows, row), params)
+    _write_requests(block.asked, after.detector, block.rows.detector_report, row)
     return after
 
 
 @kernel
-def one(
+def step_cycle(
     state: EstimationState, samples: Samples, index: int, logged: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
     """Runs one cycle of both filters and the detector on a sample, and fills in its log rows.
@@ -185,14 +185,14 @@ def one(
     impulses = interval_impulses(command, state.command, state.level, params.impulse_per_level, params.lag, outside)
     acts, known = _known_force(state.detector, filters, command, params.detector)
     if acts:
-        impulses = with_wrench(impulses, known.wrench, params.period_s)
+        impulses = add_wrench(impulses, known.wrench, params.period_s)
     angular, linear = impulses.angular_impulse, impulses.linear_impulse
     acting = impulses.firing or acts
     interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
     turned, turning = rotation_filter.measure_one(filters.rotation, filters.memory, rates, interval, params.rotation)
-    told = thesis.turning_from(filters.rotation, turned, turning)
+    told = thesis.make_turning(filters.rotation, turned, turning)
     pushed, both = MassInterval(linear, known.translation_spread, None), (filters.velocities, velocities)
-    moved, moving = mass_filter.measure_one(filters.mass, both, pushed, thesis.rotation_of(told), params.mass)
+    moved, moving = mass_filter.measure_one(filters.mass, both, pushed, thesis.rotation_inputs(told), params.mass)
     # judge
     joint = _evidence(impulses.usable, told, moved, moving, filters.mass)
     seen = Evidence(
@@ -208,15 +208,15 @@ def one(
         joint.cross_covariance,
     )
     rows, row = logged
-    detector, adaptation = _judged(state.detector, seen, rows.detector_report, row, params.detector)
+    detector, adaptation = _run_detector(state.detector, seen, rows.detector_report, row, params.detector)
     # finish
     usable, firing = impulses.usable, impulses.firing
     learning = usable and firing
     rotation = rotation_filter.finish_one(filters.rotation, (turned, turning), learning, adaptation, params.rotation)
     mass = mass_filter.finish_one(filters.mass, (moved, moving), (usable, firing), adaptation, params.mass)
     fill(rows.impulses[row], (angular, linear, impulses.usable, impulses.firing))
-    fill(rows.rotation_report[row], thesis.report_of_rotation(turning, rotation))
-    fill(rows.mass_report[row], thesis.report_of_mass(moving, mass))
+    fill(rows.rotation_report[row], thesis.rotation_report(turning, rotation))
+    fill(rows.mass_report[row], thesis.mass_report(moving, mass))
     memory = RotationMemory(rates, turning.subtract_coupling)
     after = ThesisState(rotation.state, memory, mass.state, velocities)
     return EstimationState(command, impulses.level, after, detector)
@@ -225,8 +225,8 @@ def one(
 @kernel
 def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> Any:
     if usable:
-        return thesis.joint_of(told, moved, moving, mass)
-    return not_measured()
+        return thesis.join_innovations(told, moved, moving, mass)
+    return empty_joint()
 
 
 @kernel
@@ -234,7 +234,7 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
     """Returns whether any known force of a failed jet acts, and the effect of all."""
     if params is None:
         return False, _no_force()
-    return _acting(state, filters, command, params)
+    return _acting_known_force(state, filters, command, params)
 
 
 @kernel
@@ -243,27 +243,31 @@ def _no_force() -> KnownForce:
 
 
 @kernel
-def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
-    if not nonzero(state.variance):
+def _acting_known_force(
+    state: DetectorState, filters: Any, command: Array, params: CglrParams
+) -> tuple[bool, KnownForce]:
+    if not has_nonzero(state.variance):
         return False, _no_force()
-    predicted = all_ten(filters.rotation.estimate, filters.mass.mass_reciprocal)
+    predicted = join_ten_parameters(filters.rotation.estimate, filters.mass.mass_reciprocal)
     known = acting_force(state, predicted, command, params)
-    return nonzero(known.wrench) or nonzero(known.translation_spread.ravel()), known
+    return has_nonzero(known.wrench) or has_nonzero(known.translation_spread.ravel()), known
 
 
 @kernel
-def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None) -> tuple[Any, Adaptation]:
+def _run_detector(
+    state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None
+) -> tuple[Any, Adaptation]:
     """Computes the detector's state after a cycle and the filters' adaptation; fills in its row."""
     if params is None:
-        return state, left_alone(0, False)
-    done = cglr.judged(state, seen, params)
+        return state, passive_adaptation(0, False)
+    done = cglr.run_cycle(state, seen, params)
     fill(rows[row], cglr.status_values(done))
     fill(rows[row, _OF_JETS:], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))
     return done.state, done.adaptation
 
 
 @kernel
-def _ask(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
+def _write_requests(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
     if state is None:
         return
     asked.declared[0] = rows[last, _EVENT] == _DECLARED

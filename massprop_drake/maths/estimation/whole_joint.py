@@ -5,7 +5,7 @@ What such a cycle keeps stays within a `kernels.Holder` and in arrays that are w
 it goes straight into rows. A cycle that is anything else is not taken: it is left to the parts, `cycle.step`, which
 begin with what `quiet_cycles.Quiet.state` makes of these.
 
-All compiled code of the joint filter is one function, `work`, of whose parts Python asks for one at a time: machine
+All compiled code of the joint filter is one function, `run_part`, of whose parts Python asks for one at a time: machine
 code is made of each kernel once, and not for each of its callers.
 """
 
@@ -35,17 +35,17 @@ from massprop_drake.maths.estimation.joint_desk import (
     JointMemory,
     JointRows,
     Past,
-    no_desk,
-    no_following,
-    no_memory,
-    no_sample,
+    empty_desk,
+    empty_following,
+    empty_sample,
+    initial_memory,
     shut_engines,
 )
-from massprop_drake.maths.kernels import chosen, either, fill, held, kernel, shared
+from massprop_drake.maths.kernels import compile_kernel_if, fill, kernel, make_holder, make_shared_holder, select_where
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import split_sample
 
-GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
+GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `run_part`
 _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
 
 
@@ -62,11 +62,11 @@ class Asked(NamedTuple):
 
 
 @kernel
-def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
+def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
     """Runs the part of the joint filter's cycle that `part` names; a kernel compiled once for all parts.
 
     Args:
-        part: GO_ON: see `watch`; CYCLE: see `joint_cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
+        part: GO_ON: see `run_quiet_cycles`; CYCLE: see `joint_cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
             `relinearization.gone_over`.
         asked: holder of `Asked`, for CYCLE and GO_OVER.
         following: holder of `bank.Following`, for FOLLOW.
@@ -79,7 +79,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     params = holder.value
     one = found = over = None
     if part == GO_ON:
-        watch(memory, desk.value, params)
+        run_quiet_cycles(memory, desk.value, params)
     elif part == FOLLOW:
         told = following.value
         found = followed(told.since, told.roots, told.seen, told.cycle, told.least, params)
@@ -93,7 +93,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
 
 
 @kernel
-def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
+def run_quiet_cycles(memory: Any, desk: JointDesk, params: JointParams) -> None:
     """Runs cycles up to a row, or to the first with an alarm or other event, whose cycle is not kept.
 
     Args:
@@ -101,7 +101,7 @@ def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
     """
     reached = desk.reached
     while reached[0] < reached[1]:
-        after, on = _watched(memory.value, desk, reached[0], params)
+        after, on = _run_quiet_cycle(memory.value, desk, reached[0], params)
         if not on:
             break
         memory.value = after
@@ -109,16 +109,16 @@ def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
 
 
 @kernel
-def _watched(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
+def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
     """Runs a cycle; returns the memory after it, and whether the cycle was without alarm or other event."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
-    duration_s = _passed(kept.clock, stamp_s, rules.period_s, params)
+    duration_s = _interval_length(kept.clock, stamp_s, rules.period_s, params)
     if duration_s == 0.0 or np.isnan(command).any():
         return kept, False
     outside = samples.outside[row] * duration_s
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
-    sample = _sample(kept, desk, row, duration_s, params)
+    sample = _make_sample(kept, desk, row, duration_s, params)
     done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
@@ -132,10 +132,10 @@ def _watched(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) 
         if alarming(likelihood, found.tested.total.max()):
             return kept, False
     newest = 0.5 * (found.link.nis - found.link.degrees)
-    if newest - _usual(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
+    if newest - _mean_excess(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
         return kept, False
-    _remember(desk.past, after, found, cycle)
-    _log(desk.rows, row, impulses, done, params)
+    _store_onset(desk.past, after, found, cycle)
+    _fill_log_rows(desk.rows, row, impulses, done, params)
     desk.rows.detector_report[row] = rules.detector_row
     desk.rows.detector_report[row, _TESTED] = found.complete
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
@@ -143,14 +143,14 @@ def _watched(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) 
     clock = started(stamp_s, command)
     clock.earlier_onset_s[:] = desk.besides.onsets_s[row]
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
-    speeds = either(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
+    speeds = select_where(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
     frame = sample.frames[1].copy()
     kept = JointMemory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
     return kept, True
 
 
 @kernel
-def _passed(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
+def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
     """Returns the length of the interval that ends with a stamp, s; 0: it is not as usual."""
     if params.rates.period_s == 0.0:
         return period_s if on_time(clock, stamp_s, period_s) else 0.0
@@ -159,17 +159,17 @@ def _passed(clock: Clock, stamp_s: float, period_s: float, params: JointParams) 
 
 
 @kernel
-def _sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
+def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
     """Makes the sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
     samples, beside = desk.samples, desk.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
-    durations, commands = pieces(command, onset_s, desk.rules.period_s, (0.0, duration_s))
+    durations, commands = split_sample(command, onset_s, desk.rules.period_s, (0.0, duration_s))
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     frames, attitudes = np.zeros((2, 4)), np.zeros((params.places.trackers, 3))
     if params.places.trackers > 0:
         before = kept.joint.mean[RATE]
         shown = rate_read(rates, kept.joint.mean, params).rate
-        rate = 0.5 * (before + either(np.isnan(shown), before, shown))
+        rate = 0.5 * (before + select_where(np.isnan(shown), before, shown))
         frames[0] = kept.frame
         frames[1], attitudes = shared_attitude(kept.frame, rate, duration_s, beside.quaternions[row])
     speeds, _ = spun(kept.speeds, beside.speeds[row], duration_s, params.wheels)
@@ -192,7 +192,7 @@ def _sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, par
 
 
 @kernel
-def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> None:
+def _store_onset(past: Past, after: JointState, found: Followed, cycle: float) -> None:
     """Stores the newest onset in a free place, and its cycle beside it."""
     stay = found.keep.shape[0]
     past.places[:stay] = past.places[found.keep]
@@ -208,7 +208,7 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
 
 
 @kernel
-def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
+def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> float:
     """Computes the mean of half the excess NIS over cycles between oldest onset and newest; without any, `newest`."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
@@ -218,7 +218,7 @@ def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
 
 
 @kernel
-def _log(rows: JointRows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
+def _fill_log_rows(rows: JointRows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
     """Fills in the filter's log rows."""
     expected, gyros = done.expected, 3 * params.places.gyros
     accelerometers = 3 * params.places.accelerometers
@@ -243,7 +243,7 @@ def _log(rows: JointRows, row: int, impulses: Impulses, done: Cycled, params: Jo
 
 
 class Work:
-    """Compiled `work`, or the plain one, for some parameters; compiled now, and not in the midst of a flight.
+    """Compiled `run_part`, or the plain one, for some parameters; compiled now, and not in the midst of a flight.
 
     Args:
         params: of the filter.
@@ -251,19 +251,19 @@ class Work:
     """
 
     def __init__(self, params: JointParams, *, compile_it: bool = True):
-        self._work, self._compiled = chosen(work, compile_it), compile_it
-        self._params = held(params, compile_it)
-        state, sample = initial(params), no_sample(params.places)
+        self._work, self._compiled = compile_kernel_if(run_part, compile_it), compile_it
+        self._params = make_holder(params, compile_it)
+        state, sample = initial(params), empty_sample(params.places)
         cycling = Cycling(state, sample, params.thresholds, OWN_CHOICE)
-        self._no_asked = held(Asked(cycling, state.mean), compile_it)
-        self._no_following = held(no_following(params.places, sample), compile_it)
-        self._no_memory = held(no_memory(state, params.places), compile_it)
-        self._no_desk = held(no_desk(params.places), compile_it)
+        self._no_asked = make_holder(Asked(cycling, state.mean), compile_it)
+        self._no_following = make_holder(empty_following(params.places, sample), compile_it)
+        self._no_memory = make_holder(initial_memory(state, params.places), compile_it)
+        self._no_desk = make_holder(empty_desk(params.places), compile_it)
         if compile_it:
             self.watch(self._no_memory, self._no_desk)
 
     def watch(self, memory: Any, desk: Any) -> None:
-        """Runs `watch`, see there; both are holders."""
+        """Runs `run_quiet_cycles`, see there; both are holders."""
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
@@ -277,12 +277,12 @@ class Work:
         return over
 
     def _asked(self, part: int, asked: Asked) -> Any:
-        given = shared(asked, self._compiled)
+        given = make_shared_holder(asked, self._compiled)
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
     def followed(self, following: Following) -> Followed:
         """Runs `bank.followed`, see there."""
-        given = shared(following, self._compiled)
+        given = make_shared_holder(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found
 

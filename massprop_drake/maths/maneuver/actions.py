@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.aims import Known
-from massprop_drake.maths.maneuver.information import FollowedCourse, Step, followed
+from massprop_drake.maths.maneuver.information import FollowedCourse, Step, advance_course
 
 _LENGTHS = (1, 2, 4, 8, 16)  # samples that an action lasts, a compute budget
 _COASTS = (1, 5)  # samples after it; compute budget
@@ -69,12 +69,14 @@ class FiringAction(NamedTuple):
         return self.samples + self.coast
 
 
-def coasting(samples: int, craft: Craft) -> FiringAction:
+def coast_action(samples: int, craft: Craft) -> FiringAction:
     """Makes an action in which nothing fires."""
     return FiringAction((), (0.0,) * craft.torques.size, 0, samples, 0.0)
 
 
-def candidates(sets: Sequence[tuple[int, ...]], craft: Craft, lengths: Sequence[int] = _LENGTHS) -> list[FiringAction]:
+def candidate_actions(
+    sets: Sequence[tuple[int, ...]], craft: Craft, lengths: Sequence[int] = _LENGTHS
+) -> list[FiringAction]:
     """Lists actions of a vehicle: sets of jets, and wheels, of several lengths.
 
     Args:
@@ -116,7 +118,7 @@ class FlownAction(NamedTuple):
     displacement: float
 
 
-def fly(
+def fly_action(
     before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, known: Known | None = None
 ) -> FlownAction:
     """Propagates a course, its information and motion, through an action.
@@ -125,24 +127,24 @@ def fly(
         before: the course, and the number of its samples.
         action: that follows.
         craft: see `Craft`.
-        known: before the course, see `information.followed`.
+        known: before the course, see `information.advance_course`.
     """
     flown = FlownAction(*before, 0.0, 0.0, 0.0)
     for sample in range(action.length):
-        flown = stepped(flown, action, craft, known, fires=sample < action.samples)
+        flown = fly_action_sample(flown, action, craft, known, fires=sample < action.samples)
     return flown
 
 
-def stepped(
+def fly_action_sample(
     before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
 ) -> FlownAction:
-    """Propagates a course by one sample of an action, firing or coasting; arguments as `fly`."""
+    """Propagates a course by one sample of an action, firing or coasting; arguments as `fly_action`."""
     places, row = craft.params.places, before.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:
         command[list(action.jets)], torques[:] = 1.0, action.torques
     step = Step(command, torques, craft.period_s, row % craft.every != 0)
-    course = followed(before.course, step, craft.params, known)
+    course = advance_course(before.course, step, craft.params, known)
     return FlownAction(
         course,
         row,

@@ -91,7 +91,7 @@ class Reached(NamedTuple):
         return float(np.log(np.maximum(self.ratios, 1.0)).sum())
 
 
-def reached(shown: Array, known: Known, aims: Aims) -> Reached:
+def compare_with_aims(shown: Array, known: Known, aims: Aims) -> Reached:
     """Compares the information of a course with aims.
 
     Args:
@@ -110,16 +110,16 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
         by_forces = np.linalg.solve(root, size.reshape(-1, 1) * shown[of][:, first:])
         left = shown[first:, first:] - by_forces.T @ by_forces
         own, other = aims.pairs.T
-        another = from_another(left[own, own], left[own, other], left[other, other], aims.forces)
-        nothing = from_nothing(left[own, own], aims.forces, aims.most)
+        another = expected_llr_other_jet(left[own, own], left[own, other], left[other, other], aims.forces)
+        nothing = expected_llr_no_failure(left[own, own], aims.forces, aims.most)
         if aims.jumps.size:
-            nothing -= np.logaddexp(0.0, aims.jump + of_jump(left, own, aims.forces, aims.jumps))
+            nothing -= np.logaddexp(0.0, aims.jump + expected_llr_jumps(left, own, aims.forces, aims.jumps))
         deltas = np.maximum(np.where(other < 0, nothing, another), _NOTHING)
         ratios.append(np.sqrt(aims.odds / deltas))
     return Reached(deviations, deltas, np.concatenate(ratios))
 
 
-def from_another(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
+def expected_llr_other_jet(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
     """Computes the expected log likelihood ratio of a jet's force to the best-fitting force of another jet, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
@@ -131,12 +131,12 @@ def from_another(own: Array, cross: Array, other: Array, force: Array | float) -
     return 0.5 * force**2 * (own - np.maximum(cross, 0.0) ** 2 / np.maximum(other, _TINY))
 
 
-def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array:
-    """Computes the expected log likelihood ratio of an unknown force to none, nats; arguments as `from_another`."""
+def expected_llr_no_failure(own: Array, force: Array | float, most: Array | float) -> Array:
+    """Computes the expected log likelihood ratio of an unknown force to none, nats, as `expected_llr_other_jet`."""
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
 
 
-def of_jump(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
+def expected_llr_jumps(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
     """Computes log likelihood ratios of jumps, summed over sizes, to no fault, where a jet fails, nats, shape (p,).
 
     Args:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.attitude import propagated as turned_on
+from massprop_drake.maths.attitude import propagate_attitude as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.beginning import begun, initial
@@ -84,7 +84,7 @@ def n_known(params: JointParams) -> int:
     return N_PROPERTIES + params.places.force - params.places.thrust
 
 
-def start(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
+def initial_course(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
     """Makes the course before its first step, with no information on the motion.
 
     Args:
@@ -101,7 +101,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
     mean[:N_PROPERTIES], mean[RATE] = properties, rate
     mean[places.fill : places.fill + places.tanks] = params.tanks.fill
     step = Step(np.zeros(places.jets), np.zeros(places.wheels), 0.0, np.ones(places.outputs, dtype=bool))
-    sample = _sample(before, step, (UNTURNED, UNTURNED), (speeds, speeds), params)
+    sample = _zero_sample(before, step, (UNTURNED, UNTURNED), (speeds, speeds), params)
     joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
         mean=mean, reference=mean[RATE].copy()
     )
@@ -112,7 +112,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
     return FollowedCourse(joint, carried, np.zeros((size, size)), UNTURNED, np.zeros(3), np.zeros(3), speeds)
 
 
-def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
+def begin_failures(course: FollowedCourse, params: JointParams) -> FollowedCourse:
     """Starts failures and mass-property jumps at the end of a course, with no information on them yet."""
     first = n_known(params)
     carried, shown = course.carried.copy(), course.shown.copy()
@@ -121,7 +121,9 @@ def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCou
     return course._replace(carried=carried, shown=shown)
 
 
-def followed(course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None) -> FollowedCourse:
+def advance_course(
+    course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None
+) -> FollowedCourse:
     """Advances the course by one interval.
 
     Args:
@@ -134,12 +136,12 @@ def followed(course: FollowedCourse, step: Step, params: JointParams, before_it:
     places, before = params.places, course.joint
     speeds = course.speeds + step.torques * step.period_s / params.wheels.inertias
     frame = turned_on(course.attitude, before.mean[RATE], step.period_s)
-    sample = _sample(before, step, (course.attitude, frame), (course.speeds, speeds), params)
+    sample = _zero_sample(before, step, (course.attitude, frame), (course.speeds, speeds), params)
     doubt = None
     if before_it is not None and (step.command.any() or step.torques.any()):
-        doubt = _doubt(course, before_it, params)
+        doubt = _covariance_root(course, before_it, params)
     end = bound.ahead(before, sample, None, params, doubt)
-    weighed = ~step.missing, _variances(before, end, params)
+    weighed = ~step.missing, _reading_variances(before, end, params)
     after, done = bound.taken_in(before, end, sample.time_s, weighed, params)
     first = n_known(params)
     failing = leaks_and_losses(places.jets), slice(first, first + 2 * places.jets)
@@ -161,7 +163,7 @@ def followed(course: FollowedCourse, step: Step, params: JointParams, before_it:
     )
 
 
-def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
+def _covariance_root(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
     """Computes a root of the whole state's covariance, motion and parameters independent, shape (size, size)."""
     of, root = before_it.of, course.joint.root.copy()
     lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
@@ -172,7 +174,7 @@ def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Arr
     return root
 
 
-def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
+def _reading_variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
     """Computes variances of the readings, shape (m,): a rounded one without noise is new only when it changes."""
     moved = outputs(end.mean, before.reference, end.spin, params)[0]
     moved -= outputs(before.mean, before.reference, before.spin, params)[0]
@@ -180,7 +182,7 @@ def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) 
     return params.variances / np.clip(changes, _SELDOM, 1.0)
 
 
-def _sample(
+def _zero_sample(
     state: JointState, step: Step, frames: tuple[Array, Array], speeds: tuple[Array, Array], params: JointParams
 ) -> JointSample:
     """Makes a sample in which only the missing readings matter; all others are zero."""

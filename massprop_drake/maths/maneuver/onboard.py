@@ -11,10 +11,18 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array, scaled_inverse
-from massprop_drake.maths.maneuver.actions import Craft, candidates
+from massprop_drake.maths.maneuver.actions import Craft, candidate_actions
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import prior_information
-from massprop_drake.maths.maneuver.planning import Cost, ManeuverLimits, Task, begun, characterized, extended, trimmed
+from massprop_drake.maths.maneuver.planning import (
+    Cost,
+    ManeuverLimits,
+    Task,
+    begin_plan,
+    characterize_actions,
+    extend_plan,
+    trim_plan,
+)
 
 _LENGTHS = (1, 2, 4, 8)  # samples that an action lasts, compute budget
 _LIKELY = 0.01  # probability that makes a jet a suspect
@@ -65,7 +73,7 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
     return tuple(sorted(likely[np.argsort(-of_jets[likely])][:_MOST].tolist()))
 
 
-def missed(covariance: Array, settings: FiringTest) -> bool:
+def misses_target(covariance: Array, settings: FiringTest) -> bool:
     """Tests whether the 1-sigma of any target exceeds its aim.
 
     Args:
@@ -80,7 +88,7 @@ def missed(covariance: Array, settings: FiringTest) -> bool:
     return False
 
 
-def commands(
+def design_commands(
     sets: Sequence[tuple[int, ...]],
     estimate: tuple[Array, Array],
     rate: Array,
@@ -99,13 +107,13 @@ def commands(
     n = settings.craft.params.places.jets
     mean = np.where(np.isnan(estimate[0]), settings.craft.properties, estimate[0])
     craft = settings.craft._replace(properties=mean, rate=rate, torques=np.zeros_like(settings.craft.torques))
-    aims = _apart(among, settings) if among else settings.targets
+    aims = _separation_aims(among, settings) if among else settings.targets
     narrow = aims._replace(deviations=aims.deviations / (1.0 + settings.margin))
-    known = _known(estimate[1], craft)
+    known = _known_from_estimates(estimate[1], craft)
     task = Task(craft, known, narrow, settings.limits, settings.cost, settings.margin)
-    choice = characterized(candidates(sets, craft, _LENGTHS), task)
-    plan = extended(begun(task), choice, 1.0, task)
-    plan = trimmed(plan, task) if plan.reached[-1].shortfall == 0.0 else plan
+    choice = characterize_actions(candidate_actions(sets, craft, _LENGTHS), task)
+    plan = extend_plan(begin_plan(task), choice, 1.0, task)
+    plan = trim_plan(plan, task) if plan.reached[-1].shortfall == 0.0 else plan
     rows = []
     for action in plan.actions[1:]:  # what comes before is past
         row = np.zeros((action.length, n))
@@ -114,7 +122,7 @@ def commands(
     return np.vstack(rows) if rows else np.zeros((0, n))
 
 
-def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
+def _separation_aims(among: tuple[int, ...], settings: FiringTest) -> Aims:
     """Makes aims that separate suspects from each other and from no failure, for leaks and for losses of thrust."""
     n = settings.craft.params.places.jets
     pairs = [
@@ -130,7 +138,7 @@ def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
     return Aims(of, np.zeros(0), np.array(pairs), settings.forces[first], settings.thrusts[first], odds)
 
 
-def _known(covariance: Array, craft: Craft) -> Known:
+def _known_from_estimates(covariance: Array, craft: Craft) -> Known:
     """Computes information: the estimators' on the ten parameters, the prior one on the rest."""
     information, of = prior_information(initial(craft.params), craft.params)
     ten = of[of < N_PROPERTIES]

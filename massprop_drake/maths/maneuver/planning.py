@@ -9,9 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.maneuver.actions import Craft, FiringAction, FlownAction, coasting, fly, stepped
-from massprop_drake.maths.maneuver.aims import Aims, Known, Reached, reached
-from massprop_drake.maths.maneuver.information import failing_from_now, start
+from massprop_drake.maths.maneuver.actions import (
+    Craft,
+    FiringAction,
+    FlownAction,
+    coast_action,
+    fly_action,
+    fly_action_sample,
+)
+from massprop_drake.maths.maneuver.aims import Aims, Known, Reached, compare_with_aims
+from massprop_drake.maths.maneuver.information import begin_failures, initial_course
 
 LEAD = 5  # samples before the first action, after which the motion is known; compute budget
 _TRIED = 8  # actions that are flown at each step; compute budget
@@ -57,7 +64,8 @@ class Task(NamedTuple):
         limits: see `ManeuverLimits`.
         cost: see `Cost`.
         margin: by which share aims are narrower than what is asked.
-        doubting: whether products of errors are noise, see `information.followed`: in a start that does not converge.
+        doubting: whether products of errors are noise, see `information.advance_course`: in a start that does not
+            converge.
     """
 
     craft: Craft
@@ -70,7 +78,7 @@ class Task(NamedTuple):
 
     @property
     def doubt(self) -> Known | None:
-        """Knowledge as `information.followed` takes it."""
+        """Knowledge as `information.advance_course` takes it."""
         return self.known if self.doubting else None
 
 
@@ -98,78 +106,78 @@ class Plan(NamedTuple):
         return self.flown[-1].row
 
 
-def begun(task: Task) -> Plan:
+def begin_plan(task: Task) -> Plan:
     """Begins a plan with its lead alone, a coast at whose end the suspects fail."""
     craft = task.craft
-    course = start(craft.properties, craft.rate, craft.speeds, craft.params)
-    lead = coasting(LEAD, craft)
-    flown = fly((course, 0), lead, craft)
-    flown = flown._replace(course=failing_from_now(flown.course, craft.params))
-    return Plan((lead,), (flown,), (reached(flown.course.shown, task.known, task.aims),))
+    course = initial_course(craft.properties, craft.rate, craft.speeds, craft.params)
+    lead = coast_action(LEAD, craft)
+    flown = fly_action((course, 0), lead, craft)
+    flown = flown._replace(course=begin_failures(flown.course, craft.params))
+    return Plan((lead,), (flown,), (compare_with_aims(flown.course.shown, task.known, task.aims),))
 
 
-def cost_of(plan: Plan, task: Task) -> float:
+def plan_cost(plan: Plan, task: Task) -> float:
     """Computes the cost of a plan."""
     return task.cost.propellant * plan.propellant + task.cost.second * plan.samples * task.craft.period_s
 
 
-def _price(action: FiringAction, task: Task) -> float:
+def _action_cost(action: FiringAction, task: Task) -> float:
     return task.cost.propellant * action.propellant + task.cost.second * action.length * task.craft.period_s
 
 
-def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
+def add_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
     """Adds an action to the plan; returns None where that exceeds a limit."""
-    if not _affords(plan, action, task):
+    if not _is_affordable(plan, action, task):
         return None
     last = plan.flown[-1]
-    flown = fly((last.course, last.row), action, task.craft, task.doubt)
-    if not _keeps(flown, task.limits):
+    flown = fly_action((last.course, last.row), action, task.craft, task.doubt)
+    if not _keeps_limits(flown, task.limits):
         return None
-    done = reached(flown.course.shown, task.known, task.aims)
+    done = compare_with_aims(flown.course.shown, task.known, task.aims)
     return Plan((*plan.actions, action), (*plan.flown, flown), (*plan.reached, done))
 
 
-def _affords(plan: Plan, action: FiringAction, task: Task) -> bool:
+def _is_affordable(plan: Plan, action: FiringAction, task: Task) -> bool:
     """Tests whether propellant and time are left for an action."""
     time_s = (plan.flown[-1].row + action.length) * task.craft.period_s
     return plan.propellant + action.propellant <= task.limits.propellant and time_s <= task.limits.time
 
 
-def _keeps(flown: FlownAction, limits: ManeuverLimits) -> bool:
+def _keeps_limits(flown: FlownAction, limits: ManeuverLimits) -> bool:
     """Tests whether the motion keeps its limits."""
     return flown.rate <= limits.rate and flown.angle <= limits.angle and flown.displacement <= limits.displacement
 
 
-def characterized(actions: Sequence[FiringAction], task: Task) -> Choice:
+def characterize_actions(actions: Sequence[FiringAction], task: Task) -> Choice:
     """Selects actions that keep the limits from rest, and computes the information of each, shape (k, k).
 
     Those of the same jets are followed together: a longer one goes on where a shorter one ends.
     """
-    first = begun(task)
+    first = begin_plan(task)
     before, kept, shown = first.flown[-1], list[FiringAction](), list[Array]()
     together, of = dict[tuple[int, int], FlownAction](), FiringAction((), (), 0, 0, 0.0)
     for action in actions:
         if (action.jets, action.torques) != (of.jets, of.torques):
             together, of = {(0, 0): before._replace(rate=0.0, angle=0.0, displacement=0.0)}, action
-        flown = _together(together, (action.samples, action.coast), action, task.craft)
-        if _affords(first, action, task) and _keeps(flown, task.limits):
+        flown = _fly_reusing(together, (action.samples, action.coast), action, task.craft)
+        if _is_affordable(first, action, task) and _keeps_limits(flown, task.limits):
             kept.append(action)
             shown.append(flown.course.shown - before.course.shown)
     return kept, shown
 
 
-def _together(
+def _fly_reusing(
     known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
     """Propagates a course through numbers ``at`` of firing and coasting samples, reusing shorter ones in ``known``."""
     if at not in known:
         firing, coasting_for = at
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
-        known[at] = stepped(_together(known, fewer, action, craft), action, craft, fires=not coasting_for)
+        known[at] = fly_action_sample(_fly_reusing(known, fewer, action, craft), action, craft, fires=not coasting_for)
     return known[at]
 
 
-def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
+def extend_plan(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
     """Extends a plan by actions until its aims are reached, or none adds to it.
 
     Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
@@ -181,13 +189,13 @@ def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
         task: see `Task`.
     """
     actions, shown = choice
-    prices = [_price(action, task) ** thrift for action in actions]
+    prices = [_action_cost(action, task) ** thrift for action in actions]
     while plan.reached[-1].shortfall > 0.0:
         missing, so_far = plan.reached[-1].shortfall, plan.flown[-1].course.shown
-        added = [missing - reached(so_far + more, task.known, task.aims).shortfall for more in shown]
+        added = [missing - compare_with_aims(so_far + more, task.known, task.aims).shortfall for more in shown]
         longest, most, tried = None, 0.0, 0
         for place in np.argsort(-np.array(added) / prices, kind="stable").tolist():
-            longer = with_action(plan, actions[place], task)
+            longer = add_action(plan, actions[place], task)
             if longer is None:
                 continue
             gain = missing - longer.reached[-1].shortfall
@@ -202,32 +210,32 @@ def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
     return plan
 
 
-def rebuilt(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
+def rebuild_plan(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
     """Builds a plan of actions, reusing the first ones of another plan; returns None where that exceeds a limit."""
     made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
     for action in actions[upto:]:
         if made is None:
             return None
-        made = with_action(made, action, task)
+        made = add_action(made, action, task)
     return made
 
 
-def trimmed(plan: Plan, task: Task) -> Plan:
+def trim_plan(plan: Plan, task: Task) -> Plan:
     """Trims a plan: leaves out or shortens actions while its aims are still reached."""
     better = True
     while better:
         better = False
         for place in range(len(plan.actions) - 1, 0, -1):
-            for fewer in _lesser(plan.actions, place):
-                shorter = rebuilt(fewer, place, plan, task)
+            for fewer in _shorter_variants(plan.actions, place):
+                shorter = rebuild_plan(fewer, place, plan, task)
                 reaches = shorter is not None and shorter.reached[-1].shortfall == 0.0
-                if shorter is not None and reaches and cost_of(shorter, task) < cost_of(plan, task):
+                if shorter is not None and reaches and plan_cost(shorter, task) < plan_cost(plan, task):
                     plan, better = shorter, True
                     break
     return plan
 
 
-def _lesser(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
+def _shorter_variants(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
     """Lists variants of the actions: with one left out, halved, or its coast cut to a sample."""
     before, one, after = actions[:place], actions[place], actions[place + 1 :]
     found = [before + after]
@@ -252,31 +260,33 @@ class SearchResult(NamedTuple):
     trace: Plan
 
 
-def best(choice: Choice, task: Task) -> SearchResult:
+def search_best_plan(choice: Choice, task: Task) -> SearchResult:
     """Returns the plan of least cost among several searches.
 
     Args:
-        choice: see `extended`.
+        choice: see `extend_plan`.
         task: see `Task`.
     """
-    first, found = begun(task), list[SearchResult]()
+    first, found = begin_plan(task), list[SearchResult]()
     for thrift in _THRIFT:
-        longest = extended(first, choice, thrift, task)
-        found.append(SearchResult(trimmed(longest, task) if longest.reached[-1].shortfall == 0.0 else longest, longest))
-    return min(found, key=lambda each: (each.plan.reached[-1].shortfall, cost_of(each.plan, task)))
+        longest = extend_plan(first, choice, thrift, task)
+        found.append(
+            SearchResult(trim_plan(longest, task) if longest.reached[-1].shortfall == 0.0 else longest, longest)
+        )
+    return min(found, key=lambda each: (each.plan.reached[-1].shortfall, plan_cost(each.plan, task)))
 
 
-def floor_of(shown: Sequence[Array], task: Task) -> Reached:
+def aims_floor(shown: Sequence[Array], task: Task) -> Reached:
     """Computes the best precision that any firing can reach: every action is repeated without end.
 
     Args:
         shown: what each action shows, shape (k, k) each.
         task: see `Task`.
     """
-    return reached(_for_ever(shown), task.known, task.aims)
+    return compare_with_aims(_unlimited_information(shown), task.known, task.aims)
 
 
-def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
+def unobservable_direction(shown: Sequence[Array], task: Task, row: int) -> Array:
     """Computes the parameter direction of a combination's error that no firing observes, shape (n_known,).
 
     Args:
@@ -285,12 +295,12 @@ def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
         row: of the combination.
     """
     of, combination = task.known.of, task.aims.combinations[row]
-    total = task.known.information + _for_ever(shown)[np.ix_(of, of)]
+    total = task.known.information + _unlimited_information(shown)[np.ix_(of, of)]
     direction = np.zeros(combination.size)
     direction[of] = np.linalg.solve(total, combination[of])
     return direction
 
 
-def _for_ever(shown: Sequence[Array]) -> Array:
+def _unlimited_information(shown: Sequence[Array]) -> Array:
     """Computes the information of all actions repeated without end, shape (k, k)."""
     return _FOREVER * np.sum(shown, axis=0)

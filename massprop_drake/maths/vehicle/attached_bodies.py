@@ -36,7 +36,7 @@ class BodyPlaces(NamedTuple):
     origins: Array
 
 
-def composite(bodies: Bodies, places: BodyPlaces) -> MassProperties:
+def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
     """Computes mass properties of all bodies together, in the frame of their places; parallel-axis theorem."""
     turned = places.rotations
     centers = places.origins + np.einsum("nij,nj->ni", turned, bodies.centers)
@@ -62,7 +62,7 @@ def center_velocity(bodies: Bodies, places: BodyPlaces, rates: Array, velocities
     return moved
 
 
-def sensed_rates(rotation: Array, rate: Array, acceleration: Array, gravity: Array) -> Array:
+def sensed_derivatives(rotation: Array, rate: Array, acceleration: Array, gravity: Array) -> Array:
     """Computes time derivatives of `ORIGIN_VELOCITY` and `SPIN_INTEGRAL` of `rigid_body`, shape (9,).
 
     Args:

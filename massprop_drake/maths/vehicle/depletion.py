@@ -19,7 +19,7 @@ import numpy as np
 
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import parallel_axis, symmetric
+from massprop_drake.maths.mass_properties import parallel_axis, symmetric_matrix
 
 
 class Tanks(NamedTuple):
@@ -59,7 +59,7 @@ class OutOfPropellantError(ArithmeticError):
 
 
 @kernel
-def emptied(structure: Array, mass: float, fill: Array, used: Array, tanks: Tanks) -> Array:
+def structure_after_draining(structure: Array, mass: float, fill: Array, used: Array, tanks: Tanks) -> Array:
     """Computes inertia (six, about the center of mass) and center of mass after propellant has been used, shape (9,).
 
     Args:
@@ -69,7 +69,7 @@ def emptied(structure: Array, mass: float, fill: Array, used: Array, tanks: Tank
         used: of it that is used, slug or kg, shape (n,); negative: it is put in.
         tanks: see `Tanks`.
     """
-    inertia, center = symmetric(structure[:6]), structure[6:9].copy()
+    inertia, center = symmetric_matrix(structure[:6]), structure[6:9].copy()
     for tank in range(used.shape[0]):
         q, column = used[tank], tanks.columns[tank]
         if q == 0.0:
@@ -89,7 +89,7 @@ def emptied(structure: Array, mass: float, fill: Array, used: Array, tanks: Tank
 
 
 @kernel
-def draining(fill: Array, used: Array) -> Array:
+def drain_tanks(fill: Array, used: Array) -> Array:
     """Computes propellant left in tanks after some of it has been used, slug or kg, shape (n,).
 
     Args:

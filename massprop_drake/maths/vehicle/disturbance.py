@@ -33,12 +33,12 @@ class DisturbanceModel(NamedTuple):
     before: Array
 
 
-def kept_share(correlation_time_s: float, period_s: float) -> float:
+def decay_factor(correlation_time_s: float, period_s: float) -> float:
     """Computes the factor by which a deviation decays in a period."""
     return math.exp(-period_s / correlation_time_s)
 
 
-def deviation_before(seed: Seed, std: Array) -> Array:
+def draw_initial_deviation(seed: Seed, std: Array) -> Array:
     """Draws the deviation in the sample before the first, by a seed, shape (6,)."""
     return std * normal_sample(seed, "disturbance before the start", 0, 6)
 
@@ -56,7 +56,7 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
 
 
 @kernel
-def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
+def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
     """Moves the torque of a wrench to the vehicle origin, shape (6,).
 
     Args:
@@ -67,7 +67,7 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
-def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: int = 1) -> Array:
+def add_disturbance(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: int = 1) -> Array:
     """Adds a disturbance to a wrench, or a profile.
 
     Args:
@@ -77,14 +77,14 @@ def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: 
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
         pieces: of the profile.
     """
-    return pushed_by(wrench, about_origin(disturbance, center_of_mass), pieces)
+    return add_wrench(wrench, move_to_origin(disturbance, center_of_mass), pieces)
 
 
-def pushed_by(wrench: Array, other: Array, pieces: int = 1) -> Array:
+def add_wrench(wrench: Array, other: Array, pieces: int = 1) -> Array:
     """Adds a wrench that is constant over the sample to another wrench, or to a profile.
 
     Args:
-        wrench: see `disturbed`.
+        wrench: see `add_disturbance`.
         other: torque about the vehicle origin, force, and what else follows these, shape (k,).
         pieces: of the profile.
     """

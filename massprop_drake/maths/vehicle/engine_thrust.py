@@ -74,7 +74,7 @@ NO_ENGINES = EngineParams(
 )
 
 
-def channels(engines: EngineParams) -> np.ndarray:
+def channel_mask(engines: EngineParams) -> np.ndarray:
     """Returns a mask of the channels that each engine has, shape (n, 3): a fixed engine has no angles."""
     turns = engines.stops[:, 1:] > 0.0
     return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
@@ -92,7 +92,7 @@ def reading_std(at: Array, engines: EngineParams) -> Array:
     return std
 
 
-def follow(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
+def follow_command(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
     """Computes levels and angles after following a command for some time, with a lag, and at most at some rate.
 
     Args:
@@ -147,10 +147,10 @@ def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrus
     first, second, normals = engines.axes[which, 0], engines.axes[which, 1], engines.normals[which]
     one, two, level = at[:, 1] + errors[2], at[:, 2] + errors[3], at[:, 0]
     straight = np.ones((at.shape[0], 1)) * engines.directions[which]
-    along = turned_about(first, one, turned_about(second, two, straight))
+    along = rotate_about(first, one, rotate_about(second, two, straight))
     by_angles = np.empty((2, at.shape[0], 3))
     by_angles[0] = along @ skew(first).T
-    turned = turned_about(first, one, np.ones((at.shape[0], 1)) * second)
+    turned = rotate_about(first, one, np.ones((at.shape[0], 1)) * second)
     for k in range(at.shape[0]):
         by_angles[1, k] = cross(turned[k], along[k])
     force = engines.thrusts[which] * level * (1.0 + errors[0] * (1.0 - level) + errors[1] * level)
@@ -159,7 +159,7 @@ def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrus
 
 
 @kernel
-def turned_about(axis: Array, angles: Array, vectors: Array) -> Array:
+def rotate_about(axis: Array, angles: Array, vectors: Array) -> Array:
     """Turns vectors about an axis of length 1 by an angle each, rad (Rodrigues' formula), shape (m, 3)."""
     cosines, sines = np.cos(angles).reshape(-1, 1), np.sin(angles).reshape(-1, 1)
     along = (vectors @ axis).reshape(-1, 1) * axis
@@ -173,6 +173,6 @@ def wrenches_of(place: Array, forces: Array) -> Array:
 
 
 @kernel
-def flow_at(levels: Array, known: Array, flows: Array) -> Array:
+def interpolate_flow(levels: Array, known: Array, flows: Array) -> Array:
     """Interpolates flows at some levels, linearly between those that are known, slug/s or kg/s, shape (m,)."""
     return np.interp(levels, known, flows)

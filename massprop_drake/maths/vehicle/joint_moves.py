@@ -32,7 +32,7 @@ class JointReference(NamedTuple):
     acceleration: float
 
 
-def reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
+def joint_reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
     r"""Computes prescribed motion at a time: with s = (t - t0) / T, q = q0 + (q1 - q0) (10 s^3 - 15 s^4 + 6 s^5).
 
     **Source**: Flash and Hogan, 1985.
@@ -74,7 +74,7 @@ def drive_forces(
     """Computes forces of critically damped proportional-derivative drives with feedforward, shape (n,).
 
     Args:
-        wanted: of each driven joint, see `reference`.
+        wanted: of each driven joint, see `joint_reference`.
         positions, rates: of them, shape (n,).
         inertia: which they move, see `driven_inertia`, shape (n, n).
         frequency_hz: natural frequency of the closed loop, Hz.

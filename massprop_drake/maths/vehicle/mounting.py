@@ -35,7 +35,7 @@ class Mounting(NamedTuple):
 EXACT = Mounting(np.zeros(0, dtype=np.intp), np.zeros((0, 6)))
 
 
-def mounting(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
+def mounting_errors(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
     """Lists the errors of some jets' mounting, jet by jet.
 
     Args:
@@ -56,7 +56,7 @@ def mounting(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
 
 
 @kernel
-def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
+def displace_wrenches(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
     """Computes jet wrenches with mounting errors, to first order, shape (n_jets, 6).
 
     Args:
@@ -72,7 +72,7 @@ def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
     return result
 
 
-def true_mounting(wrenches: Array, positions: Array, errors: Array) -> Array:
+def true_mounted_wrenches(wrenches: Array, positions: Array, errors: Array) -> Array:
     """Computes jet wrenches with mounting errors, exactly, shape (n_jets, 6 or more).
 
     Args:

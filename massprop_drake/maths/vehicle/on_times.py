@@ -33,12 +33,12 @@ def onsets(fractions: Array, place: Place, period_s: float) -> Array:
 
 
 @kernel
-def levels_alone(shape: int | tuple[int, ...]) -> Array:
+def level_onsets(shape: int | tuple[int, ...]) -> Array:
     """Returns onsets of commands that are levels, all NaN, in the shape given."""
     return np.full(shape, np.nan)
 
 
-def told_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
+def command_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
     """Returns onsets of a command, s, shape (n_jets,): those given, else those that its place implies.
 
     Args:
@@ -49,15 +49,15 @@ def told_onsets(command: Array, told_s: Array | None, place: Place | None, perio
     """
     if told_s is not None:
         return told_s
-    return levels_alone(command.size) if place is None else onsets(command, place, period_s)
+    return level_onsets(command.size) if place is None else onsets(command, place, period_s)
 
 
-def samples_of(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
+def pulse_samples(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
     """Returns the first sample in which a pulse is on, and the one after the last, to a billionth of a sample."""
     return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
 
 
-def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterator[tuple[int, float, float]]:
+def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterator[tuple[int, float, float]]:
     """Yields the samples in which a pulse is on, its onset in each, s, and the share of each for which it is on.
 
     Args:
@@ -65,14 +65,14 @@ def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterato
         period_s: length of a sample.
         count: number of samples that there are.
     """
-    first, end_sample = samples_of(start_s, end_s, period_s)
+    first, end_sample = pulse_samples(start_s, end_s, period_s)
     for sample in range(first, min(end_sample, count)):
         begin, end = max(start_s / period_s - sample, 0.0), min(end_s / period_s - sample, 1.0)
         begin, end = 0.0 if begin < _SAME else begin, 1.0 if end > 1.0 - _SAME else end
         yield sample, begin * period_s, end - begin
 
 
-def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
+def rest_of_sample(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
     """Computes commands and onsets of the rest of each sample, shape (n, n_jets) each.
 
     Args:
@@ -82,7 +82,7 @@ def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -
         period_s: T.
     """
     since = since_s[:, None]
-    timed = within(command, onset_s)
+    timed = is_pulse(command, onset_s)
     opens = np.where(timed, np.maximum(onset_s - since, 0.0), 0.0)
     closes = np.where(timed, onset_s + command * period_s - since, 0.0)
     left = np.clip((closes - opens) / period_s, 0.0, 1.0)
@@ -91,19 +91,19 @@ def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -
 
 
 @kernel
-def within(command: Any, onset_s: Any) -> Any:
+def is_pulse(command: Any, onset_s: Any) -> Any:
     """Tests for each command and onset whether the jet opens or closes within the sample; returns their shape."""
     return (onset_s >= 0.0) & (command > 0.0) & (command < 1.0)
 
 
 @kernel
-def opens_within(command: Array, onset_s: Array) -> bool:
+def has_pulse(command: Array, onset_s: Array) -> bool:
     """Tests whether any jet opens or closes within the sample."""
-    return bool(within(command, onset_s).any())
+    return bool(is_pulse(command, onset_s).any())
 
 
 @kernel
-def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
+def split_sample(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
     """Splits a sample where jets open or close: lengths, s, shape (k,), and commanded levels, shape (k, n_jets).
 
     Args:
@@ -115,7 +115,7 @@ def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float,
     n_jets, (since_s, until_s) = command.size, span_s
     edges, count = np.empty(2 * n_jets), 0
     for jet in range(n_jets):
-        if within(command[jet], onset_s[jet]):
+        if is_pulse(command[jet], onset_s[jet]):
             edges[count], edges[count + 1] = onset_s[jet], onset_s[jet] + command[jet] * period_s
             count += 2
     edges = np.sort(edges[:count])
@@ -131,7 +131,7 @@ def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float,
         lengths[piece] = end - begin
         for jet in range(n_jets):
             levels[piece, jet] = command[jet]
-            if within(command[jet], onset_s[jet]):
+            if is_pulse(command[jet], onset_s[jet]):
                 covered = min(onset_s[jet] + command[jet] * period_s, end) - max(onset_s[jet], begin)
                 levels[piece, jet] = min(max(covered / (end - begin), 0.0), 1.0)
         begin = end
@@ -140,6 +140,6 @@ def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float,
 
 def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
     """Returns the largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
-    rows = np.flatnonzero(within(command, onset_s).any(axis=1)).tolist()
+    rows = np.flatnonzero(is_pulse(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s
-    return max((pieces(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)
+    return max((split_sample(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)

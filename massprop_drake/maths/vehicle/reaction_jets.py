@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import kernel, value_of
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.noise import Seed, normal_sample
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import split_sample
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
-from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable, delivered, failed
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable, apply_failures, delivered_levels
 
 _TORQUE, _FORCE, _UP, _FLOW = slice(0, 3), slice(3, 6), 5, 6  # in a jet's wrench
 _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its thrust
 
 
-def drawn_factors(seed: Seed, spread: Any, count: int) -> Array:
+def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
     """Draws true over nominal thrust of each jet by a seed, shape (count,); ones where nothing is spread.
 
     Args:
@@ -53,7 +53,7 @@ def true_wrenches(nominal: Array, factors: Array, floor: Array | None = None) ->
     wrenches = factors[:, None] * nominal
     if floor is not None:
         wrenches[:, _UP] = 0.0
-        wrenches[:, _TORQUE][:, :2] = crosses(floor, wrenches[:, _FORCE])[:, :2]
+        wrenches[:, _TORQUE][:, :2] = cross_products(floor, wrenches[:, _FORCE])[:, :2]
     return wrenches
 
 
@@ -121,7 +121,7 @@ def jets_params(
     )
 
 
-def target(command: Array, closed: Array | None, sample: int, params: JetsParams) -> Array:
+def level_targets(command: Array, closed: Array | None, sample: int, params: JetsParams) -> Array:
     """Computes the target of each jet's level over a sample, shape (n_jets,).
 
     Args:
@@ -130,7 +130,7 @@ def target(command: Array, closed: Array | None, sample: int, params: JetsParams
         sample: number of the sample.
         params: see `JetsParams`.
     """
-    level = delivered(command, sample, params.period_s, params.failures, params.seed)
+    level = delivered_levels(command, sample, params.period_s, params.failures, params.seed)
     return level if closed is None else level * (1.0 - closed)
 
 
@@ -153,7 +153,7 @@ class JetThrusts(NamedTuple):
     class_constants_s: Array
 
 
-def thrusters(params: JetsParams) -> JetThrusts:
+def pack_jets(params: JetsParams) -> JetThrusts:
     """Packs the jets into arrays."""
     constants, wrenches = params.classes
     constants_s = np.array(constants, dtype=float)
@@ -196,7 +196,7 @@ def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
 
 
 @kernel
-def drained(force: Array, period_s: float, feeds: Array, jets: JetThrusts) -> Array:
+def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrusts) -> Array:
     """Computes propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
 
     Args:
@@ -240,16 +240,16 @@ def level_course(
         level: at its beginning, shape (n_jets,).
         told: command and onset, see `on_times`, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
         when: it begins, and its length, s.
-        failing: failures, and which of them strike, see `true_failures.struck`.
+        failing: failures, and which of them strike, see `true_failures.draw_strikes`.
         time_constants_s: of each jet, s, shape (n_jets,).
     """
     (command, onset_s, closed), (since_s, period_s), (failures, strikes) = told, when, failing
-    lengths, targets = pieces(command, onset_s, period_s, (0.0, period_s))
+    lengths, targets = split_sample(command, onset_s, period_s, (0.0, period_s))
     begins, mean = np.empty_like(targets), np.zeros_like(level)
     for piece in range(lengths.size):
         length_s = lengths[piece]
         if failures.jets.size:
-            targets[piece] = failed(targets[piece], since_s, length_s, strikes, failures)
+            targets[piece] = apply_failures(targets[piece], since_s, length_s, strikes, failures)
         targets[piece] *= 1.0 - closed
         begins[piece] = level
         after = np.empty_like(level)

@@ -36,8 +36,15 @@ from massprop_drake.errors import moment
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.kernels import kernel, numbers, value_of
-from massprop_drake.maths.linear_algebra import Array, cross, inverse, nonzero
-from massprop_drake.maths.mass_properties import MassProperties, Spread, drawn_body, joined, six_elements, symmetric
+from massprop_drake.maths.linear_algebra import Array, cross, has_nonzero, inverse
+from massprop_drake.maths.mass_properties import (
+    MassProperties,
+    Spread,
+    attach_body,
+    draw_body,
+    six_elements,
+    symmetric_matrix,
+)
 from massprop_drake.maths.noise import Seed, normal_sample
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
@@ -129,7 +136,7 @@ class Body(NamedTuple):
     momentum_rate: tuple[float, float, float]
 
 
-def body_of(properties: MassProperties) -> Body:
+def motion_constants(properties: MassProperties) -> Body:
     """Computes the constants of motion of a body with these mass properties."""
     return Body(
         tuple(six_elements(properties.inertia).tolist()),
@@ -141,7 +148,7 @@ def body_of(properties: MassProperties) -> Body:
 
 
 @kernel
-def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
+def add_wheel_momentum(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
     """Returns the constants of a body's motion with the angular momentum of its wheels set.
 
     Args:
@@ -154,30 +161,30 @@ def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
     return Body(body.inertia, body.inverse, body.center, momentum, (dx, dy, dz))
 
 
-def packed_structure(properties: MassProperties) -> Array:
+def pack_structure(properties: MassProperties) -> Array:
     """Packs inertia and center of mass as `STRUCTURE`."""
     return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
 
 
-def body_of_structure(structure: Array) -> Body:
+def constants_from_structure(structure: Array) -> Body:
     """Computes the constants of motion for a `STRUCTURE`."""
     read = STRUCTURE.read(structure)
-    return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
+    return motion_constants(MassProperties(math.nan, read.center_of_mass, symmetric_matrix(read.inertia)))
 
 
 @kernel
-def body_with(structure: Array) -> Body:
-    """Computes `body_of_structure` of plain floats, in compiled code too."""
-    inverted = np.linalg.inv(symmetric(structure[:6]))
+def constants_kernel(structure: Array) -> Body:
+    """Computes `constants_from_structure` of plain floats, in compiled code too."""
+    inverted = np.linalg.inv(symmetric_matrix(structure[:6]))
     jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
     off = inverted[1, 2], inverted[0, 2], inverted[0, 1]
     still = (0.0, 0.0, 0.0)
     return Body(numbers(structure[:6], 6), (jxx, jyy, jzz, *off), numbers(structure[6:9], 3), still, still)
 
 
-def seeded_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
+def draw_true_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
     """Draws true mass properties at the start by a seed."""
-    return drawn_body(body, spread, normal_sample(seed, "mass properties", 0, 10))
+    return draw_body(body, spread, normal_sample(seed, "mass properties", 0, 10))
 
 
 class Jump(NamedTuple):
@@ -205,7 +212,7 @@ def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple
     return found
 
 
-def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
+def apply_jumps(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
     """Computes state and structure after some jumps at one sample.
 
     Args:
@@ -214,16 +221,16 @@ def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Arr
         jumps: one after the other.
     """
     read = STRUCTURE.read(structure)
-    properties = MassProperties(state[MASS], read.center_of_mass, symmetric(read.inertia))
+    properties = MassProperties(state[MASS], read.center_of_mass, symmetric_matrix(read.inertia))
     for jump in jumps:
-        after = joined(properties, jump.mass, jump.position, jump.inertia)
-        state = with_properties(state, properties, after)
+        after = attach_body(properties, jump.mass, jump.position, jump.inertia)
+        state = change_properties(state, properties, after)
         properties = after
-    return state, packed_structure(properties)
+    return state, pack_structure(properties)
 
 
 @kernel
-def since_start(value: Any, start: Any) -> Any:
+def round_as_stored(value: Any, start: Any) -> Any:
     """Rounds a value as `RigidBodyPlant` stores it: a start, which is a parameter, plus the change since, a state."""
     return start + (value - start)
 
@@ -372,7 +379,7 @@ def step(
     for index in range(transient.shape[0]):
         row, tau = transient[index], time_constants_s[index]
         used += value_of(row[6]) * decay_integral(tau, duration_s)
-        if nonzero(row):
+        if has_nonzero(row):
             lagging.append((row, tau))
             fastest = min(fastest, tau)
     require_mass(value_of(state[MASS]), value_of(steady[6]) * duration_s + used)
@@ -420,9 +427,9 @@ def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tu
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
         start, middle, end = (
-            _gathered(amplitudes, 0.0),
-            _gathered(amplitudes, 0.5 * length),
-            _gathered(amplitudes, length),
+            _decayed_impulse(amplitudes, 0.0),
+            _decayed_impulse(amplitudes, 0.5 * length),
+            _decayed_impulse(amplitudes, length),
         )
     half = 0.5 * length
     k1 = _derivative(state, target, start, body, since)
@@ -436,7 +443,7 @@ def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tu
 
 
 @kernel
-def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
+def _decayed_impulse(amplitudes: list[_Decay], elapsed_s: float) -> Array:
     """Computes the impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
     gathered = np.zeros(N_WRENCH + 1, dtype=amplitudes[0][0].dtype)
     for row, tau in amplitudes:
@@ -449,7 +456,7 @@ def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
 def _add_transient(state: Array, gathered: Array, body: Body) -> None:
     """Adds the closed-form part of decaying thrust; see `_derivative`."""
     center = np.array(body.center)
-    rate_change = symmetric(np.array(body.inverse)) @ torque_about_center(gathered, center)
+    rate_change = symmetric_matrix(np.array(body.inverse)) @ torque_about_center(gathered, center)
     state[MASS] -= gathered[6]
     velocity_change = gathered[3:6] / state[MASS]
     rotation = rotation_matrix(state[QUATERNION] / np.linalg.norm(state[QUATERNION]))
@@ -458,7 +465,7 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
     state[ORIGIN_VELOCITY] += velocity_change - cross(rate_change, center)
 
 
-def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
+def change_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
     """Computes the state after a sudden change of mass properties by a payload that moves with the structure.
 
     Rate, attitude and the motion of every point of the structure go on as they were; the new center of
@@ -478,7 +485,7 @@ def with_properties(state: Array, before: MassProperties, after: MassProperties)
 
 
 @kernel
-def shifted(state: Array, rate: Array, shift: Array) -> Array:
+def center_shift_increment(state: Array, rate: Array, shift: Array) -> Array:
     """Computes the state's change when the center of mass shifts in a structure whose motion goes on, shape (23,).
 
     Args:

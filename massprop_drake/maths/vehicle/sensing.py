@@ -32,7 +32,7 @@ def increment_noise(reading_variance: float) -> Array:
 
 
 @kernel
-def unsaturated(reading: Array, limit: float) -> Array:
+def mask_saturated(reading: Array, limit: float) -> Array:
     """Returns a reading, or NaN throughout where a component has reached the sensor's range.
 
     Args:
@@ -45,7 +45,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
 
 
 @kernel
-def marked(value: Array, quantum: Any, phase: Array) -> Array:
+def nearest_mark(value: Array, quantum: Any, phase: Array) -> Array:
     """Rounds a value to the nearest mark of a quantizer; marks lie ``phase`` quanta (within 1/2) off the multiples.
 
     The error lies within half a quantum either way, with a mean of zero over random phases.
@@ -59,9 +59,9 @@ def marked(value: Array, quantum: Any, phase: Array) -> Array:
 
 
 @kernel
-def quantized(value: Array, quantum: float, phase: Array) -> Array:
-    """Quantizes a value to the nearest mark, see `marked`; a quantum of zero leaves it as it is."""
-    return value if quantum == 0.0 else marked(value, quantum, phase)
+def quantize(value: Array, quantum: float, phase: Array) -> Array:
+    """Quantizes a value to the nearest mark, see `nearest_mark`; a quantum of zero leaves it as it is."""
+    return value if quantum == 0.0 else nearest_mark(value, quantum, phase)
 
 
 def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
@@ -75,7 +75,7 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
 
 
 @kernel
-def low_passed(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
+def low_pass(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
     """Computes the output of a first-order low-pass for a signal linear between samples, and its memory.
 
     Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
@@ -126,7 +126,7 @@ class Vibration(NamedTuple):
         return (self.amplitude * np.sin(angles)).sum(axis=0)
 
 
-def vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
+def make_vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
     """Makes the `Vibration` in readings from tones: scale, integral and low-pass at each one's frequency.
 
     Args:
@@ -236,7 +236,7 @@ class Draws(NamedTuple):
     bandwidth_hz: float | None = None
 
 
-def with_draws(model: SensorModel, draws: Draws, seed: Seed) -> SensorModel:
+def add_drawn_phases(model: SensorModel, draws: Draws, seed: Seed) -> SensorModel:
     """Adds the phases that a seed draws to the errors of a package.
 
     Args:
@@ -252,7 +252,7 @@ def with_draws(model: SensorModel, draws: Draws, seed: Seed) -> SensorModel:
             tone._replace(phase=uniform_phase(seed, f"vibration {number} of {draws.name}", 3))
             for number, tone in enumerate(draws.tones)
         ]
-        shaking = vibration(tones, 1.0 + model.scale_factor, draws.bandwidth_hz, integrates=model.integrates)
+        shaking = make_vibration(tones, 1.0 + model.scale_factor, draws.bandwidth_hz, integrates=model.integrates)
     return model._replace(phase=phase, vibration=shaking)
 
 
@@ -260,7 +260,7 @@ _STILL = np.empty(0)  # vibration where there is none
 
 
 @kernel
-def held_within(reading: Array, limit: float) -> Array:
+def limit_to_range(reading: Array, limit: float) -> Array:
     """Limits a reading to a sensor's range."""
     return reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
 
@@ -276,16 +276,16 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
         model: see `SensorModel`.
         time_s: of the sample, s; matters to vibration alone.
     """
-    return remembering(signal, memory, noise, vibrating(model, time_s), model.errors)
+    return read_with_memory(signal, memory, noise, vibration_at(model, time_s), model.errors)
 
 
-def vibrating(model: SensorModel, time_s: float) -> Array:
+def vibration_at(model: SensorModel, time_s: float) -> Array:
     """Computes vibration in a reading at a time, shape (3,); empty where there is none."""
     return _STILL if model.vibration is None else model.vibration.at(time_s)
 
 
 @kernel
-def remembering(
+def read_with_memory(
     signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
     """Computes `sense` with the vibration given, ``shaking``, shape (3,) or empty."""
@@ -293,7 +293,7 @@ def remembering(
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()
     after[0] = 1.0
-    value, after[1:4] = low_passed(value, memory[1:4], started, errors.smoothing)
+    value, after[1:4] = low_pass(value, memory[1:4], started, errors.smoothing)
     if shaking.size:
         value = value + shaking
     walk = memory[4:7]
@@ -303,7 +303,7 @@ def remembering(
     else:
         value = value + (errors.bias + walk)
     after[4:7] = walk + errors.walk_std * noise[3:]
-    reading = _read(value + errors.noise_std * noise[:3], errors)
+    reading = _quantize_and_limit(value + errors.noise_std * noise[:3], errors)
     if not errors.delay:
         return reading, after
     line = memory[10:].copy()
@@ -315,7 +315,7 @@ def remembering(
 
 
 @kernel
-def at_once(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) -> Array:
+def read_without_memory(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) -> Array:
     """Computes one reading of a package without memory; ``shaking``: vibration in it, shape (3,), or empty."""
     value = (1.0 + errors.scale_factor) * signal
     if shaking.size:
@@ -323,12 +323,12 @@ def at_once(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) 
     value = value + errors.bias
     if errors.noise_std > 0.0:
         value = value + errors.noise_std * noise[:3]
-    return _read(value, errors)
+    return _quantize_and_limit(value, errors)
 
 
 @kernel
-def _read(value: Array, errors: PackageErrors) -> Array:
-    return held_within(quantized(value, errors.quantum, errors.phase), errors.limit)
+def _quantize_and_limit(value: Array, errors: PackageErrors) -> Array:
+    return limit_to_range(quantize(value, errors.quantum, errors.phase), errors.limit)
 
 
 class TruePackage(NamedTuple):
@@ -349,7 +349,7 @@ class TruePackage(NamedTuple):
     remembers: bool
 
 
-def package(name: str, model: SensorModel, position: Array | None) -> TruePackage:
+def make_package(name: str, model: SensorModel, position: Array | None) -> TruePackage:
     """Makes a package; arguments as the attributes of `TruePackage`."""
     return TruePackage(name, model, position, model.exact, model.remembers)
 

@@ -49,7 +49,7 @@ def is_due(time_s: float, model: PoseModel) -> bool:
     return due > before
 
 
-def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
+def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
     """Computes position of the tracked point and quaternion to the fixed frame, NaN where not measured, shape (7,).
 
     Args:
@@ -64,7 +64,7 @@ def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
     if late_s == 0.0:
         turned = turned / np.sqrt(np.dot(turned, turned))
     else:
-        turned = attitude.propagated(turned, body[RATE], late_s)
+        turned = attitude.propagate_attitude(turned, body[RATE], late_s)
     arm = attitude.rotation_matrix(turned) @ (model.point - center)
     reading = np.full(7, np.nan, dtype=body.dtype)
     plane = np.array([1.0, 1.0, 0.0]) if model.planar else np.ones(3)
@@ -78,7 +78,7 @@ def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
     return reading
 
 
-def velocity_read(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
+def read_velocity(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
     """Computes the velocity of a point in the fixed frame, shape (3,).
 
     Args:

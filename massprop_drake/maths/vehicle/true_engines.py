@@ -12,8 +12,8 @@ from massprop_drake.maths.vehicle.engine_thrust import (
     N_CHANNELS,
     N_ERRORS,
     EngineParams,
-    flow_at,
-    follow,
+    follow_command,
+    interpolate_flow,
     reading_std,
     thrust,
     wrenches_of,
@@ -55,26 +55,26 @@ class EnginesModel(NamedTuple):
     failures: tuple[EngineFailure, ...]
 
 
-def true_errors(model: EnginesModel, seed: Seed) -> Array:
+def draw_engine_errors(model: EnginesModel, seed: Seed) -> Array:
     """Draws the errors of the engines by a seed, shape (6 n,)."""
     if not model.spread.any():
         return model.errors
     return np.asarray(model.errors + model.spread * normal_sample(seed, "engines", 0, model.errors.size))
 
 
-def within_stops(told: Array, engines: EngineParams) -> Array:
+def limit_to_stops(told: Array, engines: EngineParams) -> Array:
     """Limits a command to the range of throttle and gimbal, shape (n, 3)."""
     least = -engines.stops
     least[:, 0] = 0.0
     return np.asarray(np.clip(told, least, engines.stops))
 
 
-def _lasts(failure: EngineFailure, time_s: float) -> bool:
+def _is_active(failure: EngineFailure, time_s: float) -> bool:
     """Tests whether a failure holds at a sample, whose time may be off by rounding."""
     return failure.start_s - _DIGITS_S <= time_s < failure.end_s - _DIGITS_S
 
 
-def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
+def effective_command(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
     """Returns the command that the engines follow, shape (n, 3): a stuck channel stays where it is.
 
     Args:
@@ -83,29 +83,29 @@ def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Arra
         time_s: of the sample from which on it holds.
         model: see `EnginesModel`.
     """
-    result = within_stops(told, model.engines)
+    result = limit_to_stops(told, model.engines)
     for failure in model.failures:
-        if failure.channel != OUT and _lasts(failure, time_s):
+        if failure.channel != OUT and _is_active(failure, time_s):
             result[failure.engine, failure.channel] = now[failure.engine, failure.channel]
     return result
 
 
-def wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
+def engines_wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
     """Computes mean torque about the vehicle origin, force and propellant flow of the engines, shape (7,).
 
     Args:
         at: levels and angles at some instants, shape (m, n, 3).
-        errors: see `true_errors`.
+        errors: see `draw_engine_errors`.
         time_s: of the sample that has begun.
         model: see `EnginesModel`.
     """
     total, engines = np.zeros(7), model.engines
-    out = {one.engine for one in model.failures if one.channel == OUT and _lasts(one, time_s)}
+    out = {one.engine for one in model.failures if one.channel == OUT and _is_active(one, time_s)}
     for which in range(engines.thrusts.size):
         if which not in out:
             given = thrust(which, at[:, which], errors[N_ERRORS * which : N_ERRORS * (which + 1)], engines)
             total[:6] += wrenches_of(given.place, given.force[:, None] * given.along).mean(axis=0)
-            total[6] += flow_at(at[:, which, 0], engines.levels, engines.flows[which]).mean()
+            total[6] += interpolate_flow(at[:, which, 0], engines.levels, engines.flows[which]).mean()
     return total
 
 
@@ -114,18 +114,18 @@ def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, flo
 
     Args:
         now: levels and angles at its start, shape (n, 3).
-        told: what they follow, see `told_to`.
-        errors: see `true_errors`.
+        told: what they follow, see `effective_command`.
+        errors: see `draw_engine_errors`.
         during: its start and its length, s.
         model: see `EnginesModel`.
     """
     since_s, duration_s = during
     parts = (np.arange(_PARTS) + 0.5) / _PARTS * duration_s
-    at = np.stack([follow(now, told, float(part), model.engines)[0] for part in parts])
-    return wrench(at, errors, since_s, model)
+    at = np.stack([follow_command(now, told, float(part), model.engines)[0] for part in parts])
+    return engines_wrench(at, errors, since_s, model)
 
 
-def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
+def read_engines(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
     """Computes measured levels and angles, shape (n, 3): a channel without a sensor reads its command.
 
     Args:
@@ -135,9 +135,9 @@ def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
         engines: see `EngineParams`.
     """
     shown = now + reading_std(now, engines) * noise
-    return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, within_stops(told, engines))
+    return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, limit_to_stops(told, engines))
 
 
-def settings(vector: Array) -> Array:
+def reshape_by_engine(vector: Array) -> Array:
     """Reshapes a vector of levels and angles to a row per engine, shape (n, 3)."""
     return np.asarray(vector).reshape(-1, N_CHANNELS)

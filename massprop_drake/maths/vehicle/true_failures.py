@@ -63,7 +63,7 @@ class FailureTable(NamedTuple):
     amounts: Array
 
 
-def as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
+def leaks_as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
     """Converts forces of leaks, lbf or N, to levels of their jets.
 
     Args:
@@ -86,7 +86,7 @@ def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
     )
 
 
-def delivered(command: Array, sample: int, period_s: float, failures: tuple[Failure, ...], seed: int) -> Array:
+def delivered_levels(command: Array, sample: int, period_s: float, failures: tuple[Failure, ...], seed: int) -> Array:
     """Computes the target of each jet's level over a sample, 1: full thrust; the command itself without failures.
 
     A failure that begins or ends within the sample acts with the share of the sample it covers.
@@ -101,11 +101,11 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
     if not failures:
         return command
     table = failure_table(failures)
-    return failed(command, sample * period_s, period_s, struck(failures, sample, period_s, seed), table)
+    return apply_failures(command, sample * period_s, period_s, draw_strikes(failures, sample, period_s, seed), table)
 
 
-def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Seed) -> NDArray[np.bool_]:
-    """Draws which intermittent failures strike in a sample, shape (n,); arguments as `delivered`."""
+def draw_strikes(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Seed) -> NDArray[np.bool_]:
+    """Draws which intermittent failures strike in a sample, shape (n,); arguments as `delivered_levels`."""
     result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s
     for index, failure in enumerate(failures):
@@ -117,16 +117,16 @@ def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Se
 
 
 @kernel
-def failed(
+def apply_failures(
     command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
 ) -> Array:
-    """Computes `delivered` with the draws of intermittent failures given.
+    """Computes `delivered_levels` with the draws of intermittent failures given.
 
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
         begins_s: when the sample does, s.
         period_s: sample period, s.
-        strikes: see `struck`, shape (n,).
+        strikes: see `draw_strikes`, shape (n,).
         failures: see `FailureTable`.
     """
     level = np.copy(command)

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
-from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks, draining, emptied
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
-from massprop_drake.maths.vehicle.on_times import opens_within
+from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks, drain_tanks, structure_after_draining
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, move_to_origin, next_deviation
+from massprop_drake.maths.vehicle.on_times import has_pulse
 from massprop_drake.maths.vehicle.reaction_jets import JetsParams, JetThrusts
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -28,18 +28,18 @@ from massprop_drake.maths.vehicle.rigid_body import (
     STRUCTURE,
     Body,
     Jump,
-    since_start,
+    round_as_stored,
 )
 from massprop_drake.maths.vehicle.sensing import (
     PackageErrors,
     TruePackage,
-    at_once,
-    held_within,
-    marked,
+    limit_to_range,
+    nearest_mark,
     point_velocity,
-    quantized,
-    remembering,
-    vibrating,
+    quantize,
+    read_with_memory,
+    read_without_memory,
+    vibration_at,
 )
 from massprop_drake.maths.vehicle.true_failures import FailureTable
 
@@ -74,7 +74,7 @@ class Packages(NamedTuple):
     limits: Array
 
 
-def packed_packages(packages: tuple[TruePackage, ...]) -> Packages:
+def pack_packages(packages: tuple[TruePackage, ...]) -> Packages:
     """Packs some packages into arrays."""
     models = [package.model for package in packages]
     nowhere = np.zeros(3)
@@ -161,15 +161,15 @@ class VehicleParams(NamedTuple):
     fill: Array = NO_FILL
 
 
-def truth(params: VehicleParams) -> Truth:
+def pack_truth(params: VehicleParams) -> Truth:
     """Packs the true vehicle's parameters into arrays."""
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,
         float(params.body[MASS]),
-        reaction_jets.thrusters(params.jets),
+        reaction_jets.pack_jets(params.jets),
         true_failures.failure_table(params.jets.failures),
-        packed_packages(params.packages),
+        pack_packages(params.packages),
         params.disturbance is not None,
         push,
         params.tanks,
@@ -184,7 +184,7 @@ class Ahead(NamedTuple):
         noise: of the packages, standard normal, shape (n, n_packages, 6).
         shaking: vibration in their readings, shape (n, n_packages, 3).
         push: standard normal, shape (n, 6).
-        strikes: see `true_failures.struck`, shape (n, n_failures).
+        strikes: see `true_failures.draw_strikes`, shape (n, n_failures).
         jumps: whether mass properties jump, shape (n,).
     """
 
@@ -195,7 +195,7 @@ class Ahead(NamedTuple):
     jumps: NDArray[np.bool_]
 
 
-def ahead(first: int, count: int, params: VehicleParams) -> Ahead:
+def draw_ahead(first: int, count: int, params: VehicleParams) -> Ahead:
     """Draws the random numbers and events of coming samples.
 
     Args:
@@ -215,11 +215,11 @@ def ahead(first: int, count: int, params: VehicleParams) -> Ahead:
         for row in range(count if package.model.noisy else 0):
             made.noise[row, index] = normal_sample(params.seed, package.name, first + row, 6)
         for row in range(count if package.model.vibration is not None else 0):
-            made.shaking[row, index] = vibrating(package.model, (first + row) * params.period_s)
+            made.shaking[row, index] = vibration_at(package.model, (first + row) * params.period_s)
     for row in range(count if params.disturbance is not None else 0):
         made.push[row] = normal_sample(params.seed, _DISTURBANCE, first + row, 6)
     for row in range(count if failures else 0):
-        made.strikes[row] = true_failures.struck(failures, first + row, params.period_s, params.seed)
+        made.strikes[row] = true_failures.draw_strikes(failures, first + row, params.period_s, params.seed)
     return made
 
 
@@ -254,9 +254,9 @@ def initial_state(params: VehicleParams) -> VehicleState:
     return VehicleState(
         params.body,
         params.structure,
-        rigid_body.body_of_structure(params.structure),
+        rigid_body.constants_from_structure(params.structure),
         off,
-        reaction_jets.target(off, None, -1, params.jets),
+        reaction_jets.level_targets(off, None, -1, params.jets),
         _QUIET if params.disturbance is None else params.disturbance.before,
         np.zeros((len(params.packages), _MEMORY + 3 * longest)),
         params.fill,
@@ -276,25 +276,25 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
     packages, memories = params.packages, state.memories
     signals = _signals(state.body, packages)
     if packages.plain:
-        return marked(signals, packages.quanta.reshape(-1, 1), packages.phases), memories
+        return nearest_mark(signals, packages.quanta.reshape(-1, 1), packages.phases), memories
     readings = np.empty(signals.shape)
-    if nonzero(packages.remembers):
+    if has_nonzero(packages.remembers):
         memories = memories.copy()
     for index in range(packages.quanta.size):
         signal = signals[index]
         if packages.exact[index]:
-            reading = quantized(signal, packages.quanta[index], packages.phases[index])
-            readings[index] = held_within(reading, packages.limits[index])
+            reading = quantize(signal, packages.quanta[index], packages.phases[index])
+            readings[index] = limit_to_range(reading, packages.limits[index])
             continue
-        errors, noise = _errors(index, params), coming.noise[row, index]
+        errors, noise = _package_errors(index, params), coming.noise[row, index]
         shaking = coming.shaking[row, index, : 3 * int(packages.shakes[index])]
         if packages.remembers[index]:
             size = _MEMORY + 3 * packages.delays[index]
-            readings[index], memories[index, :size] = remembering(
+            readings[index], memories[index, :size] = read_with_memory(
                 signal, memories[index, :size], noise, shaking, errors
             )
         else:
-            readings[index] = at_once(signal, noise, shaking, errors)
+            readings[index] = read_without_memory(signal, noise, shaking, errors)
     return readings, memories
 
 
@@ -310,7 +310,7 @@ def _signals(body: Array, packages: Packages) -> Array:
 
 
 @kernel
-def _errors(index: int, params: Truth) -> PackageErrors:
+def _package_errors(index: int, params: Truth) -> PackageErrors:
     """Returns the errors of a package."""
     packages = params.packages
     return PackageErrors(
@@ -349,29 +349,29 @@ def step(
     """
     jets, (coming, row) = params.jets, luck
     command, onset_s, closed = told
-    if opens_within(command, onset_s):
+    if has_pulse(command, onset_s):
         return _step_by_pieces(state, told, sample, luck, params)
     target = command
     if params.failures.jets.size:
-        target = true_failures.failed(
+        target = true_failures.apply_failures(
             command, sample * params.period_s, params.period_s, coming.strikes[row], params.failures
         )
     target = target * (1.0 - closed)
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     profile = reaction_jets.wrench_profile(level, target, jets)
-    deviation, push = _pushed(state, luck, params)
+    deviation, push = _step_disturbance(state, luck, params)
     if params.pushed:
         profile[0, :6] += push
     force = reaction_jets.mean_force(level, target, jets)
-    structure, fill, constants = _drawn(state, force, params)
+    structure, fill, constants = _drain_by_firings(state, force, params)
     body = rigid_body.step(state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, constants)
-    body, structure, constants = _settled(body, structure, state, params)
+    body, structure, constants = _finish_step(body, structure, state, params)
     after = VehicleState(body, structure, constants, level, target, deviation, state.memories, fill)
     return after, force
 
 
 @kernel
-def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
+def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
     """Drains the tanks by a sample's firings; returns mass properties and fill after it, and in its middle.
 
     Args:
@@ -381,14 +381,14 @@ def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Arr
     """
     if state.fill.size == 0:
         return state.structure, state.fill, state.constants
-    used = reaction_jets.drained(force, params.period_s, params.tanks.feeds, params.jets)
-    left = draining(state.fill, used)
-    after = emptied(state.structure, state.body[MASS], state.fill, used, params.tanks)
-    return after, left, rigid_body.body_with(0.5 * (state.structure + after))
+    used = reaction_jets.propellant_used(force, params.period_s, params.tanks.feeds, params.jets)
+    left = drain_tanks(state.fill, used)
+    after = structure_after_draining(state.structure, state.body[MASS], state.fill, used, params.tanks)
+    return after, left, rigid_body.constants_kernel(0.5 * (state.structure + after))
 
 
 @kernel
-def _settled(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
+def _finish_step(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
     """Computes body, structure and constants of motion after a step.
 
     Args:
@@ -400,10 +400,10 @@ def _settled(body: Array, structure: Array, before: VehicleState, params: Truth)
     constants = before.constants
     if before.fill.size > 0:
         rate, shift = 0.5 * (before.body[RATE] + body[RATE]), structure[_CENTER] - before.structure[_CENTER]
-        body = body + rigid_body.shifted(body, rate, shift)
-        structure = since_start(structure, params.structure)
-        constants = rigid_body.body_with(structure)
-    body[MASS] = since_start(body[MASS], params.mass)
+        body = body + rigid_body.center_shift_increment(body, rate, shift)
+        structure = round_as_stored(structure, params.structure)
+        constants = rigid_body.constants_kernel(structure)
+    body[MASS] = round_as_stored(body[MASS], params.mass)
     return body, structure, constants
 
 
@@ -416,39 +416,39 @@ def _step_by_pieces(
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
     over = reaction_jets.level_course(level, told, when, failing, jets.time_constants_s)
-    deviation, push = _pushed(state, luck, params)
+    deviation, push = _step_disturbance(state, luck, params)
     force = jets.forces * over.mean
-    structure, fill, constants = _drawn(state, force, params)
+    structure, fill, constants = _drain_by_firings(state, force, params)
     body = state.body
     for piece in range(over.lengths_s.size):
         profile = reaction_jets.wrench_profile(over.begins[piece], over.targets[piece], jets)
         profile[0, :6] += push
         constants_s = jets.class_constants_s
         body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], constants)
-    body, structure, constants = _settled(body, structure, state, params)
+    body, structure, constants = _finish_step(body, structure, state, params)
     after = VehicleState(body, structure, constants, over.end, over.end, deviation, state.memories, fill)
     return after, force
 
 
 @kernel
-def _pushed(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
+def _step_disturbance(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
     """Computes the disturbance's deviation over a sample, and torque about the origin and force, shape (6,) each."""
     if not params.pushed:
         return state.deviation, np.zeros(6)
     coming, row = luck
     deviation = next_deviation(state.deviation, coming.push[row], params.push)
-    return deviation, about_origin(params.push.mean + deviation, state.structure[_CENTER])
+    return deviation, move_to_origin(params.push.mean + deviation, state.structure[_CENTER])
 
 
-def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
+def apply_sample_jumps(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
     """Applies the mass-property jumps of a sample to the vehicle's state."""
-    body, structure = rigid_body.jumped(state.body, state.structure, params.jumps[sample])
-    body[MASS] = since_start(body[MASS], float(params.body[MASS]))
-    structure = since_start(structure, params.structure)
-    return state._replace(body=body, structure=structure, constants=rigid_body.body_of_structure(structure))
+    body, structure = rigid_body.apply_jumps(state.body, state.structure, params.jumps[sample])
+    body[MASS] = round_as_stored(body[MASS], float(params.body[MASS]))
+    structure = round_as_stored(structure, params.structure)
+    return state._replace(body=body, structure=structure, constants=rigid_body.constants_from_structure(structure))
 
 
-def on_floor(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
+def update_floor_wrenches(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
     """Updates the jet wrenches of a vehicle on a floor for its center of mass after a jump."""
     jets = params.jets
     wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])

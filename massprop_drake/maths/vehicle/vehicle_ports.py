@@ -18,11 +18,11 @@ from massprop_drake.maths.vehicle.reaction_jets import JetThrusts
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
 from massprop_drake.maths.vehicle.sensing import (
     PackageErrors,
-    at_once,
-    held_within,
+    limit_to_range,
     point_velocity,
-    quantized,
-    remembering,
+    quantize,
+    read_with_memory,
+    read_without_memory,
 )
 from massprop_drake.maths.vehicle.true_failures import FailureTable
 
@@ -59,7 +59,7 @@ def exact_reading(body: Array, held: Any) -> Array:
     """
     sensing = held.value
     errors = sensing.errors
-    return held_within(quantized(_signal(body, sensing), errors.quantum, errors.phase), errors.limit)
+    return limit_to_range(quantize(_signal(body, sensing), errors.quantum, errors.phase), errors.limit)
 
 
 @kernel
@@ -72,7 +72,7 @@ def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
         shaking: vibration in the reading, shape (3,), or empty.
     """
     sensing = held.value
-    return at_once(_signal(body, sensing), noise, shaking, sensing.errors)
+    return read_without_memory(_signal(body, sensing), noise, shaking, sensing.errors)
 
 
 @kernel
@@ -84,7 +84,7 @@ def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array,
     """
     sensing = held.value
     row = np.empty(3 + memory.size, dtype=memory.dtype)
-    row[:3], row[3:] = remembering(_signal(body, sensing), memory, noise, shaking, sensing.errors)
+    row[:3], row[3:] = read_with_memory(_signal(body, sensing), memory, noise, shaking, sensing.errors)
     return row
 
 
@@ -110,16 +110,16 @@ def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArr
         command: fraction commanded over it, shape (n_jets,).
         closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); empty: none can be.
         begins_s: when the sample does, s.
-        strikes: see `true_failures.struck`.
+        strikes: see `true_failures.draw_strikes`.
         held: holder of `Jets`.
     """
     jets = held.value
-    level = true_failures.failed(command, begins_s, jets.period_s, strikes, jets.failures)
+    level = true_failures.apply_failures(command, begins_s, jets.period_s, strikes, jets.failures)
     return level * (1.0 - closed) if closed.size else level
 
 
 @kernel
-def thrust(level: Array, coming: Array, held: Any) -> Array:
+def forces_and_profile(level: Array, coming: Array, held: Any) -> Array:
     """Computes mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
 
     Args:
@@ -148,13 +148,13 @@ class Motion(NamedTuple):
 
 
 @kernel
-def stepped(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
+def step_body(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
     """Computes the body after a step, shape (23,).
 
     Args:
         body: before it.
         profile: of the wrench, row by row; of a step of pieces, of each its length and this.
-        wheels: their angular momentum and its derivative, see `rigid_body.carrying`, shape (6,); empty: none.
+        wheels: their angular momentum and its derivative, see `rigid_body.add_wheel_momentum`, shape (6,); empty: none.
         constants: holder of `rigid_body.Body`.
         held: holder of `Motion`.
 
@@ -163,7 +163,7 @@ def stepped(body: Array, profile: Array, wheels: Array, constants: Any, held: An
     """
     motion, moved = held.value, constants.value
     if wheels.size > 0:
-        moved = rigid_body.carrying(moved, wheels, 0.0)
+        moved = rigid_body.add_wheel_momentum(moved, wheels, 0.0)
     if motion.pieces == 1:
         rows = profile.reshape((-1, N_WRENCH))
         return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, moved)
@@ -171,7 +171,7 @@ def stepped(body: Array, profile: Array, wheels: Array, constants: Any, held: An
     for piece in range(motion.pieces):
         if parts[piece, 0] > 0.0:
             if wheels.size > 0:
-                moved = rigid_body.carrying(moved, wheels, since_s)
+                moved = rigid_body.add_wheel_momentum(moved, wheels, since_s)
             rows = parts[piece, 1:].reshape((-1, N_WRENCH))
             body = rigid_body.step(body, rows[0], rows[1:], motion.constants_s, parts[piece, 0], moved)
             since_s += parts[piece, 0]

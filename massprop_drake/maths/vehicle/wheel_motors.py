@@ -37,7 +37,7 @@ class WheelsModel(NamedTuple):
     fastest: Array
 
 
-def true_inertias(model: WheelsModel, seed: Seed) -> Array:
+def draw_inertias(model: WheelsModel, seed: Seed) -> Array:
     """Draws inertias by a seed, shape (n,)."""
     if model.dispersion == 0.0:
         return model.inertias
@@ -67,7 +67,7 @@ def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsMode
     return np.concatenate((speeds @ arms, accelerations @ arms))
 
 
-def speed_read(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
+def read_speed(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
     """Returns the speed of one wheel as its tachometer reads it.
 
     Args:

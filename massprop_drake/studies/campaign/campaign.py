@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec, load_campaign
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.yaml import exists, files_read
+from massprop_drake.inputs.yaml import collect_files_read, exists
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import TO_FLY, engine, reading, require, store
 from massprop_drake.studies.campaign.counts import Status
-from massprop_drake.studies.campaign.plan import PlannedCase, case_name, planned
+from massprop_drake.studies.campaign.plan import PlannedCase, case_name, plan_cases
 
 if TYPE_CHECKING:
     import pandas
@@ -75,7 +75,7 @@ class Campaign:
             if overrides:
                 raise InputError(f"--set {overrides[0]}: {folder} has its plan already; change the file and plan anew")
             return Campaign(store.planned_spec(folder), folder)
-        with files_read() as files:
+        with collect_files_read() as files:
             spec = load_campaign(campaign, overrides)
         if spec.file.gates:
             from massprop_drake.studies.campaign import merit  # noqa: PLC0415 (scipy.stats is slow to load)
@@ -87,7 +87,7 @@ class Campaign:
         """Returns every case, fully resolved."""
         if self.folder is not None:
             return store.read_plan(self.folder)[0]
-        return planned(self.spec)
+        return plan_cases(self.spec)
 
     def advice(self) -> list[str]:
         """Lists advice on entries that are valid, but could be better."""
@@ -236,11 +236,11 @@ class Campaign:
         work = engine.CampaignWork(setup, todo, flight.alone, file.limits.time_s, file.limits.memory_mb)
         facts, done, columns = flight.facts, flight.done, store.schema(file.times_s)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
-        with contextlib.closing(engine.flown(client, work, execution, flight.folder)) as chunks:
+        with contextlib.closing(engine.fly_chunks(client, work, execution, flight.folder)) as chunks:
             for chunk in chunks:
                 if execution is None:
                     execution = chunk.execution
-                    store.note(flight.folder, {**facts, "execution": json.dumps(execution)})
+                    store.write_facts(flight.folder, {**facts, "execution": json.dumps(execution)})
                 rows = [row for row in chunk.rows if row["case_id"] not in done]  # one flown alone may have its row
                 if rows:
                     store.write_rows(flight.folder, sorted(rows, key=lambda row: row["case_id"]), columns)

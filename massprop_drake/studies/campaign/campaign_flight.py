@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from massprop_drake.display.run import Run
-from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, resolve_scenario
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summarize import looked_back_on
-from massprop_drake.studies.campaign.measure import failing_reasons, measured
+from massprop_drake.results.summarize import add_batch_analysis
+from massprop_drake.studies.campaign.measure import failing_reasons, measure_case
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name
 from massprop_drake.studies.campaign.worker import require_shared
 
@@ -27,7 +27,7 @@ class Flights:
     """
 
     def __init__(self, setup: Mapping[str, Any]):
-        self._base = resolved(setup["base"])
+        self._base = resolve_scenario(setup["base"])
         self._setup = setup
         require_shared(setup)
 
@@ -43,18 +43,18 @@ class Flights:
             request: the fields of a `PlannedCase`, and `keep`: whether to keep it whatever becomes of it.
         """
         case = PlannedCase(**{name: request[name] for name in PlannedCase._fields})
-        run = flown(case, self._base, self._setup["campaign"])
-        row = measured(run, self._setup["times_s"])
+        run = fly_case(case, self._base, self._setup["campaign"])
+        row = measure_case(run, self._setup["times_s"])
         row["failing"] = failing_reasons(row)
         if request["keep"] or self._setup["keep"] == "all" or (self._setup["keep"] == "failing" and row["failing"]):
             folder = Path(self._setup["folder"]) / "cases" / case_name(case.case_id)
             if isinstance(run.signals, Spool) and case.record is None:  # a row needs no hindsight; a folder has it
-                run.results = looked_back_on(run.results, run.scenario, run.signals)
+                run.results = add_batch_analysis(run.results, run.scenario, run.signals)
             run.save(folder, pictures=False, report=False)
         return row
 
 
-def flown(case: PlannedCase, base: Scenario, campaign: str) -> Run:
+def fly_case(case: PlannedCase, base: Scenario, campaign: str) -> Run:
     """Flies one case, simulated or estimated from its record: as `massprop run` does, less the batch analysis."""
     scenario = case.scenario(base, campaign)
     if case.record is not None:

@@ -15,7 +15,7 @@ from massprop_drake.studies.campaign import merit, report_plots, report_tables
 from massprop_drake.studies.campaign.counts import Row
 from massprop_drake.studies.campaign.merit import Passed
 from massprop_drake.studies.campaign.reading import Study
-from massprop_drake.studies.campaign.report_words import row_of, verdict
+from massprop_drake.studies.campaign.report_words import figure_row, verdict
 from massprop_drake.studies.campaign.statistics import Figure
 
 FORMAT = 1  # of a campaign's `summary.json`
@@ -28,7 +28,7 @@ _DISPLAY = Path(templates.__file__).parent
 # ------------------------------------------------------------------------------------------- as data
 
 
-def summarized(study: Study) -> dict[str, Any]:
+def summary_data(study: Study) -> dict[str, Any]:
     """Returns the summary of a campaign that has been read: counts, figures by cell, and gates with their verdicts.
 
     Gates hold for every cell. The figures at the top are those of the reference: the cell with the base scenario's own
@@ -45,7 +45,7 @@ def summarized(study: Study) -> dict[str, Any]:
                 "cases": cell.numbers._asdict(),
                 "hours": merit.hours(cell.rows),
                 "figures": {name: figure_data(figure) for name, figure in found.items()},
-                "gates": [_gate_data(passed) for passed in merit.judged(file.gates, found)],
+                "gates": [_gate_data(passed) for passed in merit.judge_gates(file.gates, found)],
             }
         )
     gates = [{"cell": cell["cell"], **gate} for cell in cells for gate in cell["gates"]]
@@ -65,7 +65,7 @@ def summarized(study: Study) -> dict[str, Any]:
         "reference": study.reference,
         "figures": cells[study.reference]["figures"],
         "cells": cells,
-        "injected": {kind: dict(counts) for kind, counts in merit.outcomes(study.rows).items()},
+        "injected": {kind: dict(counts) for kind, counts in merit.count_outcomes(study.rows).items()},
         "failed_to_run": _reasons(study.rows),
     }
 
@@ -88,7 +88,7 @@ def _reasons(rows: Sequence[Row]) -> dict[str, int]:
 # -------------------------------------------------------------------------------------------- as page
 
 
-def page_of(study: Study) -> str:
+def report_page(study: Study) -> str:
     """Returns the report of a campaign that has been read."""
     return plotted.page(_HERE / "campaign.html", contents(study))
 
@@ -107,7 +107,7 @@ def contents(study: Study) -> dict[str, Any]:
     found = merit.figures(rows)
     acted = merit.events(rows)
     force = spec.base.vehicle_data.unit_names["force"]
-    sized = {kind: group for kind, group in merit.by_kind(acted).items() if kind in SIZED}
+    sized = {kind: group for kind, group in merit.group_by_kind(acted).items() if kind in SIZED}
     places = {
         "detection": report_plots.delay_plots(study, acted),
         "isolation": report_plots.confusion_plots(study, acted, merit.events(rows, payloads=True)),
@@ -121,19 +121,19 @@ def contents(study: Study) -> dict[str, Any]:
         "description": spec.file.description,
         "about": _about(study),
         "verdict": verdict(study),
-        "figures": [row_of(name, figure) for name, figure in found.items() if figure.n],
+        "figures": [figure_row(name, figure) for name, figure in found.items() if figure.n],
         "sweep": report_tables.sweep(study),
-        "falsely": report_tables.falsely(rows),
+        "falsely": report_tables.false_declaration_rows(rows),
         "false_of": report_tables.false_by_jet(rows),
         "outcomes": report_tables.outcomes(rows),
         "delays": report_tables.delays(acted),
-        "jumps": report_tables.jumps(rows),
-        "healthy_out": report_tables.healthy_out(
+        "jumps": report_tables.jump_confusion_rows(rows),
+        "healthy_out": report_tables.healthy_jets_out(
             rows, {jet.designation: jet.cluster for jet in spec.base.vehicle_data.jets}
         ),
-        "leaks": {kind: report_tables.smallest(group, force) for kind, group in sized.items()},
+        "leaks": {kind: report_tables.smallest_found_rows(group, force) for kind, group in sized.items()},
         "magnitudes": report_tables.magnitudes(acted, force),
-        "groups": report_tables.by_what_happened(rows),
+        "groups": report_tables.consistency_rows(rows),
         "coverage": report_tables.coverage(rows),
         "sobol": spec.file.method == "saltelli",
         "worst": report_tables.worst(study),

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from massprop_drake.display.interactive import numbers, plain
+from massprop_drake.display.interactive import escape_text, rounded_numbers
 from massprop_drake.display.style import BAND_COLOR, COLORS, ESTIMATE_COLOR, FAILED_COLOR, TRUTH_COLOR
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.signals import SYMBOLS
-from massprop_drake.studies.campaign.merit import InjectedEvent, OperatingPoint, size_of
+from massprop_drake.studies.campaign.merit import InjectedEvent, OperatingPoint, failure_size
 from massprop_drake.studies.campaign.statistics import Detections, Figure, SizeCurve
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def _style(number: int) -> tuple[str, str]:
 
 
 def _axis(title: str, **more: Any) -> Json:
-    return {"title": {"text": plain(title), "font": {"size": 11}}, "automargin": True, **more}
+    return {"title": {"text": escape_text(title), "font": {"size": 11}}, "automargin": True, **more}
 
 
 def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
@@ -95,7 +95,8 @@ def _values(figures: Sequence[Figure]) -> list[float | None]:
 def _line(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
     style = {"color": color, "width": 1.6, **more.pop("line", {})}
     return {
-        "type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "line": style, "name": plain(label),
+        "type": "scatter", "mode": "lines", "x": rounded_numbers(x), "y": rounded_numbers(y), "line": style,
+        "name": escape_text(label),
         "showlegend": bool(label), **more,
     }  # fmt: skip
 
@@ -137,7 +138,7 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
     return _figure(name, f"Delay to the right declaration, {what}", traces, layout, note)
 
 
-def operating(
+def operating_curve(
     curve: Sequence[OperatingPoint], cells: Sequence[OperatingPoint], flown: OperatingPoint, swept: str
 ) -> Json:
     """Plots share found, and delay, against false declarations per hour: by threshold, by cell, and as flown.
@@ -151,7 +152,7 @@ def operating(
     traces: list[Json] = []
     everything = [*curve, *cells, flown]
     high = max(point.false_per_hour.high for point in everything)
-    low = min(_drawn_rate(point) for point in everything)
+    low = min(_rate_position(point) for point in everything)
     panels: tuple[tuple[str, Callable[[OperatingPoint], Figure]], ...] = (
         ("", lambda point: point.found),
         ("2", lambda point: point.delay_s),
@@ -159,20 +160,20 @@ def operating(
     for axis, figure_of in panels:
         place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
         if curve:
-            x = np.array([_drawn_rate(point) for point in curve])
+            x = np.array([_rate_position(point) for point in curve])
             y = np.array([figure_of(point).value for point in curve])
             settings = [f"likelihood argument at least {point.setting:.4g}" for point in curve]
             label = "as flown, less what is below a threshold" if not axis else ""
             style = {"line": {"dash": "dot"}, "text": settings, "hoverinfo": "x+y+text"}
             traces.append(_line(x, y, _CURVE_COLOR, label, **style, **place))
         for points, color, symbol, label in (
-            (list(cells), ESTIMATE_COLOR, "circle", f"flown again with other {plain(swept)}"),
+            (list(cells), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(swept)}"),
             ([flown], FAILED_COLOR, "star", "operating point"),
         ):
             if not points:
                 continue
             figures = [figure_of(point) for point in points]
-            false = [point.false_per_hour._replace(value=_drawn_rate(point)) for point in points]
+            false = [point.false_per_hour._replace(value=_rate_position(point)) for point in points]
             false = [figure._replace(low=max(figure.low, 0.2 * low)) for figure in false]
             traces.append(
                 {
@@ -183,7 +184,7 @@ def operating(
                         "color": color, "size": 13 if symbol == "star" else 8,
                         "symbol": [symbol if point.false_per_hour.value else f"{symbol}-open" for point in points],
                     },
-                    "text": [plain(str(point.setting)) if symbol == "circle" else "" for point in points],
+                    "text": [escape_text(str(point.setting)) if symbol == "circle" else "" for point in points],
                     "textposition": "top left", "textfont": {"size": 10}, "hoverinfo": "x+y+text",
                     "name": label, "showlegend": not axis, "legendgroup": symbol, **place,
                 }
@@ -209,7 +210,7 @@ def operating(
     return _figure("operating", "Operating curve", traces, layout, note)
 
 
-def _drawn_rate(point: OperatingPoint) -> float:
+def _rate_position(point: OperatingPoint) -> float:
     """Returns the rate to draw on a logarithmic axis, that of half a declaration where there was none."""
     figure = point.false_per_hour
     return figure.value or 0.5 / figure.n
@@ -226,8 +227,8 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
         order: of names, for both axes; others come behind.
         name, title: of the plot.
     """
-    rows = _ordered({true for true, _ in counts}, order)
-    columns = _ordered({named for _, named in counts}, order)
+    rows = _sort_names({true for true, _ in counts}, order)
+    columns = _sort_names({named for _, named in counts}, order)
     place = {label: number for number, label in enumerate(columns)}
     kinds: dict[str, tuple[list[list[Any]], Any]] = {}
     empty = ("not found", "not tested")
@@ -245,7 +246,7 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
             "x": list(range(len(columns))), "y": list(range(len(rows))), "hoverongaps": False,
             "text": [["" if cell is None else str(cell) for cell in line] for line in cells],
             "texttemplate": "%{text}", "textfont": {"size": 10}, "xgap": 1, "ygap": 1,
-            "customdata": [[[plain(true), plain(named)] for named in columns] for true in rows],
+            "customdata": [[[escape_text(true), escape_text(named)] for named in columns] for true in rows],
             "hovertemplate": "%{customdata[0]} declared as %{customdata[1]}: %{z}<extra></extra>",
         }
         for cells, scale in kinds.values()
@@ -253,10 +254,10 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
     layout = {
         "height": max(220, 90 + 17 * len(rows)),
         "margin": {**_MARGIN, "l": 70, "b": 70},
-        "xaxis": _axis("", tickvals=list(range(len(columns))), ticktext=[plain(c) for c in columns],
+        "xaxis": _axis("", tickvals=list(range(len(columns))), ticktext=[escape_text(c) for c in columns],
                        tickfont={"size": 10}, tickangle=-90 if len(columns) > 8 else -30, showgrid=False,
                        range=[-0.5, len(columns) - 0.5], zeroline=False),
-        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[plain(r) for r in rows],
+        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[escape_text(r) for r in rows],
                        tickfont={"size": 10}, showgrid=False, range=[len(rows) - 0.5, -0.5], zeroline=False),
     }  # fmt: skip
     note = (
@@ -266,7 +267,7 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
     return _figure(name, title, traces, layout, note, wide=len(columns) > 14)
 
 
-def _ordered(names: set[str], order: Sequence[str]) -> list[str]:
+def _sort_names(names: set[str], order: Sequence[str]) -> list[str]:
     place = {name: number for number, name in enumerate(order)}
     return sorted(names, key=lambda name: (place.get(name, len(place)), name))
 
@@ -283,10 +284,11 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
         traces += _band(x, low, high, ESTIMATE_COLOR)
         traces.append(_line(x, middle, ESTIMATE_COLOR, "logistic fit with 95 % band"))
     for right, y, label in ((True, 1.06, "found, one by one"), (False, -0.06, "not found")):
-        x = np.array([size_of(event) for event in found if event.right == right])[:_MOST_POINTS]
+        x = np.array([failure_size(event) for event in found if event.right == right])[:_MOST_POINTS]
         color = ESTIMATE_COLOR if right else FAILED_COLOR
         traces.append(
-            {"type": "scatter", "mode": "markers", "x": numbers(x), "y": [y] * x.size, "name": label, "hoverinfo": "x",
+            {"type": "scatter", "mode": "markers", "x": rounded_numbers(x), "y": [y] * x.size, "name": label,
+             "hoverinfo": "x",
              "marker": {"symbol": "line-ns-open", "size": 8, "color": color}}
         )  # fmt: skip
     centers = [math.sqrt(low * high) for low, high, _ in bins]
@@ -338,8 +340,10 @@ def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json
         everything += [*true.tolist(), *declared.tolist()]
         color, _ = _style(number)
         traces.append(
-            {"type": "scatter", "mode": "markers", "x": numbers(true), "y": numbers(declared), "name": plain(kind),
-             "error_y": {"type": "data", "array": numbers(2.0 * sigma), "thickness": 1, "width": 0, "color": color},
+            {"type": "scatter", "mode": "markers", "x": rounded_numbers(true), "y": rounded_numbers(declared),
+             "name": escape_text(kind),
+             "error_y": {"type": "data", "array": rounded_numbers(2.0 * sigma), "thickness": 1, "width": 0,
+                         "color": color},
              "marker": {"size": 6, "color": color}}
         )  # fmt: skip
     low, high = (min(everything), max(everything)) if everything else (0.0, 1.0)
@@ -373,7 +377,7 @@ def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
     expected = z.size * np.diff(stats.norm.cdf(_EDGES))
     place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
     bars = {
-        "type": "bar", "x": numbers(centers), "y": counts.tolist(), "marker": {"color": ESTIMATE_COLOR},
+        "type": "bar", "x": rounded_numbers(centers), "y": counts.tolist(), "marker": {"color": ESTIMATE_COLOR},
         "name": "cases", "showlegend": first, "legendgroup": "cases", "hoverinfo": "x+y", **place,
     }  # fmt: skip
     style = {"line": {"shape": "hvh", "width": 1.2}, "legendgroup": "expected"}
@@ -539,9 +543,10 @@ def _heat(
     }  # fmt: skip
     layout = {
         "height": max(240, 80 + 22 * len(rows)),
-        "xaxis": _axis("error of", tickvals=list(range(len(columns))), ticktext=[plain(c) for c in columns],
+        "xaxis": _axis("error of", tickvals=list(range(len(columns))), ticktext=[escape_text(c) for c in columns],
                        showgrid=False, zeroline=False),
-        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[plain(r) for r in rows], tickfont={"size": 10},
+        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[escape_text(r) for r in rows],
+                       tickfont={"size": 10},
                        showgrid=False, zeroline=False, range=[len(rows) - 0.5, -0.5]),
     }  # fmt: skip
     return _figure(*what[:2], [trace], layout, what[2], wide=True)

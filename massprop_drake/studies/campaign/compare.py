@@ -16,7 +16,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
 from massprop_drake.studies.campaign import charts, merit, report_words, statistics
 from massprop_drake.studies.campaign.campaign_report import FORMAT, figure_data
-from massprop_drake.studies.campaign.counts import Row, ends_wrong, flown, judgeable
+from massprop_drake.studies.campaign.counts import Row, ends_wrong, select_flown, select_judgeable
 from massprop_drake.studies.campaign.merit import MEANINGS, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
@@ -117,17 +117,17 @@ def _require_same_draws(baseline: Column, column: Column) -> None:
                 raise InputError(
                     f"{here}: sample {row['sample']}: {what} is {row[name]}, in {there} {same[name]}, so that {refused}"
                 )
-    if column is not baseline and not pairs(baseline, column):
+    if column is not baseline and not pair_cases(baseline, column):
         raise InputError(f"{here}: has no case in common with {there} that both have flown")
 
 
-def pairs(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
+def pair_cases(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
     """Pairs cases with the same draws that both have flown, by sample."""
-    rows = {row["sample"]: row for row in flown(baseline.cell.rows)}
-    return [(rows[row["sample"]], row) for row in flown(column.cell.rows) if row["sample"] in rows]
+    rows = {row["sample"]: row for row in select_flown(baseline.cell.rows)}
+    return [(rows[row["sample"]], row) for row in select_flown(column.cell.rows) if row["sample"] in rows]
 
 
-def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, InjectedEvent]]:
+def pair_events(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, InjectedEvent]]:
     """Pairs the same failures of jets in pairs of cases, where they acted in both."""
     found = []
     for first, second in paired:
@@ -141,11 +141,11 @@ def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, 
 
 def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     """Computes differences of the second cases of some pairs from the first ones."""
-    events = event_pairs(paired)
+    events = pair_events(paired)
     known = [pair for pair in paired if None not in (pair[0]["largest_sigmas"], pair[1]["largest_sigmas"])]
     nees = [pair for pair in paired if None not in (pair[0]["nees.rotation"], pair[1]["nees.rotation"])]
     both = [pair for pair in events if pair[0].right and pair[1].right]
-    judged = [pair for pair in paired if len(judgeable(pair)) == len(pair)]
+    judged = [pair for pair in paired if len(select_judgeable(pair)) == len(pair)]
     found = [
         _false_rate(judged),
         _share("Cases with a false declaration", judged, lambda row: row["n_false"] > 0, "cases"),
@@ -155,8 +155,8 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
         _share(MEANINGS["ended_wrong"].words, known, ends_wrong, "cases"),
         _share(MEANINGS["failing"].words, judged, lambda row: bool(row["failing"]), "cases"),
         _share(MEANINGS["isolated"].words, events, lambda event: event.right, "failures"),
-        _share(MEANINGS["named"].words, events, _is("named"), "failures"),
-        _share(MEANINGS["wrong"].words, events, _is("wrong"), "failures"),
+        _share(MEANINGS["named"].words, events, _has_outcome("named"), "failures"),
+        _share(MEANINGS["wrong"].words, events, _has_outcome("wrong"), "failures"),
         _median("Delay of what both found", "s", both, lambda event: event.delay_s, "failures"),
         _median("Largest error, in claimed sigma", "sigma", known, lambda row: row["largest_sigmas"], "cases"),
         _median("NEES of the rotational parameters", "", nees, lambda row: row["nees.rotation"], "cases"),
@@ -164,7 +164,7 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     return [measure for measure in found if measure.paired.difference.n]
 
 
-def _is(outcome: str) -> Callable[[InjectedEvent], bool]:
+def _has_outcome(outcome: str) -> Callable[[InjectedEvent], bool]:
     return lambda event: bool(event.injected["outcome"] == outcome)
 
 
@@ -225,12 +225,12 @@ def summary(folders: Sequence[str | Path]) -> dict[str, Any]:
                         "smaller": measure.paired.down,
                         "p": _finite(measure.paired.p),
                     }
-                    for measure in _measured(found, number)
+                    for measure in _column_measures(found, number)
                 ],
             }
             for number, column in enumerate(found)
         ],
-        "settings": _settings(found),
+        "settings": _differing_settings(found),
     }
 
 
@@ -238,16 +238,16 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _measured(found: Sequence[Column], number: int) -> list[Measure]:
+def _column_measures(found: Sequence[Column], number: int) -> list[Measure]:
     column = found[number]
-    return [] if column.baseline == number else measures(pairs(found[column.baseline], column))
+    return [] if column.baseline == number else measures(pair_cases(found[column.baseline], column))
 
 
-def _settings(found: Sequence[Column]) -> list[dict[str, Any]]:
+def _differing_settings(found: Sequence[Column]) -> list[dict[str, Any]]:
     """Returns settings of the scenario, and versions, that are not the same in all columns."""
     flat = []
     for column in found:
-        one = _flat(column.study.spec.base, "")
+        one = _flatten(column.study.spec.base, "")
         one |= column.cell.settings
         one |= {f"(version) {name}": value for name, value in column.study.execution.items()}
         flat.append(one)
@@ -256,7 +256,7 @@ def _settings(found: Sequence[Column]) -> list[dict[str, Any]]:
     return [{"key": key, "values": [one.get(key) for one in flat]} for key in differing[:_MOST_DIFFERENCES]]
 
 
-def _flat(value: Any, path: str) -> dict[str, Any]:
+def _flatten(value: Any, path: str) -> dict[str, Any]:
     """Returns plain values by dotted key."""
     if isinstance(value, Model):
         value = value.model_dump(mode="json")
@@ -266,7 +266,7 @@ def _flat(value: Any, path: str) -> dict[str, Any]:
         parts = {f"{path}[{index}]": inner for index, inner in enumerate(value)}
     else:
         return {path: value}
-    return {key: leaf for name, inner in parts.items() for key, leaf in _flat(inner, name).items()}
+    return {key: leaf for name, inner in parts.items() for key, leaf in _flatten(inner, name).items()}
 
 
 # -------------------------------------------------------------------------------------------- as page
@@ -294,18 +294,18 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
         plots.append(charts.delays(curves, what="by column"))
         points = [merit.operating_point(column.cell.rows, chr(ord("A") + n)) for n, column in enumerate(found)]
         own = found[0].baseline
-        plots.append(charts.operating([], points[:own] + points[own + 1 :], points[own], "settings"))
+        plots.append(charts.operating_curve([], points[:own] + points[own + 1 :], points[own], "settings"))
     return {
         "title": "Campaigns compared: " + ", ".join(dict.fromkeys(column.study.spec.file.name for column in found)),
         "columns": [{"letter": chr(ord("A") + n), "label": label} for n, label in enumerate(labels)],
         "settings": [
             {"key": row["key"], "values": ["-" if value is None else str(value) for value in row["values"]]}
-            for row in _settings(found)
+            for row in _differing_settings(found)
         ],
         "figures": [
             {
                 "words": MEANINGS[name].words,
-                "cells": [report_words.row_of(name, one[name]) for one in figures],
+                "cells": [report_words.figure_row(name, one[name]) for one in figures],
             }
             for name in MEANINGS
             if any(one[name].n for one in figures)
@@ -314,9 +314,9 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
             {
                 "label": column.label,
                 "baseline": labels[column.baseline],
-                "n": len(pairs(found[column.baseline], column)),
-                "rows": [_row(measure) for measure in _measured(found, number)],
-                "changed": _changed(found[column.baseline], column),
+                "n": len(pair_cases(found[column.baseline], column)),
+                "rows": [_row(measure) for measure in _column_measures(found, number)],
+                "changed": _changed_cases(found[column.baseline], column),
             }
             for number, column in enumerate(found)
             if column.baseline != number
@@ -336,7 +336,7 @@ def _row(measure: Measure) -> dict[str, Any]:
     return {
         "words": measure.words,
         "values": [
-            report_words.shown(statistics.Figure(value, math.nan, math.nan, 0), measure.unit)
+            report_words.format_figure(statistics.Figure(value, math.nan, math.nan, 0), measure.unit)
             for value in measure.values
         ],
         "difference": f"{number(difference.value)} {unit}".rstrip(),
@@ -353,17 +353,17 @@ def _bound(value: float, number: Callable[[float], str]) -> str:
     return "unknown" if math.isinf(value) else number(value)
 
 
-def _changed(baseline: Column, column: Column) -> dict[str, Any]:
+def _changed_cases(baseline: Column, column: Column) -> dict[str, Any]:
     """Returns cases with another outcome: the first ones, and how many there are."""
     found = []
-    for first, second in pairs(baseline, column):
-        became = [_became(row) for row in (first, second)]
+    for first, second in pair_cases(baseline, column):
+        became = [_outcome_text(row) for row in (first, second)]
         if became[0] != became[1]:
             found.append({"case": case_name(second["case_id"]), "first": became[0], "second": became[1]})
     return {"n": len(found), "rows": found[:_MOST_LISTED]}
 
 
-def _became(row: Row) -> str:
+def _outcome_text(row: Row) -> str:
     """Describes the outcome of a case, without its numbers."""
     parts = [f"{one['jet'] or one['kind']} {one['outcome'].replace('_', ' ')}" for one in row["injected"]]
     parts += [f"taken for {one['taken_for']}" for one in row["injected"] if one["taken_for"]]

@@ -10,9 +10,9 @@ class Concluded(NamedTuple):
     """Summary, verdict and page of a campaign.
 
     Attributes:
-        summary: see `campaign_report.summarized`.
+        summary: see `campaign_report.summary_data`.
         verdict: see `report_words.verdict`.
-        page: see `campaign_report.page_of`; None where none is asked for.
+        page: see `campaign_report.report_page`; None where none is asked for.
     """
 
     summary: dict[str, Any]
@@ -20,7 +20,7 @@ class Concluded(NamedTuple):
     page: str | None
 
 
-def concluded(folder: str | Path, *, with_page: bool) -> Concluded:
+def make_conclusion(folder: str | Path, *, with_page: bool) -> Concluded:
     """Makes the conclusion of the campaign in a folder, which is read once for all of it.
 
     Raises:
@@ -34,7 +34,7 @@ def concluded(folder: str | Path, *, with_page: bool) -> Concluded:
 
     study = reading.read(folder)
     return Concluded(
-        campaign_report.summarized(study),
+        campaign_report.summary_data(study),
         report_words.verdict(study),
-        campaign_report.page_of(study) if with_page else None,
+        campaign_report.report_page(study) if with_page else None,
     )

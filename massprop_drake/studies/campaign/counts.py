@@ -49,14 +49,14 @@ class Status(NamedTuple):
     cells: Sequence[tuple[str, Mapping[str, Any], Counts]]
 
 
-def flown(rows: Iterable[Row]) -> list[Row]:
+def select_flown(rows: Iterable[Row]) -> list[Row]:
     """Selects the cases that could be run."""
     return [row for row in rows if row["status"] == FLOWN]
 
 
-def judgeable(rows: Iterable[Row]) -> list[Row]:
+def select_judgeable(rows: Iterable[Row]) -> list[Row]:
     """Selects the cases whose failures are known: those flown here, and none of a telemetry record."""
-    return [row for row in flown(rows) if row["n_false"] is not None]
+    return [row for row in select_flown(rows) if row["n_false"] is not None]
 
 
 def ends_wrong(row: Row) -> bool:
@@ -64,14 +64,14 @@ def ends_wrong(row: Row) -> bool:
     return row["largest_sigmas"] is not None and bool(row["largest_sigmas"] > WRONG_SIGMAS)
 
 
-def counted(rows: Sequence[Row], planned: int) -> Counts:
+def count_cases(rows: Sequence[Row], planned: int) -> Counts:
     """Counts cases.
 
     Args:
         rows: those that were tried, with the columns `COLUMNS`.
         planned: number of cases in the plan.
     """
-    good, judged = flown(rows), judgeable(rows)
+    good, judged = select_flown(rows), select_judgeable(rows)
     return Counts(
         planned=planned,
         tried=len(rows),
@@ -84,7 +84,7 @@ def counted(rows: Sequence[Row], planned: int) -> Counts:
     )
 
 
-def total(parts: Iterable[Counts]) -> Counts:
+def sum_counts(parts: Iterable[Counts]) -> Counts:
     """Adds the counts of the cells of a sweep."""
     return Counts(*map(sum, zip(*parts, strict=True)))
 
@@ -102,12 +102,12 @@ def progress(counts: Counts) -> str:
     return f"All {counts.planned} planned cases have been flown."
 
 
-def not_run(counts: Counts) -> str:
+def failed_to_run_text(counts: Counts) -> str:
     """Describes how many cases failed to run; empty: none."""
     return f"{counts.failed_to_run} of {counts.tried} cases failed to run." if counts.failed_to_run else ""
 
 
-def endings(found: Status) -> list[str]:
+def outcome_sentences(found: Status) -> list[str]:
     """Describes how many cases are failing, and how many end wrong, in all and in each cell; empty if unknown."""
     kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
     sentences = []

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign.execution import differences
 from massprop_drake.studies.campaign.plan import FAILED, FLOWN
-from massprop_drake.studies.campaign.worker import CannotFlyError, end, fly_chunk, require_shared
-from massprop_drake.studies.processes import ctrl_c_held
+from massprop_drake.studies.campaign.worker import CannotFlyError, end_campaign_work, fly_chunk, require_shared
+from massprop_drake.studies.processes import defer_ctrl_c
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -96,7 +96,7 @@ def local_client(workers: int) -> Iterator[Client]:
     }
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set({**_SHORT_LOG, **settings}))
-        with ctrl_c_held():  # the cluster's own threads start its workers, also those that replace others
+        with defer_ctrl_c():  # the cluster's own threads start its workers, also those that replace others
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -105,7 +105,7 @@ def local_client(workers: int) -> Iterator[Client]:
                 dashboard_address="127.0.0.1:0",
                 silence_logs="CRITICAL",
             )
-        stack.callback(_in_time, cluster.close)
+        stack.callback(_tidy_with_timeout, cluster.close)
         yield stack.enter_context(Client(cluster))
 
 
@@ -144,7 +144,9 @@ def dashboard(client: Client) -> str | None:
     return client.dashboard_link if "dashboard" in client.scheduler_info()["services"] else None
 
 
-def flown(client: Client, work: CampaignWork, execution: Mapping[str, str] | None, folder: Path) -> Generator[Flown]:
+def fly_chunks(
+    client: Client, work: CampaignWork, execution: Mapping[str, str] | None, folder: Path
+) -> Generator[Flown]:
     """Yields each chunk as it is done.
 
     Args:
@@ -158,7 +160,7 @@ def flown(client: Client, work: CampaignWork, execution: Mapping[str, str] | Non
             scheduler is lost.
     """
     key = uuid.uuid4().hex
-    with _token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
+    with _folder_token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
         setup = {**work.setup, "key": key, "token": token}
         chunks = _Chunks(client, work._replace(setup=setup), execution)
         try:
@@ -169,11 +171,11 @@ def flown(client: Client, work: CampaignWork, execution: Mapping[str, str] | Non
                 "the connection to the Dask scheduler is lost; --resume goes on with what is there"
             ) from None
         finally:
-            _in_time(chunks.cancel)
-            _in_time(client.run, end, key, on_error="ignore")
+            _tidy_with_timeout(chunks.cancel)
+            _tidy_with_timeout(client.run, end_campaign_work, key, on_error="ignore")
 
 
-def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+def _tidy_with_timeout(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
     """Calls a cleanup for a limited time: workers that are being lost may never answer, and end by themselves."""
 
     def tried() -> None:
@@ -186,7 +188,7 @@ def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
 
 
 @contextlib.contextmanager
-def _token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
+def _folder_token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
     """Makes a file by which workers know the campaign's folder; None where they need not see it."""
     if not wanted:
         yield None

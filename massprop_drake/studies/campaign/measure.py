@@ -17,7 +17,7 @@ from massprop_drake.studies.campaign.counts import ends_wrong
 Array = NDArray[np.float64]
 
 
-def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
+def measure_case(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
     """Makes the row of one case.
 
     Args:
@@ -36,7 +36,7 @@ def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
         truth = run["truth"][index] if "truth" in run.signals else np.full(10, np.nan)
         row |= _errors(f"@{at_s:g}", run["estimate"][index], run["standard_deviation"][index], truth)
     row |= _consistency(run)
-    row |= _found(run)
+    row |= _detection_columns(run)
     autopilot = results.autopilot
     return row | {
         "firings": autopilot.firings,
@@ -109,7 +109,7 @@ def _consistency(run: Run) -> dict[str, Any]:
     }
 
 
-def _found(run: Run) -> dict[str, Any]:
+def _detection_columns(run: Run) -> dict[str, Any]:
     """Returns injected failures and declarations; of a record nobody knows what is false."""
     results = run.results
     known = results.injected is not None

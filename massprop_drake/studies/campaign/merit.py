@@ -14,7 +14,7 @@ from massprop_drake.inputs.campaign_file import Gate
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import statistics
-from massprop_drake.studies.campaign.counts import FAILING, WRONG, Row, counted, flown, judgeable
+from massprop_drake.studies.campaign.counts import FAILING, WRONG, Row, count_cases, select_flown, select_judgeable
 from massprop_drake.studies.campaign.statistics import Detections, Figure
 
 CAUSES = ("healthy", "failure", "jump")  # what had acted last before a false declaration
@@ -57,7 +57,7 @@ class InjectedEvent(NamedTuple):
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent]:
     """Returns injected failures that acted, or payloads that docked or were released."""
     found = []
-    for row in flown(rows):
+    for row in select_flown(rows):
         for one in row["injected"]:
             if (one["kind"] in PAYLOADS) != payloads or one["first_acted_s"] is None:
                 continue
@@ -67,10 +67,10 @@ def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent
     return found
 
 
-def outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
+def count_outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
     """Counts outcomes of injected failures and payloads, by kind in the order in which kinds appear."""
     found: dict[str, Counter[str]] = {}
-    for row in flown(rows):
+    for row in select_flown(rows):
         for one in row["injected"]:
             found.setdefault(one["kind"], Counter())[one["outcome"]] += 1
     return found
@@ -84,7 +84,7 @@ def detection_curve(found: Sequence[InjectedEvent]) -> Detections:
     )
 
 
-def found_share(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent], bool]) -> Figure:
+def share_of_events(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent], bool]) -> Figure:
     """Computes the share of failures for which something holds; failures of one case are not independent."""
     by_case: dict[int, list[bool]] = {}
     for event in found:
@@ -99,10 +99,10 @@ def found_share(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent],
 
 def hours(rows: Iterable[Row], cause: str | None = None) -> float:
     """Computes the time flown by all cases, h; or the part of it in which a given cause had acted last."""
-    return sum(_at_risk_s(row)[cause] if cause else row["duration_s"] for row in flown(rows)) / _HOUR_S
+    return sum(_exposure_s(row)[cause] if cause else row["duration_s"] for row in select_flown(rows)) / _HOUR_S
 
 
-def _at_risk_s(row: Row) -> dict[str, float]:
+def _exposure_s(row: Row) -> dict[str, float]:
     """Splits a case's duration, s, by what had acted last: nothing, a failure or a payload."""
     acted = sorted(
         (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
@@ -120,7 +120,7 @@ def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Ma
     """Returns declarations that nothing explains; of one cause, or all."""
     return [
         entry
-        for row in flown(rows)
+        for row in select_flown(rows)
         for entry in row["declared"]
         if entry["false"] and (cause is None or entry["cause"] == cause)
     ]
@@ -128,16 +128,16 @@ def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Ma
 
 def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
     """Computes false declarations per hour; of all time, or of one cause in the hours in which it could act."""
-    return statistics.rate(len(false_declarations(rows, cause)), hours(judgeable(rows), cause))
+    return statistics.rate(len(false_declarations(rows, cause)), hours(select_judgeable(rows), cause))
 
 
 # --------------------------------------------------------------------------------------- estimates
 
 
-def sigmas(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
+def normalized_errors(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
     """Returns error over claimed 1-sigma of one parameter in every case where both are known."""
     found = []
-    for row in flown(rows):
+    for row in select_flown(rows):
         error, sigma = row[f"error{suffix}.{name}"], row[f"sigma{suffix}.{name}"]
         if error is not None and sigma:
             found.append(error / sigma)
@@ -147,21 +147,21 @@ def sigmas(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
 def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3.0, suffix: str = "") -> Figure:
     """Computes the share of estimates within some sigma of the truth, over some parameters, clustered by case."""
     inside, sizes = [], []
-    for row in flown(rows):
-        ratios = [abs(z) for name in names for z in sigmas([row], name, suffix)]
+    for row in select_flown(rows):
+        ratios = [abs(z) for name in names for z in normalized_errors([row], name, suffix)]
         inside.append(sum(z <= sigma for z in ratios))
         sizes.append(len(ratios))
     return statistics.clustered_share(inside, sizes)
 
 
-def known(rows: Iterable[Row], column: str) -> list[float]:
+def known_values(rows: Iterable[Row], column: str) -> list[float]:
     """Returns the values of a column where there are some."""
     return [row[column] for row in rows if row[column] is not None]
 
 
-def ended_wrong(rows: Sequence[Row]) -> Figure:
+def ended_wrong_share(rows: Sequence[Row]) -> Figure:
     """Computes the share of cases in which a parameter ends farther from the truth than it can claim."""
-    counts = counted(rows, len(rows))
+    counts = count_cases(rows, len(rows))
     return statistics.share(counts.ended_wrong, counts.measured)
 
 
@@ -218,8 +218,8 @@ MEANINGS: dict[str, Meaning] = {
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
     """Computes all figures that a gate can ask for, by name, in the order of `MEANINGS`."""
-    good, acted, jumps = flown(rows), events(rows), events(rows, payloads=True)
-    judged = judgeable(rows)
+    good, acted, jumps = select_flown(rows), events(rows), events(rows, payloads=True)
+    judged = select_judgeable(rows)
     curve = detection_curve(acted)
 
     def cases(column: str) -> Figure:
@@ -230,24 +230,24 @@ def figures(rows: Sequence[Row]) -> dict[str, Figure]:
         **{f"false_declarations_per_hour_{cause}": false_rate(rows, cause) for cause in CAUSES},
         "false_declarations_in_case": cases("n_false"),
         "healthy_jets_out": cases("healthy_jets_out"),
-        "ended_wrong": ended_wrong(rows),
+        "ended_wrong": ended_wrong_share(rows),
         "failing": cases("failing"),
         "failed_to_run": statistics.share(len(rows) - len(good), len(rows)),
-        "isolated": found_share(acted, lambda event: event.right),
+        "isolated": share_of_events(acted, lambda event: event.right),
         **{
-            name: found_share(acted, lambda event, name=name: event.injected["outcome"] == name)  # type: ignore[misc]
+            name: share_of_events(acted, lambda event, name=name: event.injected["outcome"] == name)  # type: ignore[misc]
             for name in ("named", "wrong", "missed", "not_tested")
         },
         **{f"found_within_{delay:g}_s": curve.at(delay) for delay in DELAYS_S},
         **{f"delay_{percent}_percent_s": curve.quantile(0.01 * percent) for percent in (50, 90)},
-        "jumps_found": found_share(jumps, lambda event: event.right),
+        "jumps_found": share_of_events(jumps, lambda event: event.right),
         "coverage_3_sigma": coverage(rows),
-        "nees_in_band": statistics.in_band(known(good, "nees.rotation"), N_ROTATION),
-        "nees_mass_in_band": statistics.in_band(known(good, "nees.mass"), 1),
-        "nees_mean": statistics.mean([value / N_ROTATION for value in known(good, "nees.rotation")]),
-        "nis_rotation": statistics.median(known(good, "nis.rotation")),
-        "nis_translation": statistics.median(known(good, "nis.translation")),
-        "converged": statistics.share(len(known(good, "converged_s")), len(good)),
+        "nees_in_band": statistics.share_in_band(known_values(good, "nees.rotation"), N_ROTATION),
+        "nees_mass_in_band": statistics.share_in_band(known_values(good, "nees.mass"), 1),
+        "nees_mean": statistics.mean([value / N_ROTATION for value in known_values(good, "nees.rotation")]),
+        "nis_rotation": statistics.median(known_values(good, "nis.rotation")),
+        "nis_translation": statistics.median(known_values(good, "nis.translation")),
+        "converged": statistics.share(len(known_values(good, "converged_s")), len(good)),
     }
     return {name: found[name] for name in MEANINGS}
 
@@ -284,7 +284,7 @@ def require_known(gates: Mapping[str, Gate], source: str) -> None:
             raise InputError(f"{source}: gates.{name}: there is no such figure{suggestion(name, list(MEANINGS))}")
 
 
-def judged(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
+def judge_gates(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
     """Compares figures with gates."""
     results = []
     for name, gate in gates.items():
@@ -306,11 +306,11 @@ def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
     counts: Counter[tuple[str, str]] = Counter()
     for event in found:
         one = event.injected
-        counts[one["jet"] or JUMP_COLUMN, _taken_for(one)] += 1
+        counts[one["jet"] or JUMP_COLUMN, _declared_label(one)] += 1
     return counts
 
 
-def _taken_for(one: Mapping[str, Any]) -> str:
+def _declared_label(one: Mapping[str, Any]) -> str:
     match one["outcome"]:
         case "named":
             return one["jet"] or JUMP_COLUMN
@@ -324,7 +324,7 @@ def _taken_for(one: Mapping[str, Any]) -> str:
             return NOT_FOUND
 
 
-def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int]) -> Counter[tuple[str, str]]:
+def sum_by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int]) -> Counter[tuple[str, str]]:
     """Sums the counts by cluster of the jets.
 
     Args:
@@ -339,7 +339,7 @@ def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int
     return merged
 
 
-def by_kind(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
+def group_by_kind(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     """Groups failures by their kind, in the order in which kinds appear."""
     groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
@@ -347,7 +347,7 @@ def by_kind(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     return groups
 
 
-def by_jet(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
+def group_by_jet(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     """Groups failures by their jet, in the order in which jets appear."""
     groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
@@ -355,7 +355,7 @@ def by_jet(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     return groups
 
 
-def size_of(event: InjectedEvent) -> float:
+def failure_size(event: InjectedEvent) -> float:
     """Returns the true size of a failure: the mean force that the jet gives too much or too little, lbf or N."""
     return abs(event.injected["force"])
 
@@ -394,18 +394,18 @@ def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.
     declared later, with more evidence, is not counted: the share found is a lower bound of the detector's.
     """
     acted = events(rows)
-    kept = [event if not event.right or event.statistic >= threshold else _struck(event) for event in acted]
+    kept = [event if not event.right or event.statistic >= threshold else _as_missed(event) for event in acted]
     false = [entry for entry in false_declarations(rows) if entry["kind"] != JUMP and entry["statistic"] >= threshold]
     curve = detection_curve(kept)
     return OperatingPoint(
         setting,
-        statistics.rate(len(false), hours(judgeable(rows))),
-        found_share(kept, lambda event: event.right),
+        statistics.rate(len(false), hours(select_judgeable(rows))),
+        share_of_events(kept, lambda event: event.right),
         curve.quantile(0.5),
     )
 
 
-def _struck(event: InjectedEvent) -> InjectedEvent:
+def _as_missed(event: InjectedEvent) -> InjectedEvent:
     return event._replace(injected={**event.injected, "outcome": "missed"}, delay_s=math.nan)
 
 
@@ -430,7 +430,7 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> di
         labels: of the draws; those that are no numbers are left out.
         size: of the error without its sign.
     """
-    good = flown(rows)
+    good = select_flown(rows)
     columns = {}
     for label in labels:
         values = [row[f"draw.{label}"] for row in good]
@@ -455,7 +455,7 @@ def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.
     Returns:
         Names of the parameters, and the indices; None where a case has no error, for then they cannot be computed.
     """
-    if not rows or len(rows) != len(flown(rows)):
+    if not rows or len(rows) != len(select_flown(rows)):
         return None
     errors = np.array(
         [[np.nan if row[f"error.{name}"] is None else row[f"error.{name}"] for row in rows] for name in NAMES]
@@ -475,4 +475,4 @@ def worst(rows: Sequence[Row], count: int = 10) -> list[Row]:
         size = row["largest_sigmas"]
         return len(row["failing"] or ()), 0.0 if size is None else float(np.nan_to_num(size))
 
-    return sorted((row for row in flown(rows) if row["failing"]), key=badness, reverse=True)[:count]
+    return sorted((row for row in select_flown(rows) if row["failing"]), key=badness, reverse=True)[:count]

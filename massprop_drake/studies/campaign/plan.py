@@ -76,7 +76,7 @@ def case_name(case_id: int) -> str:
     return f"{case_id:04d}"
 
 
-def planned(campaign: CampaignSpec) -> list[PlannedCase]:
+def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
     """Plans every case, and checks that each can be flown.
 
     Raises:
@@ -84,7 +84,7 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
     """
     file = campaign.file
     records = _records(campaign)
-    coordinates = design(campaign, len(records))
+    coordinates = sample_coordinates(campaign, len(records))
     _require_few(campaign, len(coordinates) * math.prod(map(len, file.sweep.values())))
     cells = [dict(zip(file.sweep, values, strict=True)) for values in itertools.product(*file.sweep.values())]
     columns = list(_columns(campaign, coordinates))
@@ -101,13 +101,16 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
                 case.scenario(campaign.base, file.name)
             except InputError as error:
                 raise InputError(
-                    *(f"{campaign.source}: case {case_id}: {_told(problem, drawn)}" for problem in error.problems)
+                    *(
+                        f"{campaign.source}: case {case_id}: {_problem_with_draws(problem, drawn)}"
+                        for problem in error.problems
+                    )
                 ) from None
             cases.append(case)
     return cases
 
 
-def _told(problem: str, drawn: Mapping[str, Any]) -> str:
+def _problem_with_draws(problem: str, drawn: Mapping[str, Any]) -> str:
     """Formats the error message of a case, with the draws in the block of fields that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
@@ -137,7 +140,7 @@ def _records(campaign: CampaignSpec) -> list[str]:
     return found[:wanted]
 
 
-def design(campaign: CampaignSpec, n_records: int = 0) -> Array:
+def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
     """Computes coordinates of every sample in the unit cube, shape (n_samples, n_quantities).
 
     Args:

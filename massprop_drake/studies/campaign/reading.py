@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec
-from massprop_drake.inputs.overrides import parsed_key
+from massprop_drake.inputs.overrides import split_key
 from massprop_drake.studies.campaign import store
-from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, counted, total
+from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, count_cases, sum_counts
 from massprop_drake.studies.campaign.plan import case_name
 
 _NOT_SHOWN = ("estimate", "truth")  # columns that no figure needs, by the first part of their names
@@ -37,7 +37,7 @@ class Cell(NamedTuple):
     @property
     def numbers(self) -> Counts:
         """Numbers of its cases by outcome."""
-        return counted(self.rows, self.planned)
+        return count_cases(self.rows, self.planned)
 
 
 class _InColumns(Mapping[str, Any]):
@@ -105,7 +105,9 @@ def read(folder: str | Path) -> Study:
     if not any(cell.rows for cell in cells):
         raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
     reference = _reference(spec, [cell.settings for cell in cells])
-    return Study(path, spec, cells, reference, _labels(drawn), json.loads(facts.get("execution", "{}")), _kept(path))
+    return Study(
+        path, spec, cells, reference, _labels(drawn), json.loads(facts.get("execution", "{}")), _kept_case_folders(path)
+    )
 
 
 def status(folder: Path, spec: CampaignSpec) -> Status:
@@ -118,7 +120,9 @@ def status(folder: Path, spec: CampaignSpec) -> Status:
 
 
 def _status(cells: Sequence[Cell]) -> Status:
-    return Status(total(cell.numbers for cell in cells), [(cell.label, cell.settings, cell.numbers) for cell in cells])
+    return Status(
+        sum_counts(cell.numbers for cell in cells), [(cell.label, cell.settings, cell.numbers) for cell in cells]
+    )
 
 
 def _labels(drawn: Any) -> list[str]:
@@ -137,7 +141,9 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
     """
     table = store.read_rows(path, wanted)
     place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
-    columns = {name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_drawn(_labels(drawn)))}
+    columns = {
+        name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_draw_columns(_labels(drawn)))
+    }
     values = {name: [] if table is None else table[name].to_pylist() for name in wanted}
     places = [place[case_id] for case_id in values["case_id"]]
     values |= {name: [column[number] for number in places] for name, column in columns.items()}
@@ -146,7 +152,7 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
         rows.setdefault(values["cell"][index], []).append(_InColumns(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
-    keys, told = told_apart(settings)
+    keys, told = find_varying_keys(settings)
     labels_of = [
         ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, one, strict=True)) for one in told
     ]
@@ -156,7 +162,7 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
     ]
 
 
-def told_apart(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
+def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
     """Finds keys that differ between the cells of a sweep, and their values in words, a row for each cell.
 
     A key that only follows from those before it is left out, and so is what all cells share.
@@ -196,7 +202,7 @@ def _in_words(value: Any) -> str:
     return str(value)
 
 
-def _drawn(labels: Sequence[str]) -> list[str]:
+def _draw_columns(labels: Sequence[str]) -> list[str]:
     return [f"draw.{label}" for label in labels]
 
 
@@ -204,14 +210,14 @@ def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int
     """Returns the number of the cell with the base scenario's own settings, or 0."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
-        if all(_same(_at(base, key), value) for key, value in one.items()):
+        if all(_is_same_value(_value_at_key(base, key), value) for key, value in one.items()):
             return number
     return 0
 
 
-def _at(data: Any, key: str) -> Any:
+def _value_at_key(data: Any, key: str) -> Any:
     """Returns the value at a dotted key; None where there is none."""
-    for part in parsed_key(key, key):
+    for part in split_key(key, key):
         try:
             data = data[part]
         except (KeyError, IndexError, TypeError):
@@ -219,13 +225,13 @@ def _at(data: Any, key: str) -> Any:
     return data
 
 
-def _same(one: Any, other: Any) -> bool:
+def _is_same_value(one: Any, other: Any) -> bool:
     if isinstance(one, (int, float)) and isinstance(other, (int, float)):
         return math.isclose(one, other)
     return bool(one == other)
 
 
-def _kept(folder: Path) -> dict[int, str]:
+def _kept_case_folders(folder: Path) -> dict[int, str]:
     found = {}
     for path in (folder / store.CASES).glob("*"):
         if path.name.isdecimal() and path.name == case_name(int(path.name)) and path.is_dir():

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.studies.campaign import charts, merit, statistics
-from massprop_drake.studies.campaign.counts import Row, flown
+from massprop_drake.studies.campaign.counts import Row, select_flown
 from massprop_drake.studies.campaign.merit import InjectedEvent
 from massprop_drake.studies.campaign.reading import Cell, Study
 from massprop_drake.studies.campaign.statistics import Figure
@@ -17,7 +17,9 @@ def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Jso
     cell = study.cells[study.reference]
     plots = []
     if acted:
-        curves = {kind.replace("_", " "): merit.detection_curve(group) for kind, group in merit.by_kind(acted).items()}
+        curves = {
+            kind.replace("_", " "): merit.detection_curve(group) for kind, group in merit.group_by_kind(acted).items()
+        }
         if len(curves) > 1:
             curves["all"] = merit.detection_curve(acted)
         plots.append(charts.delays(curves))
@@ -27,7 +29,7 @@ def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Jso
             plots.append(charts.delays(cells, "delays-cells", "by setting of the sweep"))
         points = [merit.operating_point(one.rows, _values(one)) for one in study.cells] if swept else []
         own = merit.operating_point(cell.rows, cell.label)
-        plots.append(charts.operating(merit.operating_curve(cell.rows), points, own, ", ".join(_names(study))))
+        plots.append(charts.operating_curve(merit.operating_curve(cell.rows), points, own, ", ".join(_names(study))))
     return plots
 
 
@@ -53,7 +55,7 @@ def confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequenc
     return [
         charts.confusion(counts, by_jet, "confusion", "What failed, and what was declared: jets"),
         charts.confusion(
-            merit.by_cluster(counts, clusters),
+            merit.sum_by_cluster(counts, clusters),
             [*(f"cluster {number}" for number in numbers), *special],
             "confusion-clusters",
             "The same by cluster",
@@ -65,8 +67,8 @@ def size_plots(sized: Mapping[str, Sequence[InjectedEvent]], force: str) -> list
     """Draws the probability of detection over the size of failures, kind by kind."""
     plots = []
     for kind, group in sized.items():
-        sizes, right = [merit.size_of(event) for event in group], [event.right for event in group]
-        curve, bins = statistics.size_curve(sizes, right), statistics.binned(sizes, right)
+        sizes, right = [merit.failure_size(event) for event in group], [event.right for event in group]
+        curve, bins = statistics.size_curve(sizes, right), statistics.shares_by_size(sizes, right)
         plots.append(charts.sizes(kind, group, curve, bins, force))
     return plots
 
@@ -76,7 +78,7 @@ def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.J
     errors = [z for _, z in merit.magnitude_errors(acted)]
     if not errors:
         return []
-    groups = {kind.replace("_", " "): group for kind, group in merit.by_kind(acted).items()}
+    groups = {kind.replace("_", " "): group for kind, group in merit.group_by_kind(acted).items()}
     title = "Magnitude, error over claimed sigma"
     return [
         charts.magnitudes(groups, force),
@@ -86,9 +88,9 @@ def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.J
 
 def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]:
     """Draws NEES, NIS, coverage and errors over sigma of a cell."""
-    rows, good = cell.rows, flown(cell.rows)
+    rows, good = cell.rows, select_flown(cell.rows)
     plots: list[charts.Json] = []
-    nees, mass = merit.known(good, "nees.rotation"), merit.known(good, "nees.mass")
+    nees, mass = merit.known_values(good, "nees.rotation"), merit.known_values(good, "nees.mass")
     if nees:
         what = ("nees", "NEES of the nine rotational parameters", "NEES at the end")
         plots.append(charts.chi_square(nees, N_ROTATION, what))
@@ -96,14 +98,14 @@ def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]
         plots.append(charts.chi_square(mass, 1, ("nees-mass", "NEES of 1/m", "NEES at the end")))
     samples = sorted(row["samples"] for row in good if row["samples"])
     for which, filter_name in (("rotation", "rotation"), ("translation", "mass")):
-        nis = merit.known(good, f"nis.{which}")
+        nis = merit.known_values(good, f"nis.{which}")
         if nis and samples:
             label = f"mean NIS over a flight (median {samples[len(samples) // 2]} samples)"
             what = (f"nis-{which}", f"NIS of the {filter_name} filter", label)
             plots.append(charts.chi_square(nis, 3, what, samples[len(samples) // 2]))
-    sigmas = {name: merit.sigmas(rows, name) for name in NAMES}
+    sigmas = {name: merit.normalized_errors(rows, name) for name in NAMES}
     if any(sigmas.values()):
-        plots.append(charts.coverage({name: covered(rows, name) for name in NAMES}))
+        plots.append(charts.coverage({name: coverage_by_sigma(rows, name) for name in NAMES}))
         plots.append(charts.parameter_histograms(sigmas))
     if times_s and any(sigmas.values()):
         over = {
@@ -117,7 +119,7 @@ def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]
     return plots
 
 
-def covered(rows: Sequence[Row], name: str) -> dict[float, Figure]:
+def coverage_by_sigma(rows: Sequence[Row], name: str) -> dict[float, Figure]:
     """Computes the coverage of a parameter within one, two and three sigma."""
     return {sigma: merit.coverage(rows, (name,), sigma) for sigma in (1.0, 2.0, 3.0)}
 

@@ -11,12 +11,12 @@ from typing import Any
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import charts, merit, statistics
-from massprop_drake.studies.campaign.counts import Row, flown, judgeable
+from massprop_drake.studies.campaign.counts import Row, select_flown, select_judgeable
 from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Study
-from massprop_drake.studies.campaign.report_plots import covered
-from massprop_drake.studies.campaign.report_words import between, row_of, shown
+from massprop_drake.studies.campaign.report_plots import coverage_by_sigma
+from massprop_drake.studies.campaign.report_words import figure_row, format_figure, format_interval
 from massprop_drake.studies.campaign.statistics import SizeCurve
 
 _MAIN = (  # of a cell, side by side
@@ -35,24 +35,24 @@ def sweep(study: Study) -> dict[str, Any] | None:
     return {
         "cells": [cell.label for cell in study.cells],
         "reference": study.reference,
-        "cases": [len(flown(cell.rows)) for cell in study.cells],
+        "cases": [len(select_flown(cell.rows)) for cell in study.cells],
         "rows": [
             {
                 "words": MEANINGS[name].words,
-                "values": [shown(figures[name], MEANINGS[name].unit, interval=False) for figures in found],
-                "intervals": [row_of(name, figures[name])["interval"] for figures in found],
+                "values": [format_figure(figures[name], MEANINGS[name].unit, interval=False) for figures in found],
+                "intervals": [figure_row(name, figures[name])["interval"] for figures in found],
             }
             for name in names
         ],
     }
 
 
-def falsely(rows: Sequence[Row]) -> list[dict[str, str]]:
+def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
     """Returns counts and rates of false declarations by their cause."""
     table = []
     for cause in (*CAUSES, None):
         found = merit.false_declarations(rows, cause)
-        hours = merit.hours(judgeable(rows), cause)
+        hours = merit.hours(select_judgeable(rows), cause)
         if not hours:
             continue
         figure = merit.false_rate(rows, cause)
@@ -62,8 +62,8 @@ def falsely(rows: Sequence[Row]) -> list[dict[str, str]]:
                 "count": str(len(found)),
                 "withdrawn": str(sum(entry["withdrawn_s"] is not None for entry in found)),
                 "hours": f"{hours:.3g}",
-                "rate": shown(figure, "", interval=False),
-                "interval": between(figure, ""),
+                "rate": format_figure(figure, "", interval=False),
+                "interval": format_interval(figure, ""),
             }
         )
     return table
@@ -78,7 +78,7 @@ def false_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
     return Counter(names).most_common(15)
 
 
-def healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
+def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
     """Counts healthy jets out of use at the end: beside a jet that failed, in its cluster, or elsewhere.
 
     Args:
@@ -88,7 +88,7 @@ def healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, A
     beside: Counter[str] = Counter()
     elsewhere: Counter[str] = Counter()
     cases = 0
-    good = judgeable(rows)
+    good = select_judgeable(rows)
     for row in good:
         failed = {clusters.get(one["jet"]) for one in row["injected"] if one["first_acted_s"] is not None}
         alone = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
@@ -96,7 +96,7 @@ def healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, A
         beside.update(jet for jet in row["healthy_jets_out"] if jet not in alone)
         cases += bool(alone)
     return {
-        "share": shown(statistics.share(cases, len(good)), "%"),
+        "share": format_figure(statistics.share(cases, len(good)), "%"),
         "jets": [(jet, elsewhere[jet], beside[jet]) for jet, _ in (elsewhere + beside).most_common(15)],
     }
 
@@ -104,7 +104,7 @@ def healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, A
 def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Counts failures by kind and outcome."""
     table: list[dict[str, Any]] = []
-    for kind, counts in merit.outcomes(rows).items():
+    for kind, counts in merit.count_outcomes(rows).items():
         acted = sum(counts.values()) - counts["never_acted"]
         table.append({"kind": kind.replace("_", " "), "acted": acted, **{name: counts[name] for name in OUTCOMES}})
     if len(table) > 1:
@@ -115,7 +115,7 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
     """Returns shares found and delays by kind of failure."""
     table = []
-    groups = merit.by_kind(acted)
+    groups = merit.group_by_kind(acted)
     for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
         curve = merit.detection_curve(group)
         tested = [event for event in group if event.injected["outcome"] != "not_tested"]
@@ -123,16 +123,16 @@ def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
             {
                 "kind": kind.replace("_", " "),
                 "n": len(group),
-                "found": shown(merit.found_share(group, lambda event: event.right), "%"),
-                "of_tested": shown(merit.found_share(tested, lambda event: event.right), "%"),
-                "within": [shown(curve.at(delay), "%") for delay in DELAYS_S],
-                "median": shown(curve.quantile(0.5), "s"),
+                "found": format_figure(merit.share_of_events(group, lambda event: event.right), "%"),
+                "of_tested": format_figure(merit.share_of_events(tested, lambda event: event.right), "%"),
+                "within": [format_figure(curve.at(delay), "%") for delay in DELAYS_S],
+                "median": format_figure(curve.quantile(0.5), "s"),
             }
         )
     return table
 
 
-def jumps(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Counts failed jets and payloads that moved, by the declaration of each."""
     table = []
     for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
@@ -156,13 +156,13 @@ def _declared_as(event: InjectedEvent) -> str:
     return "a jump" if a_jump else "another jet"
 
 
-def smallest(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
+def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
     """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
     table = []
-    for jet, group in merit.by_jet(found).items():
-        right = [merit.size_of(event) for event in group if event.right]
-        left = [merit.size_of(event) for event in group if not event.right]
-        curve = statistics.size_curve([merit.size_of(event) for event in group], [event.right for event in group])
+    for jet, group in merit.group_by_jet(found).items():
+        right = [merit.failure_size(event) for event in group if event.right]
+        left = [merit.failure_size(event) for event in group if not event.right]
+        curve = statistics.size_curve([merit.failure_size(event) for event in group], [event.right for event in group])
         table.append(
             {
                 "jet": jet,
@@ -178,13 +178,13 @@ def smallest(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]
 def _size_90(curve: SizeCurve | None, force: str) -> str:
     if curve is None:
         return "-"
-    return f"below {curve.smallest:.3g} {force}" if curve.finds_all else shown(curve.size_90, force)
+    return f"below {curve.smallest:.3g} {force}" if curve.finds_all else format_figure(curve.size_90, force)
 
 
 def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
     """Returns bias, RMS and coverage of magnitudes by kind of failure."""
     table = []
-    for kind, group in merit.by_kind(acted).items():
+    for kind, group in merit.group_by_kind(acted).items():
         pairs = merit.magnitude_errors(group)
         if not pairs:
             continue
@@ -193,20 +193,21 @@ def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any
             {
                 "kind": kind.replace("_", " "),
                 "n": str(len(pairs)),
-                "bias": shown(statistics.mean([error for error, _ in pairs]), force),
+                "bias": format_figure(statistics.mean([error for error, _ in pairs]), force),
                 "rms": f"{math.sqrt(sum(error**2 for error, _ in pairs) / len(pairs)):.3g} {force}",
                 "within": [
-                    shown(statistics.share(sum(z <= bound for z in sigmas), len(sigmas)), "%") for bound in (1, 2, 3)
+                    format_figure(statistics.share(sum(z <= bound for z in sigmas), len(sigmas)), "%")
+                    for bound in (1, 2, 3)
                 ],
             }
         )
     return table
 
 
-def by_what_happened(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def consistency_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Returns consistency by the kind of events in a case."""
     groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
-    for row in flown(rows):
+    for row in select_flown(rows):
         happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
         right = all(outcome in ("named", "group") for outcome in happened)
         groups["nothing failed" if not happened else "all failures found" if right else "a failure not found"].append(
@@ -216,10 +217,12 @@ def by_what_happened(rows: Sequence[Row]) -> list[dict[str, Any]]:
         {
             "group": name,
             "n": str(len(group)),
-            "wrong": shown(merit.ended_wrong(group), "%"),
-            "covered": shown(merit.coverage(group), "%"),
-            "nees": shown(statistics.in_band(merit.known(group, "nees.rotation"), N_ROTATION), "%"),
-            "nees_mass": shown(statistics.in_band(merit.known(group, "nees.mass"), 1), "%"),
+            "wrong": format_figure(merit.ended_wrong_share(group), "%"),
+            "covered": format_figure(merit.coverage(group), "%"),
+            "nees": format_figure(
+                statistics.share_in_band(merit.known_values(group, "nees.rotation"), N_ROTATION), "%"
+            ),
+            "nees_mass": format_figure(statistics.share_in_band(merit.known_values(group, "nees.mass"), 1), "%"),
         }
         for name, group in groups.items()
         if group
@@ -230,13 +233,13 @@ def coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Returns coverage and mean error of each parameter."""
     table = []
     for name in NAMES:
-        sigmas = merit.sigmas(rows, name)
+        sigmas = merit.normalized_errors(rows, name)
         if sigmas:
             table.append(
                 {
                     "parameter": charts.PARAMETERS[name],
-                    "within": [shown(figure, "%") for figure in covered(rows, name).values()],
-                    "mean": shown(statistics.mean(sigmas), ""),
+                    "within": [format_figure(figure, "%") for figure in coverage_by_sigma(rows, name).values()],
+                    "mean": format_figure(statistics.mean(sigmas), ""),
                     "n": str(len(sigmas)),
                 }
             )
@@ -267,7 +270,7 @@ def worst(study: Study) -> list[dict[str, str]]:
 def execution(study: Study) -> list[tuple[str, str]]:
     """Returns how cases were executed, and the processor time they took."""
     rows = study.rows
-    spent = sorted(merit.known(rows, "cpu_s"))
+    spent = sorted(merit.known_values(rows, "cpu_s"))
     lines = list(study.execution.items())
     if spent:
         lines.append(("processor time", f"{sum(spent) / 3600.0:.3g} h, median {spent[len(spent) // 2]:.3g} s a case"))

@@ -7,22 +7,28 @@ from collections.abc import Sequence
 from typing import Any
 
 from massprop_drake.studies.campaign import merit
-from massprop_drake.studies.campaign.counts import endings, flown, judgeable, not_run, progress
+from massprop_drake.studies.campaign.counts import (
+    failed_to_run_text,
+    outcome_sentences,
+    progress,
+    select_flown,
+    select_judgeable,
+)
 from massprop_drake.studies.campaign.merit import DELAYS_S, MEANINGS, Passed
 from massprop_drake.studies.campaign.reading import Cell, Study
 from massprop_drake.studies.campaign.statistics import Figure
 
 
-def shown(figure: Figure, unit: str, *, interval: bool = True) -> str:
+def format_figure(figure: Figure, unit: str, *, interval: bool = True) -> str:
     """Formats a figure, such as '12.5 % (8.1 to 18.4)'."""
     if math.isnan(figure.value):
         bounded = figure.n and math.isfinite(figure.low)
         return f"at least {_number(figure.low, unit)}{_unit(unit)}" if bounded else "-"
     text = f"{_number(figure.value, unit)}{_unit(unit)}"
-    return f"{text} ({between(figure, unit)})" if interval and not math.isnan(figure.low) else text
+    return f"{text} ({format_interval(figure, unit)})" if interval and not math.isnan(figure.low) else text
 
 
-def between(figure: Figure, unit: str) -> str:
+def format_interval(figure: Figure, unit: str) -> str:
     """Formats the interval of a figure."""
     if math.isnan(figure.low) or math.isnan(figure.high):
         return ""
@@ -41,12 +47,13 @@ def _unit(unit: str) -> str:
     return f" {unit}" if unit else ""
 
 
-def row_of(name: str, figure: Figure) -> dict[str, str]:
+def figure_row(name: str, figure: Figure) -> dict[str, str]:
     """Formats a figure as a row of a table."""
     words, unit, measured_on = MEANINGS[name]
-    text = shown(figure, unit, interval=False)
+    text = format_figure(figure, unit, interval=False)
     return {
-        "name": name, "words": words, "value": text, "interval": between(figure, unit) if text[0] != "a" else "",
+        "name": name, "words": words, "value": text,
+        "interval": format_interval(figure, unit) if text[0] != "a" else "",
         "n": f"{figure.n:.3g} {measured_on}" if "hours" in measured_on else f"{figure.n:g} {measured_on}",
     }  # fmt: skip
 
@@ -61,43 +68,43 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     cell = study.cells[study.reference]
     all_figures = [merit.figures(one.rows) for one in study.cells]
     found = all_figures[study.reference]
-    judged = [merit.judged(study.spec.file.gates, figures) for figures in all_figures]
+    judged = [merit.judge_gates(study.spec.file.gates, figures) for figures in all_figures]
     for of_gate in zip(*judged, strict=True):
         say(all(passed.passes for passed in of_gate), _gate_words(of_gate, study.cells))
-    for sentence in endings(study.status):
+    for sentence in outcome_sentences(study.status):
         say(None, sentence)
     if len(study.cells) > 1:
-        say(None, f"Figures below, unless they say otherwise, are with {cell.label}{_why_reference(study)}.")
-    judged_rows = judgeable(cell.rows)
+        say(None, f"Figures below, unless they say otherwise, are with {cell.label}{_reference_reason(study)}.")
+    judged_rows = select_judgeable(cell.rows)
     if judged_rows:
         rate, hours = found["false_declarations_per_hour"], merit.hours(judged_rows)
         count = len(merit.false_declarations(judged_rows))
         say(
             None,
-            f"{count} false declarations in {hours:.3g} hours flown: {shown(rate, 'per hour')}; "
-            f"{shown(found['false_declarations_in_case'], '%')} of the cases have one.",
+            f"{count} false declarations in {hours:.3g} hours flown: {format_figure(rate, 'per hour')}; "
+            f"{format_figure(found['false_declarations_in_case'], '%')} of the cases have one.",
         )
-        wrong, out = (shown(found[name], "%") for name in ("ended_wrong", "healthy_jets_out"))
+        wrong, out = (format_figure(found[name], "%") for name in ("ended_wrong", "healthy_jets_out"))
         say(None, f"{wrong} of the cases end wrong; {out} end with a healthy jet out of use.")
     else:
-        count, hours = sum(len(row["declared"]) for row in flown(cell.rows)), merit.hours(cell.rows)
+        count, hours = sum(len(row["declared"]) for row in select_flown(cell.rows)), merit.hours(cell.rows)
         say(None, f"{count} declarations in {hours:.3g} hours of telemetry; which of them are right nobody says.")
     acted = merit.events(cell.rows)
     if acted:
-        within = ", ".join(f"{shown(found[f'found_within_{d:g}_s'], '%')} within {d:g} s" for d in DELAYS_S)
-        say(None, f"Of {len(acted)} failures that acted, {shown(found['isolated'], '%')} were found: {within}.")
-    never = sum(counts["never_acted"] for counts in merit.outcomes(cell.rows).values())
+        within = ", ".join(f"{format_figure(found[f'found_within_{d:g}_s'], '%')} within {d:g} s" for d in DELAYS_S)
+        say(None, f"Of {len(acted)} failures that acted, {format_figure(found['isolated'], '%')} were found: {within}.")
+    never = sum(counts["never_acted"] for counts in merit.count_outcomes(cell.rows).values())
     if never:
         say(None, f"{never} failure{'s' if never > 1 else ''} never acted, and no figure counts them.")
     counts = study.status.counts
     if counts.failed_to_run:
-        say(False, not_run(counts))
+        say(False, failed_to_run_text(counts))
     if counts.tried < counts.planned:
         say(False, progress(counts))
     return sentences
 
 
-def _why_reference(study: Study) -> str:
+def _reference_reason(study: Study) -> str:
     return ", the first cell" if study.reference == 0 else ", the base scenario's own settings"
 
 

@@ -171,14 +171,16 @@ class Detections(NamedTuple):
         The interval holds the delays at which the band around the curve holds that share; it is open where the band's
         lower edge stays below.
         """
-        value, low, high = (_first(self.delay_s, edge, probability) for edge in (self.found, self.high, self.low))
+        value, low, high = (
+            _first_crossing(self.delay_s, edge, probability) for edge in (self.found, self.high, self.low)
+        )
         return Figure(value, low, math.inf if math.isnan(high) and not math.isnan(value) else high, self.n)
 
 
 _SAME_S = 1e-9  # times that differ by less are equal
 
 
-def _first(x: Array, curve: Array, level: float) -> float:
+def _first_crossing(x: Array, curve: Array, level: float) -> float:
     """Returns where a rising curve first reaches a level; NaN where it does not."""
     reached = np.flatnonzero(curve >= level - 1e-12)
     return float(x[reached[0]]) if reached.size else math.nan
@@ -219,7 +221,7 @@ def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> De
 # ------------------------------------------------------------------------------------- consistency
 
 
-def in_band(values: Sequence[float], degrees: int) -> Figure:
+def share_in_band(values: Sequence[float], degrees: int) -> Figure:
     """Computes the share of chi-square statistics that lie in the central 95 % of their distribution.
 
     Args:
@@ -362,7 +364,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
     )
 
 
-def binned(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
+def shares_by_size(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
     """Computes shares found by size: lower and upper edge of each bin, and the share in it.
 
     Few sizes have a bin each; many are put into bins that are equally wide in the logarithm.
@@ -452,7 +454,7 @@ class Paired(NamedTuple):
     p: float
 
 
-def _split(up: int, down: int) -> float:
+def _sign_test_p_value(up: int, down: int) -> float:
     return float(stats.binomtest(up, up + down).pvalue) if up + down else math.nan
 
 
@@ -462,11 +464,11 @@ def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
     up, down, n = int((b & ~a).sum()), int((a & ~b).sum()), a.size
     if n == 0:
         return Paired(_NOTHING, 0, 0, math.nan)
-    low, high = (_tango(up, down, n, side) for side in (-1.0, 1.0))
-    return Paired(Figure((up - down) / n, low, high, n), up, down, _split(up, down))
+    low, high = (_tango_bound(up, down, n, side) for side in (-1.0, 1.0))
+    return Paired(Figure((up - down) / n, low, high, n), up, down, _sign_test_p_value(up, down))
 
 
-def _tango(up: int, down: int, n: int, side: float) -> float:
+def _tango_bound(up: int, down: int, n: int, side: float) -> float:
     """Computes the difference beyond the one found, on a side, at which the score statistic reaches its limit."""
     from scipy.optimize import brentq  # noqa: PLC0415 (slow to load)
 
@@ -491,7 +493,7 @@ def paired_median(differences: Sequence[float]) -> Paired:
     """Computes the median of differences, with the interval of the order statistics, and the sign test."""
     d = np.asarray(differences, dtype=float)
     up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
-    return Paired(median(differences), up, down, _split(up, down))
+    return Paired(median(differences), up, down, _sign_test_p_value(up, down))
 
 
 def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
@@ -505,10 +507,10 @@ def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
     up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
     if d.size < 2 or np.ptp(d) == 0.0:
         value = scale * float(d.mean()) if d.size else math.nan
-        return Paired(Figure(value, math.nan, math.nan, d.size), up, down, _split(up, down))
+        return Paired(Figure(value, math.nan, math.nan, d.size), up, down, _sign_test_p_value(up, down))
     found = stats.bootstrap([d], np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(0))
     low, high = (scale * float(bound) for bound in found.confidence_interval)
-    return Paired(Figure(scale * float(d.mean()), low, high, d.size), up, down, _split(up, down))
+    return Paired(Figure(scale * float(d.mean()), low, high, d.size), up, down, _sign_test_p_value(up, down))
 
 
 def rank_correlations(columns: Mapping[str, Sequence[float]], error: Sequence[float]) -> dict[str, Figure]:

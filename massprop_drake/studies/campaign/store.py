@@ -160,7 +160,7 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, s
     _write(folder / PLAN, pa.table(columns).replace_schema_metadata(facts))
 
 
-def note(folder: Path, facts: Mapping[str, str]) -> None:
+def write_facts(folder: Path, facts: Mapping[str, str]) -> None:
     """Replaces the facts that are stored with the plan."""
     _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
 

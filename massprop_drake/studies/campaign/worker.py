@@ -216,7 +216,7 @@ def fly_chunk(
     return {"answers": answers, "execution": child.execution, "worker": platform.node()}
 
 
-def end(key: str) -> None:
+def end_campaign_work(key: str) -> None:
     """Ends all work of a worker for a campaign."""
     for child in _children.pop(key, []):
         child.end()
@@ -225,7 +225,7 @@ def end(key: str) -> None:
 @atexit.register
 def _end_all() -> None:
     for key in list(_children):
-        end(key)
+        end_campaign_work(key)
 
 
 def require_shared(setup: Mapping[str, Any]) -> None:

@@ -17,17 +17,25 @@ from massprop_drake.inputs.estimation_blocks import HypothesesBlock
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial
+from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial_state
 from massprop_drake.maths.estimation.joint.layout import RATE
-from massprop_drake.maths.maneuver.actions import Craft, candidates
-from massprop_drake.maths.maneuver.aims import Aims, Known, reached
+from massprop_drake.maths.maneuver.actions import Craft, candidate_actions
+from massprop_drake.maths.maneuver.aims import Aims, Known, compare_with_aims
 from massprop_drake.maths.maneuver.information import prior_information
-from massprop_drake.maths.maneuver.planning import Choice, Cost, SearchResult, Task, best, characterized, rebuilt
+from massprop_drake.maths.maneuver.planning import (
+    Choice,
+    Cost,
+    SearchResult,
+    Task,
+    characterize_actions,
+    rebuild_plan,
+    search_best_plan,
+)
 from massprop_drake.results.stored import STATE_FILE
-from massprop_drake.runners.logs import restored
+from massprop_drake.runners.logs import state_from_json
 from massprop_drake.studies.design import reach, writing
 from massprop_drake.studies.design.found import Design
-from massprop_drake.studies.design.verification import flown
+from massprop_drake.studies.design.verification import fly_design
 from massprop_drake.systems.autopilot.jet_sets import jet_sets
 
 Array = NDArray[np.float64]
@@ -73,7 +81,9 @@ def design(
         InputError: when something asked for is none, or cannot be reached: then it says what is in the way.
     """
     run = Run.load(known) if isinstance(known, (str, Path)) else known
-    base = _joint(run.scenario if run is not None else case if isinstance(case, Scenario) else _usual(case))
+    base = _joint_filter_scenario(
+        run.scenario if run is not None else case if isinstance(case, Scenario) else _default_scenario(case)
+    )
     vehicle = base.vehicle_data
     if run is not None and isinstance(case, Vehicle) and case.name != vehicle.name:
         raise InputError(f"design: the run is of vehicle '{vehicle.name}', not of '{case.name}'")
@@ -81,34 +91,34 @@ def design(
         raise InputError(f"design: spare: either propellant or time, not '{spare}'")
     if not 0.0 <= margin <= 10.0:
         raise InputError(f"design: margin: must be from 0 to 10, not {margin:g}")
-    craft, state = _start(base, run, without)
-    wanted = asked.targets(targets or {}, craft.properties, vehicle)
-    suspected = asked.suspicion(suspects, force, vehicle, craft.jets)
+    craft, state = _craft_and_filter(base, run, without)
+    wanted = asked.parse_targets(targets or {}, craft.properties, vehicle)
+    suspected = asked.parse_suspects(suspects, force, vehicle, craft.jets)
     if not wanted and not suspects:
         raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
-    aims = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, False))
+    aims = asked.make_aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, False))
     flow = float(np.median(craft.flows[craft.jets]))
     cost = Cost(1.0 / flow, crafts.SECOND) if spare == "propellant" else Cost(crafts.SECOND / flow, 1.0)
     task = Task(
         craft,
         Known(*prior_information(state.joint, craft.params)),
         aims,
-        asked.limits(limits or {}, vehicle),
+        asked.parse_limits(limits or {}, vehicle),
         cost,
         margin,
     )
     sets = jet_sets(craft)
     floors = reach.require_within_reach(sets, task, (wanted, suspected), vehicle)
     reach.require_room(sets, task, limits or {})
-    choice = characterized(candidates(sets, craft), task)
-    converging = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, True))
-    found, task = _best(choice, task, converging, len(wanted))
+    choice = characterize_actions(candidate_actions(sets, craft), task)
+    converging = asked.make_aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, True))
+    found, task = _search_plan(choice, task, converging, len(wanted))
     reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
-    made = writing.made(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
-    return flown(made, wanted, vehicle, flights) if flights else made
+    made = writing.make_design(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
+    return fly_design(made, wanted, vehicle, flights) if flights else made
 
 
-def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
+def _search_plan(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
     """Finds the plan of least cost, and the task that it solves.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
@@ -120,24 +130,26 @@ def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchR
         converging: its aims, and then convergence.
         n: number of targets among them.
     """
-    found = best(choice, task)
+    found = search_best_plan(choice, task)
     if found.plan.reached[-1].shortfall > 0.0:
         return found, task
     unsure = task._replace(doubting=True)
-    again = rebuilt(found.plan.actions, 1, found.plan, unsure)
+    again = rebuild_plan(found.plan.actions, 1, found.plan, unsure)
     assert again is not None  # what is noise moves nothing
-    guards = reached(again.flown[-1].course.shown, task.known, converging).ratios[n : converging.deviations.size]
+    guards = compare_with_aims(again.flown[-1].course.shown, task.known, converging).ratios[
+        n : converging.deviations.size
+    ]
     if (guards < _EARLY).all():
         return found, task
-    return best(choice, unsure), unsure
+    return search_best_plan(choice, unsure), unsure
 
 
-def _usual(vehicle: Vehicle) -> Scenario:
+def _default_scenario(vehicle: Vehicle) -> Scenario:
     """Makes a scenario of a vehicle with default settings, its thrusts dispersed by the uncertainty in its file."""
     return Scenario(vehicle=vehicle, plant=PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max())))
 
 
-def _joint(scenario: Scenario) -> Scenario:
+def _joint_filter_scenario(scenario: Scenario) -> Scenario:
     """Returns the scenario with the joint filter, and without events."""
     if scenario.vehicle_data.needs_pose_filter:
         raise InputError(
@@ -151,7 +163,7 @@ def _joint(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=changed)
 
 
-def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
+def _craft_and_filter(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
     """Returns the craft that a maneuver commands, and the joint filter's state before the maneuver."""
     vehicle = scenario.vehicle_data
     for name in without:
@@ -161,8 +173,8 @@ def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple
     if craft.jets.size == 0 and not craft.torques.any():
         raise InputError("design: without: leaves no jet to fire")
     if run is None:
-        return craft, initial(made.filter_params)
-    state = restored(run.state["states"], made, STATE_FILE).filter
+        return craft, initial_state(made.filter_params)
+    state = state_from_json(run.state["states"], made, STATE_FILE).filter
     speeds = np.where(np.isnan(state.speeds), craft.speeds, state.speeds)
     properties = np.where(np.isnan(state.estimate), craft.properties, state.estimate)  # mass that no sensor shows
     return craft._replace(rate=state.joint.mean[RATE], properties=properties, speeds=speeds), state

@@ -12,10 +12,10 @@ from massprop_drake.studies.design.found import Design
 
 def plots(made: Design, vehicle: Vehicle) -> list[Plot]:
     """Makes the plots of a design."""
-    return [*([front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
+    return [*([pareto_front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
 
 
-def front(made: Design, vehicle: Vehicle) -> Plot:
+def pareto_front(made: Design, vehicle: Vehicle) -> Plot:
     """Plots 1-sigma of each target over the asked one against propellant: of plans for looser aims, and flown."""
     most = 1.05 * max(float(made.front.propellant[-1]), made.propellant) or 1.0
     ends = np.array([0.0, most])

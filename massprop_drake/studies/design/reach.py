@@ -12,9 +12,16 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, thrust_sigmas
-from massprop_drake.maths.maneuver.actions import candidates
+from massprop_drake.maths.maneuver.actions import candidate_actions
 from massprop_drake.maths.maneuver.aims import Reached
-from massprop_drake.maths.maneuver.planning import ManeuverLimits, Plan, Task, characterized, floor_of, unseen
+from massprop_drake.maths.maneuver.planning import (
+    ManeuverLimits,
+    Plan,
+    Task,
+    aims_floor,
+    characterize_actions,
+    unobservable_direction,
+)
 from massprop_drake.maths.signals import SYMBOLS
 
 Array = NDArray[np.float64]
@@ -30,8 +37,8 @@ def require_within_reach(
         InputError: when that is more than an aim leaves, with the direction that nothing shows.
     """
     (wanted, suspected), free = asks, task._replace(limits=ManeuverLimits())
-    shown = characterized(candidates(sets, task.craft, lengths=(4,)), free)[1]
-    floors = floor_of(shown, task)
+    shown = characterize_actions(candidate_actions(sets, task.craft, lengths=(4,)), free)[1]
+    floors = aims_floor(shown, task)
     beyond = np.flatnonzero(floors.ratios > 1.0)
     if beyond.size == 0:
         return floors
@@ -48,7 +55,7 @@ def require_within_reach(
             f"design: no firing tells {jet} from {vehicle.designations[other]}: what one of them does by failing the "
             "other does as well"
         )
-    why = _unseen(shown, task, worst, vehicle)
+    why = _hidden_direction_text(shown, task, worst, vehicle)
     if worst >= len(wanted):
         raise InputError(f"design: suspects: {_UNKNOWN}, and no firing mends that. {why}")
     target, left = wanted[worst], float(floors.deviations[worst])
@@ -59,10 +66,10 @@ def require_within_reach(
     )
 
 
-def _unseen(shown: Sequence[Array], task: Task, worst: int, vehicle: Vehicle) -> str:
+def _hidden_direction_text(shown: Sequence[Array], task: Task, worst: int, vehicle: Vehicle) -> str:
     """Describes the direction that no firing shows, for a target that cannot be reached."""
     places, sigma = task.craft.params.places, thrust_sigmas(task.craft.params)
-    direction = unseen(shown, task, worst)
+    direction = unobservable_direction(shown, task, worst)
     thrusts = direction[N_PROPERTIES : N_PROPERTIES + places.n_thrust]
     size = float(np.linalg.norm(thrusts))
     fires = np.flatnonzero(sigma)
@@ -96,7 +103,7 @@ def require_room(sets: Sequence[tuple[int, ...]], task: Task, limits: Mapping[st
     Raises:
         InputError: when they forbid even the shortest firing.
     """
-    if not characterized(candidates(sets, task.craft, lengths=(1,)), task)[0]:
+    if not characterize_actions(candidate_actions(sets, task.craft, lengths=(1,)), task)[0]:
         raise InputError(f"design: limits: {_in_words(limits)}: forbids every firing; the shortest takes more")
 
 

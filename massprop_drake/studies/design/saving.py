@@ -60,7 +60,7 @@ def verdict(made: Design) -> list[dict[str, Any]]:
                 f"predicted, {one.asked:.3g} asked{flown}; no firing makes it less than {one.floor:.2g}.",
             }
         )
-    for jet, pairs in _by_jet(made.pairs).items():
+    for jet, pairs in _group_by_jet(made.pairs).items():
         after = [pair.after_s for pair in pairs]
         told = "not told apart" if None in after else f"told after {max(filter(None, after), default=0.0):.2g} s"
         names = [pair.other for pair in pairs if pair.other]
@@ -84,7 +84,7 @@ def _spread(one: TargetFound) -> str:
     return f"{min(one.flown):.3g} to {max(one.flown):.3g}"
 
 
-def _by_jet(pairs: Sequence[PairFound]) -> dict[str, list[PairFound]]:
+def _group_by_jet(pairs: Sequence[PairFound]) -> dict[str, list[PairFound]]:
     found: dict[str, list[PairFound]] = {}
     for pair in pairs:
         found.setdefault(pair.jet, []).append(pair)
@@ -125,7 +125,7 @@ def page(made: Design) -> str:
         ],
         "force": vehicle.unit_names["force"],
         "firings": [(name, f"{start:.3f}", f"{end - start:.3g}") for name, start, end in firings(made)],
-        "plots": [interactive.drawn(plot) for plot in pictures.plots(made, vehicle)],
+        "plots": [interactive.plotly_figure(plot) for plot in pictures.plots(made, vehicle)],
     }
     return plotted.page(_TEMPLATE, content)
 
@@ -153,7 +153,7 @@ def save(
         if draw:
             (partial / "figures").mkdir()
             for plot in pictures.plots(made, made.scenario.vehicle_data):
-                figures.drawn(plot).savefig(partial / "figures" / f"{plot.name}.png")
+                figures.draw_plot(plot).savefig(partial / "figures" / f"{plot.name}.png")
         if report:
             (partial / "design.html").write_text(page(made), encoding="utf-8")
     return place.shown

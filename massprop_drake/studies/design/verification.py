@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_drake.inputs.asked import Target, valued
+from massprop_drake.inputs.asked import Target, derivative_and_value
 from massprop_drake.inputs.estimation_blocks import CglrBlock
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import Degraded, Leak
@@ -17,10 +17,10 @@ from massprop_drake.runners.simulate import simulate
 from massprop_drake.studies.design.found import LISTENING_S, Design
 
 
-def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
+def fly_design(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
     """Adds the results of flights to a design."""
     quiet = made.scenario.model_copy(update={"detector": CglrBlock(kind="off")})
-    results = [_one_flight(quiet, seed, wanted) for seed in range(flights)] if wanted else []
+    results = [_fly_once(quiet, seed, wanted) for seed in range(flights)] if wanted else []
     targets = tuple(
         one._replace(
             flown=tuple(deviations[place] for deviations, _ in results),
@@ -31,24 +31,24 @@ def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int
     named = {}
     for jet in dict.fromkeys(pair.jet for pair in made.pairs):
         force = next(pair.force for pair in made.pairs if pair.jet == jet)
-        named[jet] = tuple(named_s(made, jet, force, seed, vehicle) for seed in range(flights))
+        named[jet] = tuple(fly_until_named_s(made, jet, force, seed, vehicle) for seed in range(flights))
     return made._replace(targets=targets, named_s=named)
 
 
-def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[list[float], list[float]]:
+def _fly_once(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[list[float], list[float]]:
     """Computes 1-sigma and error of each target at the end of a flight's maneuver."""
     run = simulate(scenario.model_copy(update={"seed": seed}), look_back=False)
     estimate, covariance, truth = run.results.estimates, run.covariance, run["truth"][-1]
     deviations, errors = [], []
     for target in wanted:
-        combination, value = valued(target.name, estimate)
+        combination, value = derivative_and_value(target.name, estimate)
         of = np.flatnonzero(combination)  # what no sensor shows has no covariance
         deviations.append(math.sqrt(combination[of] @ covariance[np.ix_(of, of)] @ combination[of]))
-        errors.append(value - valued(target.name, truth)[1])
+        errors.append(value - derivative_and_value(target.name, truth)[1])
     return deviations, errors
 
 
-def named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
+def fly_until_named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
     """Flies a design whose suspect fails as it begins; returns the time until the jet is named, s; None: it is not."""
     at_s = made.begins_s + LEAD * vehicle.sample_period_s
     thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))

@@ -13,9 +13,9 @@ from massprop_drake.display.run import Run
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import JetPulse, WheelPulse
-from massprop_drake.maths.maneuver.actions import FlownAction, coasting, stepped
-from massprop_drake.maths.maneuver.aims import FOLLOWED, Aims, Reached, reached
-from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
+from massprop_drake.maths.maneuver.actions import FlownAction, coast_action, fly_action_sample
+from massprop_drake.maths.maneuver.aims import FOLLOWED, Aims, Reached, compare_with_aims
+from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begin_plan
 from massprop_drake.studies.design.found import LISTENING_S, Design, PairFound, TargetFound, Trace
 
 Array = NDArray[np.float64]
@@ -37,15 +37,15 @@ class DesignRequest(NamedTuple):
     hold: bool
 
 
-def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, run: Run | None) -> Design:
+def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, run: Run | None) -> Design:
     """Makes the design of a plan."""
     (plan, trace), (wanted, suspected, floors, hold) = found, asks
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
     before, last = plan.reached[0], plan.reached[-1]
     n = len(wanted)
-    rows, spent = _by_sample(plan, task)
-    deviations, apart_s = _told_s(rows, task, task.aims, n)
+    rows, spent = _unroll_plan(plan, task)
+    deviations, apart_s = _sigmas_and_separation(rows, task, task.aims, n)
     course = Trace(np.array(spent), np.array([each.row for each in rows]) * craft.period_s, deviations[:, :n])
     targets = tuple(
         TargetFound(
@@ -83,33 +83,35 @@ def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, r
         pairs,
         course,
         front,
-        {vehicle.designations[jet]: time_s for jet, time_s in _named_s(rows, task, n).items()},
+        {vehicle.designations[jet]: time_s for jet, time_s in _naming_times_s(rows, task, n).items()},
         {},
     )
 
 
-def _by_sample(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
+def _unroll_plan(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
     """Computes the course of a plan sample by sample from the end of its lead, and the propellant used by then."""
-    (flown,), used = begun(task).flown, [0.0]
+    (flown,), used = begin_plan(task).flown, [0.0]
     rows = [flown]
     for action in plan.actions[1:]:
         for sample in range(action.length):
             fires = sample < action.samples
-            rows.append(stepped(rows[-1], action, task.craft, task.doubt, fires=fires))
+            rows.append(fly_action_sample(rows[-1], action, task.craft, task.doubt, fires=fires))
             used.append(used[-1] + (action.propellant / action.samples if fires else 0.0))
     return rows, used
 
 
-def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tuple[Array, list[float | None]]:
+def _sigmas_and_separation(
+    rows: Sequence[FlownAction], task: Task, aims: Aims, n: int
+) -> tuple[Array, list[float | None]]:
     """Computes 1-sigma of each combination by sample, and when each pair is separable, s after the lead.
 
     Args:
-        rows: see `_by_sample`.
+        rows: see `_unroll_plan`.
         task: see `Task`.
         aims: whose pairs they are.
         n: number of targets; other combinations must be known before suspects are looked for.
     """
-    done = [reached(flown.course.shown, task.known, aims) for flown in rows]
+    done = [compare_with_aims(flown.course.shown, task.known, aims) for flown in rows]
     deviations, wide = np.array([each.deviations for each in done]), 1.0 + task.margin
     looked_for = np.all(deviations[:, n:] <= aims.deviations[n:] * wide, axis=1)
     told = (np.array([each.deltas for each in done]) >= aims.odds / wide**2) & looked_for.reshape(-1, 1)
@@ -117,7 +119,7 @@ def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tupl
     return deviations, after
 
 
-def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
+def _naming_times_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
     """Computes when each suspect is named, separable from every other jet whether it leaks or misses, s after the lead.
 
     Nothing fires after the maneuver, for as long as flights are listened to.
@@ -125,10 +127,10 @@ def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | N
     aims, period_s, jets = task.aims, task.craft.period_s, task.craft.params.places.jets
     if aims.pairs.size == 0:
         return {}
-    rest = coasting(round(LISTENING_S / period_s), task.craft)
+    rest = coast_action(round(LISTENING_S / period_s), task.craft)
     after = list(rows)
     for _ in range(rest.coast):
-        after.append(stepped(after[-1], rest, task.craft, fires=False))
+        after.append(fly_action_sample(after[-1], rest, task.craft, fires=False))
     apart, nothing = aims.odds[aims.pairs[:, 1] >= 0].min(), np.flatnonzero(aims.pairs[:, 1] < 0)
     whom = aims.pairs[nothing, 0]
     others = [np.append(np.delete(np.arange(2 * jets), (own % jets, jets + own % jets)), -1) for own in whom]
@@ -140,7 +142,7 @@ def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | N
         most=aims.most[of],
         odds=np.where(rivals < 0, aims.odds[of], apart),
     )
-    told = np.array([math.inf if one is None else one for one in _told_s(after, task, every, n)[1]])
+    told = np.array([math.inf if one is None else one for one in _sigmas_and_separation(after, task, every, n)[1]])
     last = told.reshape(-1, size).max(axis=1).tolist()
     return {
         own % jets: time_s if math.isfinite(time_s) else None for own, time_s in zip(whom.tolist(), last, strict=True)

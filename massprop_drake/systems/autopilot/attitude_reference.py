@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.autopilot import autopilot_ports
 from massprop_drake.maths.autopilot.autopilot_ports import Reference
 from massprop_drake.maths.autopilot.phase_space import initial_memory
-from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import ATTITUDE_MEMORY, HAND_CONTROLLERS
@@ -42,8 +42,8 @@ class AttitudeReference(LeafSystem):
         super().__init__()
         self.set_name("attitude_reference")
         start = initial_memory().attitude
-        self._kernel = chosen(autopilot_ports.attitude, compiled)
-        self._held = held(Reference(period_s, capture_rate, start), compiled)
+        self._kernel = compile_kernel_if(autopilot_ports.attitude, compiled)
+        self._held = make_holder(Reference(period_s, capture_rate, start), compiled)
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
         self.DeclareDiscreteState(ATTITUDE_MEMORY.pack(start))

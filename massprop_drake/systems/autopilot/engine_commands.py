@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steered
+from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steer_gimbals
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
-from massprop_drake.systems.autopilot.jet_schedule import played
+from massprop_drake.systems.autopilot.jet_schedule import make_row_reader
 
 
 class EngineCommands(LeafSystem):
@@ -32,7 +32,7 @@ class EngineCommands(LeafSystem):
         self.set_name("engine_commands")
         table = np.array(table, dtype=float)
         self._control, self._gyro, size = control, None, table.shape[1]
-        self._scheduled = played(table, control.period_s, np.zeros(size))
+        self._scheduled = make_row_reader(table, control.period_s, np.zeros(size))
         self._turned = self.DeclareDiscreteState(3)
         needed = {self.time_ticket(), self.xd_ticket()}
         if control.bandwidth > 0.0:
@@ -44,7 +44,7 @@ class EngineCommands(LeafSystem):
     def _steered(self, context: Any) -> tuple[Array, Array]:
         rate = np.zeros(3) if self._gyro is None else self._gyro.Eval(context)
         turned = context.get_discrete_state(self._turned).CopyToVector()
-        return steered(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
+        return steer_gimbals(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
 
     def _calc(self, context: Any, output: Any) -> None:
         commands, _ = self._steered(context)

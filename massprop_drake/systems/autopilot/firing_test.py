@@ -9,7 +9,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.maneuver.onboard import FiringTest, commands, missed, suspects
+from massprop_drake.maths.maneuver.onboard import FiringTest, design_commands, misses_target, suspects
 from massprop_drake.systems.autopilot.jet_sets import jet_sets
 
 
@@ -93,7 +93,7 @@ class FiringTestSystem(LeafSystem):
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()
-        asks = bool(among) if settings.groups else missed(covariance, settings)
+        asks = bool(among) if settings.groups else misses_target(covariance, settings)
         if not asks:  # what is left of a test is not flown
             return memory._replace(rows=memory.rows[:0], since_s=np.inf)
         if memory.rows.shape[0] > 0:
@@ -104,6 +104,6 @@ class FiringTestSystem(LeafSystem):
         if time_s - since_s < settings.patience_s:
             return memory._replace(since_s=since_s)
         known = self._estimate.Eval(context), covariance
-        rows = commands(self._sets, known, self._gyro.Eval(context), among, settings)
+        rows = design_commands(self._sets, known, self._gyro.Eval(context), among, settings)
         flown = memory.tests + int(rows.shape[0] > 0)
         return FiringTestMemory(rows, np.inf, time_s + settings.patience_s, flown)

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 
 class JetSchedule(LeafSystem):
@@ -54,11 +54,13 @@ class JetSchedule(LeafSystem):
         n_jets, self._held = self._commands.shape[1], list[Any]()
         tables = [("command", self._commands, np.zeros(n_jets))]
         if self._onsets_s is not None:
-            tables.append(("command_onset", self._onsets_s, levels_alone(n_jets)))
+            tables.append(("command_onset", self._onsets_s, level_onsets(n_jets)))
         for name, table, beyond in tables:
-            row = played(table, period_s, beyond)
+            row = make_row_reader(table, period_s, beyond)
             self._held.append((self.DeclareDiscreteState(beyond), row))
-            self.DeclareVectorOutputPort(name, n_jets, served(row), prerequisites_of_calc={self.time_ticket()})
+            self.DeclareVectorOutputPort(
+                name, n_jets, make_port_callback(row), prerequisites_of_calc={self.time_ticket()}
+            )
             self.DeclareStateOutputPort(f"held_{name}", self._held[-1][0])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -67,7 +69,7 @@ class JetSchedule(LeafSystem):
             state.set_value(group, row(context))
 
 
-def played(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Array]:
+def make_row_reader(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Array]:
     """Makes a function from a context to the table's row at its time, or ``beyond`` after the last row."""
 
     def row(context: Any) -> Array:
@@ -78,6 +80,6 @@ def played(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Arra
     return row
 
 
-def served(row: Callable[[Any], Array]) -> Callable[[Any, Any], None]:
+def make_port_callback(row: Callable[[Any], Array]) -> Callable[[Any, Any], None]:
     """Makes the callback of an output port from a function of the context."""
     return lambda context, output: output.SetFromVector(row(context))

@@ -67,7 +67,7 @@ class _Program(NamedTuple):
     box: Any
 
 
-def _made(most: Array, cost: Array) -> _Program:
+def _make_program(most: Array, cost: Array) -> _Program:
     """Makes a linear program of least cost with six equality rows, and variables from zero to their limits.
 
     Args:
@@ -105,19 +105,19 @@ class JetSelectionProgram:
         self._exact_has: Array | None = None  # the scaled rows that the first program holds
         self.solves = 0  # programs solved so far, for statistics
 
-        self._exact = _made(np.full(n, np.inf), self._cost / self._cost.max())
+        self._exact = _make_program(np.full(n, np.inf), self._cost / self._cost.max())
 
     @cached_property
     def _share(self) -> _Program:
         """Program for on-times and the share s, for a request that cannot be met."""
-        return _made(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
+        return _make_program(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
 
     @cached_property
     def _near(self) -> _Program:
         """Program for on-times, shortfall and excess of each row, where even the rate change cannot be met."""
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         cost = np.concatenate([np.zeros(self._n), weights, weights])
-        return _made(np.full(self._n + 12, np.inf), cost)
+        return _make_program(np.full(self._n + 12, np.inf), cost)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
         """Solves for on-times of a request; read-only arrays that are those of the last call are not processed again.
@@ -166,7 +166,7 @@ class JetSelectionProgram:
             return 0.0
         held = [*range(6)] if alone else [*range(3), *([row] if row > 2 else [])]
         size = _row_sizes(activity[held])
-        rows, (target, scale) = activity[held] / size[:, None], _target(far[held], size)
+        rows, (target, scale) = activity[held] / size[:, None], _scale_request(far[held], size)
         column = np.where(target != 0.0, -target, 0.0)
         missing = 6 - len(held)
         self._share.rows.UpdateCoefficients(
@@ -192,7 +192,7 @@ class JetSelectionProgram:
 
     def _scaled(self, request: Array) -> tuple[Array, Array, float]:
         """Scales rows to a largest element 1 on both sides; also returns the factor of the on-times."""
-        return self._rows, *_target(request, self._sizes)
+        return self._rows, *_scale_request(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
         if request.shape != (6,):
@@ -224,7 +224,7 @@ class JetSelectionProgram:
         result = self._solve(self._exact.program)
         if result is None:
             return None
-        return _within(result.get_x_val() * scale, limits_s)
+        return _limit_on_times(result.get_x_val() * scale, limits_s)
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """Computes the largest part [dw; s dv] of a request, and on-times that give it; None where dw cannot be met."""
@@ -239,7 +239,7 @@ class JetSelectionProgram:
             return None
         solution = result.get_x_val()
         share = float(solution[-1]) * (1.0 - _TINY)
-        on_times = _within(solution[:-1] * scale, limits_s)
+        on_times = _limit_on_times(solution[:-1] * scale, limits_s)
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
@@ -251,7 +251,7 @@ class JetSelectionProgram:
         result = self._solve(self._near.program)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
-        on_times = _within(result.get_x_val()[: self._n] * scale, limits_s)
+        on_times = _limit_on_times(result.get_x_val()[: self._n] * scale, limits_s)
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
@@ -268,13 +268,13 @@ def _row_sizes(activity: Array) -> Array:
     return size
 
 
-def _target(request: Array, size: Array) -> tuple[Array, float]:
+def _scale_request(request: Array, size: Array) -> tuple[Array, float]:
     """Scales a request by row sizes, then to a largest element of 1; also returns the latter factor, of on-times."""
     target = request / size
     scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale
 
 
-def _within(on_times_s: Array, limits_s: Array) -> Array:
+def _limit_on_times(on_times_s: Array, limits_s: Array) -> Array:
     """Limits on-times to between zero and their limits."""
     return np.minimum(np.maximum(on_times_s, 0.0), limits_s)

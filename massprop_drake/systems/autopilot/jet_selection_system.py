@@ -11,17 +11,17 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot import autopilot_ports
 from massprop_drake.maths.autopilot.autopilot_ports import Burning
-from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, forces_of
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, jet_forces
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
-from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycles
-from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycle_pulses
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.selector import SelectionState, Selector
 from massprop_drake.systems.caching import Cached, Part, Scratch, declare_outputs
 from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
 
-_SELECTS, _FIRED = 0, slice(1, None)  # of what `autopilot_ports.going_on` gives
+_SELECTS, _FIRED = 0, slice(1, None)  # of what `autopilot_ports.select_or_fire` gives
 
 
 class JetSelection(LeafSystem):
@@ -94,12 +94,12 @@ class JetSelection(LeafSystem):
         body: dict[str, Any] = {"wrenches": wrenches, "mass_flows": mass_flows, "mass_properties": mass_properties}
         make = partial(Selector, selectable=selectable, **on_times, **body)
         self._selector = Scratch(self, "selector", make)
-        self._going_on = chosen(autopilot_ports.going_on, compiled)
-        self._fired = chosen(autopilot_ports.fired, compiled)
+        self._going_on = compile_kernel_if(autopilot_ports.select_or_fire, compiled)
+        self._fired = compile_kernel_if(autopilot_ports.fire_sample, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
-        self._pulses, self._period_s = whole_cycles(n_jets) if pulses is None else pulses, period_s
-        self._forces = forces_of(wrenches)
-        self._held = held(Burning(self._forces, period_s, some_request, self._pulses), compiled)
+        self._pulses, self._period_s = whole_cycle_pulses(n_jets) if pulses is None else pulses, period_s
+        self._forces = jet_forces(wrenches)
+        self._held = make_holder(Burning(self._forces, period_s, some_request, self._pulses), compiled)
         self._nominal = float(mass_properties[MASS_RECIPROCAL])
         self._command = slice(n_jets, 2 * n_jets)
         self._rows = (slice(0, n_jets), self._command, slice(2 * n_jets, None))
@@ -132,10 +132,10 @@ class JetSelection(LeafSystem):
         return None
 
     def _state(self, context: Any) -> SelectionState:
-        return SelectionState._make(_group(context, group) for group in self._groups)
+        return SelectionState._make(_state_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """Computes jets of the coming sample, as `autopilot_ports.fired` has them, and further states that change."""
+        """Computes jets of the coming sample, see `autopilot_ports.fire_sample`, and further states that change."""
         row, changed = self._decided(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():
@@ -147,7 +147,7 @@ class JetSelection(LeafSystem):
 
     def _decided(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
         """Decides the sample of the burst, and further states that change."""
-        remaining, refused = _group(context, self._groups.remaining), _group(context, self._groups.refused)
+        remaining, refused = _state_group(context, self._groups.remaining), _state_group(context, self._groups.refused)
         request, properties = self._request.Eval(context), self._properties(context)
         there = self._reconfiguration.HasValue(context)
         told = self._reconfiguration.Eval(context) if there else self._nothing_told
@@ -160,7 +160,7 @@ class JetSelection(LeafSystem):
         return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
 
     def _calc_held(self, context: Any, output: Any) -> None:
-        command = _group(context, self._groups.command)
+        command = _state_group(context, self._groups.command)
         output.SetFromVector(pulse_onsets(command, self._pulses, self._period_s))
 
     def _update(self, context: Any, state: Any) -> None:
@@ -171,7 +171,7 @@ class JetSelection(LeafSystem):
                 state.set_value(group, value)
 
 
-def _group(context: Any, group: Any) -> Array:
+def _state_group(context: Any, group: Any) -> Array:
     """Returns a group of the discrete state, empty where there is none."""
     vector: Array = np.zeros(0) if group is None else context.get_discrete_state(group).CopyToVector()
     return vector

@@ -20,10 +20,10 @@ def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
     Args:
         craft: see `Craft`.
     """
-    return list(dict.fromkeys(_sets(craft)))
+    return list(dict.fromkeys(_yield_sets(craft)))
 
 
-def _sets(craft: Craft) -> Iterator[tuple[int, ...]]:
+def _yield_sets(craft: Craft) -> Iterator[tuple[int, ...]]:
     for jet in craft.jets.tolist():
         yield (jet,)
     if craft.jets.size == 0:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.autopilot import autopilot_ports
 from massprop_drake.maths.autopilot.autopilot_ports import Control
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, initial_memory
-from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import HAND_CONTROLLERS, REQUEST, TRANSLATION_MEMORY
@@ -43,7 +43,10 @@ class PhaseSpaceController(LeafSystem):
         super().__init__()
         self.set_name("phase_space_controller")
         start = initial_memory().translation
-        self._kernel, self._held = chosen(autopilot_ports.request, compiled), held(Control(params, start), compiled)
+        self._kernel, self._held = (
+            compile_kernel_if(autopilot_ports.request, compiled),
+            make_holder(Control(params, start), compiled),
+        )
         sizes = {"hand_controllers": HAND_CONTROLLERS.size, "attitude_error": 3, "gyro": 3, "delivered": 3}
         self._sensed = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self.DeclareDiscreteState(TRANSLATION_MEMORY.pack(start))

@@ -15,8 +15,8 @@ from massprop_drake.maths.autopilot.jet_selection import (
     least_cycles,
     must_select,
 )
-from massprop_drake.maths.autopilot.pulses import Pulses, burst_pulses, whole_cycles
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.autopilot.pulses import Pulses, burst_pulses, whole_cycle_pulses
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 from massprop_drake.systems.autopilot.jet_selection_program import (
     RATE,
     VELOCITY,
@@ -25,7 +25,7 @@ from massprop_drake.systems.autopilot.jet_selection_program import (
     Selection,
 )
 from massprop_drake.systems.layouts import REFUSED, SELECTION_COUNTS
-from massprop_drake.systems.stopwatch import JET_SELECTION, timed
+from massprop_drake.systems.stopwatch import JET_SELECTION, time_call
 
 _LONGEST_BURST_S = 2.0  # against a force that acts all along
 _NOT_REFUSED = np.zeros(REFUSED.size)
@@ -114,10 +114,10 @@ class Selector:
     ):
         self._wrenches = wrenches
         self._least = least_cycles(minimum_on_times_s, period_s)
-        self._pulses = whole_cycles(selectable.size) if pulses is None else pulses
+        self._pulses = whole_cycle_pulses(selectable.size) if pulses is None else pulses
         self._selectable = selectable
         self._nominal = mass_properties
-        self._nominal_activity = _constant(activity_vectors(wrenches, mass_properties))
+        self._nominal_activity = _make_read_only(activity_vectors(wrenches, mass_properties))
         self._undone, self._by_nominal = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
         self._limited, self._limits = (b"", 0.0), np.zeros(0)  # the last limits, and of which jets and time
         self._program = JetSelectionProgram(mass_flows)
@@ -139,7 +139,7 @@ class Selector:
         wrench, declared = None, False
         if asked_for is not None:
             declared = asked_for.declared
-            if nonzero(asked_for.known_wrench):
+            if has_nonzero(asked_for.known_wrench):
                 wrench = asked_for.known_wrench
         remaining = np.zeros_like(state.remaining) if declared else state.remaining
         solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
@@ -152,7 +152,7 @@ class Selector:
             wanted, selection = self._selected(properties, request, wrench, out_of_use)
             remaining, owed, shortest_s = self._flown(selection.on_times_s, owed)
             refused = _NOT_REFUSED
-            if not (nonzero(remaining) or self._pulses.accumulates):
+            if not (has_nonzero(remaining) or self._pulses.accumulates):
                 refused = REFUSED.pack((wanted[RATE], least_change(wanted, selection.on_times_s, shortest_s)))
             size = _length(wanted[VELOCITY])
             reduced += selection.outcome == Outcome.REDUCED
@@ -185,7 +185,7 @@ class Selector:
 
         def solved(wanted: Array, longest_s: float) -> Selection:
             limits = self._longest(out_of_use, longest_s)
-            return timed(JET_SELECTION, self._program.solve, activity, wanted, limits)
+            return time_call(JET_SELECTION, self._program.solve, activity, wanted, limits)
 
         asked = np.concatenate([request.rate_change, request.velocity_change])
         if wrench is None:
@@ -208,7 +208,7 @@ class Selector:
         limited = out_of_use.tobytes(), longest_s
         if limited != self._limited:
             available = self._selectable & (out_of_use <= 0.0)
-            self._limited, self._limits = limited, _constant(np.where(available, longest_s, 0.0))
+            self._limited, self._limits = limited, _make_read_only(np.where(available, longest_s, 0.0))
         return self._limits
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
@@ -238,7 +238,7 @@ class Selector:
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
 
-def _constant(array: Array) -> Array:
+def _make_read_only(array: Array) -> Array:
     """Makes an array read-only."""
     array.flags.writeable = False
     return array

@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot.wheel_control import (
     WheelControlParams,
-    next_unloading,
+    must_unload,
     rate_for_jets,
     wheel_torques,
 )
@@ -69,7 +69,7 @@ class WheelController(LeafSystem):
 
     def _unloads(self, context: Any) -> bool:
         before = context.get_discrete_state(self._unloading).CopyToVector()[0] != 0.0
-        return next_unloading(before, self._speeds(context), self._params)
+        return must_unload(before, self._speeds(context), self._params)
 
     def _calc_torque(self, context: Any, output: Any) -> None:
         rotation = self._controllers.Eval(context)[_ROTATION]

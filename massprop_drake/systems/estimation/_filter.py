@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, packed, unpacked
-from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, pack_adaptation, unpack_adaptation
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, unpack_known_force
 from massprop_drake.maths.estimation.filter import Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
@@ -19,7 +19,7 @@ from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 Ports = tuple[tuple[str, int, Part], ...]
 
 _NO_LEVEL = np.empty(0)
-_NO_FORCE, _NOTHING_ASKED = np.zeros(KNOWN_FORCE.size), packed(NO_ADAPTATION)
+_NO_FORCE, _NOTHING_ASKED = np.zeros(KNOWN_FORCE.size), pack_adaptation(NO_ADAPTATION)
 
 
 class MeasuredFilter(NamedTuple):
@@ -88,7 +88,7 @@ class FilterSystem(LeafSystem):
         """Reads the known inputs of the interval; mean levels only where they are used."""
         known = NO_KNOWN_FORCE
         if self._known_force.HasValue(context):
-            known = known_force_of(self._known_force.Eval(context))
+            known = unpack_known_force(self._known_force.Eval(context))
         mean_level = _NO_LEVEL if self._mean_level is None else self._mean_level.Eval(context)
         told = IMPULSES.read(self._impulses.Eval(context))
         impulses = Impulses(told.angular_impulse, told.linear_impulse, told.usable, told.firing, _NO_LEVEL, mean_level)
@@ -96,7 +96,9 @@ class FilterSystem(LeafSystem):
 
     def _adapted(self, context: Any) -> Adaptation:
         """Reads the adaptation that the detector asks for; none without a detector."""
-        return unpacked(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
+        return (
+            unpack_adaptation(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
+        )
 
     def _told(self, context: Any) -> tuple[Array, Array]:
         """Reads impulses and known force as they are packed, for compiled kernels."""

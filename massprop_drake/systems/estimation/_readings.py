@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.maths.vehicle.sensing import mask_saturated
 
 
 class KnownPackage(NamedTuple):
@@ -45,7 +45,7 @@ class Readings:
         for index, (port, package) in enumerate(zip(self.ports, self._packages, strict=True)):
             if index == 0 or port.HasValue(context):
                 reading = port.Eval(context)
-                readings[index] = reading if package.limit == math.inf else unsaturated(reading, package.limit)
+                readings[index] = reading if package.limit == math.inf else mask_saturated(reading, package.limit)
             else:
                 readings[index] = math.nan
         return readings

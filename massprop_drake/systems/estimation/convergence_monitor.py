@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.filters.thesis import joint_covariance
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import N_ROTATION, all_ten, converged
+from massprop_drake.maths.mass_properties import N_ROTATION, is_converged, join_ten_parameters
 from massprop_drake.systems.caching import Cached, Part, declare_outputs
 from massprop_drake.systems.layouts import MASS_ESTIMATE
 
@@ -38,7 +38,7 @@ class ConvergenceMonitor(LeafSystem):
     Timing: outputs at t_k include the measurement at t_k.
 
     Args:
-        limits: see `maths.mass_properties.converged`, shape (3,).
+        limits: see `maths.mass_properties.is_converged`, shape (3,).
     """
 
     def __init__(self, limits: Array):
@@ -52,13 +52,13 @@ class ConvergenceMonitor(LeafSystem):
             ("estimate", 10, lambda ten: ten.estimate),
             ("standard_deviation", 10, lambda ten: ten.deviation),
             ("covariance", 100, lambda ten: ten.covariance.ravel()),
-            ("converged", 1, lambda ten: np.array([float(converged(ten.deviation, ten.estimate, limits))])),
+            ("converged", 1, lambda ten: np.array([float(is_converged(ten.deviation, ten.estimate, limits))])),
         ]
         declare_outputs(self, known, outputs)
 
     def _ten(self, context: Any) -> Ten:
         mass = MASS_ESTIMATE.read(self._mass.Eval(context) if self._mass.HasValue(context) else _NOT_OBSERVED)
         covariance = self._covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
-        estimate = all_ten(self._rotation.Eval(context), mass.mass_reciprocal)
-        deviation = np.sqrt(all_ten(covariance.diagonal(), mass.variance))
+        estimate = join_ten_parameters(self._rotation.Eval(context), mass.mass_reciprocal)
+        deviation = np.sqrt(join_ten_parameters(covariance.diagonal(), mass.variance))
         return Ten(estimate, deviation, joint_covariance(covariance, mass.variance))

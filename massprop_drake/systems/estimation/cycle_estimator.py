@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 from massprop_drake.maths.estimation.detector import Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import converged_rows
+from massprop_drake.maths.mass_properties import are_converged
 from massprop_drake.systems.caching import Cached, declare_outputs
 from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import (
@@ -27,7 +27,7 @@ from massprop_drake.systems.layouts import (
     detector_row,
     impulse_row,
 )
-from massprop_drake.systems.stopwatch import timed
+from massprop_drake.systems.stopwatch import time_call
 
 
 class Memory(NamedTuple):
@@ -99,7 +99,7 @@ class CycleEstimator(LeafSystem):
         gyros, accelerometers: packages, the preferred one first.
         tracked: size of the reading of each sensor in a fixed frame, by its name, in the vehicle's order.
         weighs: whether anything read shows the mass, so that there is a `mass_report`.
-        known: the ten parameters that are known beforehand, see `maths.mass_properties.converged_rows`.
+        known: the ten parameters that are known beforehand, see `maths.mass_properties.are_converged`.
         within: whether jets open within a sample.
     """
 
@@ -141,22 +141,22 @@ class CycleEstimator(LeafSystem):
             (ROTATION_REPORT.name, ROTATION_REPORT.size, lambda now: ROTATION_REPORT.pack(now.step.filtered.rotation)),
         ]
         if weighs:
-            outputs.append((MASS_REPORT.name, MASS_REPORT.size, _weighed))
+            outputs.append((MASS_REPORT.name, MASS_REPORT.size, _mass_report))
         if params.filter.report is not None:
             own = params.filter.report.sized(jets=n_jets)
             outputs.append((own.name, own.size, lambda now: own.pack(now.step.filtered.own)))
         before: list[tuple[str, int, Any]] = [("predicted", 10, self._calc_predicted)]
         if params.detector is not None:
             before.append(("held_closed", n_jets, self._calc_held_closed))
-            outputs += _judged_outputs(jets, params.detector)
+            outputs += _detector_outputs(jets, params.detector)
         for name, size, calc in before:
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.xa_ticket()})
         declare_outputs(self, self._cycle, outputs)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def kept(self, context: Any) -> dict[str, Array]:
-        """Packs the state into vectors, see `maths.estimation.cycle.saved`."""
-        return dict(cycle.saved(self._remembered(context).state, self._params))
+        """Packs the state into vectors, see `maths.estimation.cycle.save_state`."""
+        return dict(cycle.save_state(self._remembered(context).state, self._params))
 
     # ------------------------------------------------------------------------------------------- the cycle
 
@@ -192,7 +192,7 @@ class CycleEstimator(LeafSystem):
         memory, time_s = self._remembered(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
-        step = cycle.step(memory.state, self._sample(context), self._params, timed)
+        step = cycle.step(memory.state, self._sample(context), self._params, time_call)
         return Memory(memory.state, step, time_s)
 
     def _update(self, context: Any, state: Any) -> None:
@@ -203,7 +203,7 @@ class CycleEstimator(LeafSystem):
     def _known_in(self, now: Memory) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the cycle."""
         step = _step(now)
-        return step.filtered.known or cycle.known(step.state, self._params)
+        return step.filtered.known or cycle.estimate_and_covariance(step.state, self._params)
 
     def _covariance_in(self, now: Memory) -> Array:
         _, covariance = self._known_in(now)
@@ -212,7 +212,7 @@ class CycleEstimator(LeafSystem):
     def _converged(self, now: Memory) -> Array:
         estimate, covariance = self._known_in(now)
         deviation = np.sqrt(covariance.diagonal())
-        return converged_rows(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
+        return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         memory = self._remembered(context)
@@ -228,12 +228,12 @@ def _step(now: Memory) -> EstimationStep:
     return now.step
 
 
-def _weighed(now: Memory) -> Array:
+def _mass_report(now: Memory) -> Array:
     report = _step(now).filtered.mass
     return np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report)
 
 
-def _judged_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, int, Any]]:
+def _detector_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, int, Any]]:
     """Lists a detector's output ports, name, size and function each, as `declare_outputs` takes them."""
     n_jets, said = jets.thrusts.size, detector.report
     reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))

@@ -8,13 +8,13 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import adaptation, estimation_ports
-from massprop_drake.maths.estimation.cycle import evidence_of
+from massprop_drake.maths.estimation.cycle import make_evidence
 from massprop_drake.maths.estimation.detector import Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
-from massprop_drake.maths.kernels import compiled as compiled_form
-from massprop_drake.maths.kernels import held
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.kernels import compile_kernel as compiled_form
+from massprop_drake.maths.kernels import make_holder
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 from massprop_drake.systems.caching import Cached, Part, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import (
     ADAPTATION,
@@ -25,11 +25,11 @@ from massprop_drake.systems.layouts import (
     RECONFIGURATION,
     detector_row,
 )
-from massprop_drake.systems.stopwatch import DETECTOR, timed
+from massprop_drake.systems.stopwatch import DETECTOR, time_call
 
 _NO_KNOWN_FORCE = np.zeros(KNOWN_FORCE.size)
 _NOT_MEASURED, _USABLE = EVIDENCE.pack(NOT_MEASURED), IMPULSES.slice("usable").start
-_NO_ADAPTATION = adaptation.packed(adaptation.NO_ADAPTATION)
+_NO_ADAPTATION = adaptation.pack_adaptation(adaptation.NO_ADAPTATION)
 
 
 class FailureDetector(LeafSystem):
@@ -90,9 +90,9 @@ class FailureDetector(LeafSystem):
         self.DeclareDiscreteState(self._layout.pack(initial))
         self._compiled = compiled and detector is cglr.DETECTOR
         if self._compiled:
-            self._kernel = compiled_form(estimation_ports.judged)
+            self._kernel = compiled_form(estimation_ports.run_detector)
             self._acting = compiled_form(estimation_ports.known_force)
-            self._held = held(estimation_ports.judging(params), compile_it=True)
+            self._held = make_holder(estimation_ports.make_detector(params), compile_it=True)
 
         needed = {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
         judgment = Cached(self, "judgment", self._judge, needed)
@@ -128,21 +128,21 @@ class FailureDetector(LeafSystem):
         return self._state_of._make(self._layout.read(vector))
 
     def _judge(self, context: Any) -> Array:
-        """Judges the sample by the detector's method, as `estimation_ports.judged` has it."""
+        """Judges the sample by the detector's method, as `estimation_ports.run_detector` has it."""
         vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
         # a sample that is not steady is not looked at, so that nothing need be gathered
         seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
         time_s = context.get_time()
         if self._compiled:
-            row: Array = timed(DETECTOR, self._kernel, vector, time_s, command, told, seen, self._held)
+            row: Array = time_call(DETECTOR, self._kernel, vector, time_s, command, told, seen, self._held)
             return row
         before, impulses = self._state(vector), IMPULSES.read(told)
-        evidence = evidence_of(time_s, command, impulses, EVIDENCE.read(seen) if impulses.usable else NOT_MEASURED)
-        judgment: Judgment = timed(DETECTOR, self._detector.judge, before, evidence, self._params)
+        evidence = make_evidence(time_s, command, impulses, EVIDENCE.read(seen) if impulses.usable else NOT_MEASURED)
+        judgment: Judgment = time_call(DETECTOR, self._detector.judge, before, evidence, self._params)
         state, todo = judgment.state, judgment.adaptation
         return np.concatenate(
             (
-                _NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo),
+                _NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.pack_adaptation(todo),
                 (judgment.status.detector_event == Verdict.DECLARED,),
                 state.force @ self._jets.unit_wrenches,
                 vector if state is before else self._layout.pack(state),
@@ -152,7 +152,7 @@ class FailureDetector(LeafSystem):
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
         vector = state_of(context)
-        if not nonzero(vector[self._variance]):
+        if not has_nonzero(vector[self._variance]):
             output.SetFromVector(_NO_KNOWN_FORCE)
             return
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)

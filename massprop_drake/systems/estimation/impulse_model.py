@@ -8,15 +8,15 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import estimation_ports
-from massprop_drake.maths.estimation.detector import known_force_of
+from massprop_drake.maths.estimation.detector import unpack_known_force
 from massprop_drake.maths.estimation.estimation_ports import Lagging
-from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import lag_factors
-from massprop_drake.systems.arguments import rows, vector
+from massprop_drake.systems.arguments import require_rows, require_vector
 from massprop_drake.systems.caching import Cached, declare_outputs, state_of
 from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
-from massprop_drake.systems.stopwatch import ESTIMATORS, timed
+from massprop_drake.systems.stopwatch import ESTIMATORS, time_call
 
 _NOTHING_OUTSIDE = np.zeros(6)
 _IMPULSE = slice(IMPULSES.slice("angular_impulse").start, IMPULSES.slice("linear_impulse").stop)
@@ -52,11 +52,14 @@ class ImpulseModel(LeafSystem):
     def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float, compiled: bool = False):
         super().__init__()
         self.set_name("impulse_model")
-        wrenches = rows("impulse model: wrenches", wrenches, 6)
+        wrenches = require_rows("impulse model: wrenches", wrenches, 6)
         n_jets = wrenches.shape[0]
-        time_constants_s = vector("impulse model: time_constants_s", time_constants_s, n_jets)
+        time_constants_s = require_vector("impulse model: time_constants_s", time_constants_s, n_jets)
         lagging = Lagging(wrenches * period_s, lag_factors(time_constants_s, period_s), period_s)
-        self._kernel, self._held = chosen(estimation_ports.impulses, compiled), held(lagging, compiled)
+        self._kernel, self._held = (
+            compile_kernel_if(estimation_ports.impulses, compiled),
+            make_holder(lagging, compiled),
+        )
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._known_force = self.DeclareVectorInputPort("known_force", KNOWN_FORCE.size)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
@@ -74,13 +77,13 @@ class ImpulseModel(LeafSystem):
         """Computes the impulses, as `estimation_ports.impulses` has them."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
         given = state_of(context), self._command.Eval(context), outside, self._held
-        row: Array = timed(ESTIMATORS, self._kernel, *given)
+        row: Array = time_call(ESTIMATORS, self._kernel, *given)
         return row
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
         told = self._impulses.get(context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
-            known = known_force_of(self._known_force.Eval(context))
+            known = unpack_known_force(self._known_force.Eval(context))
             if known.acts:
                 told = told.copy()
                 told[_IMPULSE] += known.wrench * self._period_s

@@ -8,7 +8,7 @@ from pydrake.solvers import ClpSolver, MathematicalProgram
 from massprop_drake.maths.linear_algebra import Array
 
 
-def solved(cost: Array, matrix: Array, low: Array, high: Array) -> Array | None:
+def solve_linear_program(cost: Array, matrix: Array, low: Array, high: Array) -> Array | None:
     """Minimizes a linear cost under linear constraints.
 
     Args:

@@ -12,15 +12,15 @@ from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassCycle, MassParams, MassState
 from massprop_drake.maths.estimation.filters.thesis import Turning
-from massprop_drake.maths.kernels import compiled as compiled_form
-from massprop_drake.maths.kernels import held
+from massprop_drake.maths.kernels import compile_kernel as compiled_form
+from massprop_drake.maths.kernels import make_holder
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import N_ROTATION, all_ten
+from massprop_drake.maths.mass_properties import N_ROTATION, join_ten_parameters
 from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
 from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_ESTIMATE, MASS_REPORT, TURNING
-from massprop_drake.systems.stopwatch import ESTIMATORS, timed
+from massprop_drake.systems.stopwatch import ESTIMATORS, time_call
 
 _NOT_MEASURED = EVIDENCE.pack(NOT_MEASURED)
 _INNOVATION, _COVARIANCE = slice(0, 3), slice(3, 12)
@@ -89,11 +89,14 @@ class MassEstimator(FilterSystem):
         start = thesis.mass_start(mass_reciprocal, variance, params, n_errors)
         vector = thesis.pack_mass(*start, self._layout)
         self.DeclareDiscreteState(vector)
-        self._compiled = compiled and thrust_errors is None and mass_filter.counts_one(params)
+        self._compiled = compiled and thrust_errors is None and mass_filter.uses_one_package(params)
         if self._compiled:
-            made = estimation_ports.weighing(params, MassVector._make(self._layout.read(vector)[:-1]))
-            self._move, self._weigh = compiled_form(estimation_ports.evidence), compiled_form(estimation_ports.weighed)
-            self._held = held(made, compile_it=True)
+            made = estimation_ports.make_mass_filter(params, MassVector._make(self._layout.read(vector)[:-1]))
+            self._move, self._weigh = (
+                compiled_form(estimation_ports.measure_mass),
+                compiled_form(estimation_ports.finish_mass),
+            )
+            self._held = make_holder(made, compile_it=True)
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
         size, n_estimate = MASS_REPORT.size, MASS_ESTIMATE.size
@@ -109,7 +112,7 @@ class MassEstimator(FilterSystem):
         )
 
     def _known(self, context: Any) -> tuple[MassState, Array]:
-        return thesis.read_mass(state_of(context), self._layout)
+        return thesis.unpack_mass(state_of(context), self._layout)
 
     def _seen(self, context: Any) -> Turning:
         """Reads the rotation filter's measurement of the sample."""
@@ -117,30 +120,30 @@ class MassEstimator(FilterSystem):
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `estimation_ports.evidence` where that is compiled."""
+        """Measures the sample: `Measured`, or the vector of `estimation_ports.measure_mass` where that is compiled."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
-            return timed(ESTIMATORS, self._move, *given, *self._told(context), self._held)
+            return time_call(ESTIMATORS, self._move, *given, *self._told(context), self._held)
         state, before = self._known(context)
         velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
-        known = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_of(turning)
-        measurement = timed(ESTIMATORS, mass_filter.measure, state, before, velocities, *known, self._params)
+        known = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_inputs(turning)
+        measurement = time_call(ESTIMATORS, mass_filter.measure, state, before, velocities, *known, self._params)
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
 
     def _compute_cycle(self, context: Any) -> Any:
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return timed(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
+            return time_call(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
         state, interval, measurement, (velocities, _) = measured
         finish = mass_filter.finish, state, measurement, interval.impulses.usable, interval.impulses.firing
-        cycle: MassCycle = timed(ESTIMATORS, *finish, self._adapted(context), self._params)
-        report = MASS_REPORT.pack(thesis.report_of_mass(measurement.innovation, cycle))
+        cycle: MassCycle = time_call(ESTIMATORS, *finish, self._adapted(context), self._params)
+        report = MASS_REPORT.pack(thesis.mass_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
-        output.SetFromVector(all_ten(self._prediction.Eval(context), state.mass_reciprocal))
+        output.SetFromVector(join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _evidence(self, measured: Any) -> Array:
         """Packs the detector's evidence of the sample as `EVIDENCE`."""
@@ -150,7 +153,7 @@ class MassEstimator(FilterSystem):
         state, interval, measurement, (_, turning) = measured
         if not interval.impulses.usable:
             return _NOT_MEASURED
-        return EVIDENCE.pack(thesis.joint_of(turning, measurement.sample, measurement.innovation, state))
+        return EVIDENCE.pack(thesis.join_innovations(turning, measurement.sample, measurement.innovation, state))
 
     def _innovation(self, measured: Any) -> Array:
         """Returns the innovation (3) and its covariance (9)."""

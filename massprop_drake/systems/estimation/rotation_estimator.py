@@ -15,15 +15,15 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationParams,
     RotationState,
 )
-from massprop_drake.maths.kernels import compiled as compiled_form
-from massprop_drake.maths.kernels import held
+from massprop_drake.maths.kernels import compile_kernel as compiled_form
+from massprop_drake.maths.kernels import make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
 from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
-from massprop_drake.systems.stopwatch import ESTIMATORS, timed
+from massprop_drake.systems.stopwatch import ESTIMATORS, time_call
 
 
 class RotationEstimator(FilterSystem):
@@ -94,11 +94,14 @@ class RotationEstimator(FilterSystem):
         start = thesis.rotation_start(estimate, covariance, params, n_errors)
         vector = thesis.pack_rotation(*start, self._layout)
         self.DeclareDiscreteState(vector)
-        self._compiled = compiled and thrust_errors is None and rotation_filter.counts_one(params)
+        self._compiled = compiled and thrust_errors is None and rotation_filter.uses_one_package(params)
         if self._compiled:
-            made = estimation_ports.rotating(params, RotationVector._make(self._layout.read(vector)[:-1]))
-            self._turn, self._rotate = compiled_form(estimation_ports.turning), compiled_form(estimation_ports.rotated)
-            self._held = held(made, compile_it=True)
+            made = estimation_ports.make_rotation_filter(params, RotationVector._make(self._layout.read(vector)[:-1]))
+            self._turn, self._rotate = (
+                compiled_form(estimation_ports.measure_rotation),
+                compiled_form(estimation_ports.finish_rotation),
+            )
+            self._held = make_holder(made, compile_it=True)
         self.DeclareVectorOutputPort(
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
         )
@@ -119,30 +122,30 @@ class RotationEstimator(FilterSystem):
         )
 
     def _known(self, context: Any) -> tuple[RotationState, RotationMemory]:
-        return thesis.read_rotation(state_of(context), self._layout)
+        return thesis.unpack_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `estimation_ports.turning` where that is compiled."""
+        """Measures the sample: `Measured`, or where compiled the vector of `estimation_ports.measure_rotation`."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
-            return timed(ESTIMATORS, self._turn, *given)
+            return time_call(ESTIMATORS, self._turn, *given)
         state, memory = self._known(context)
         rates, interval = self._gyros.eval(context), self._interval(context)
         known = thesis.rotation_interval(interval, self._thrust_errors)
-        measurement = timed(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
+        measurement = time_call(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
         return MeasuredFilter(state, interval, measurement, rates)
 
     def _compute_cycle(self, context: Any) -> Any:
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return timed(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
+            return time_call(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
         state, interval, measurement, rates = measured
         learning = thesis.is_learning(interval)
         finish = rotation_filter.finish, state, measurement, learning, self._adapted(context), self._params
-        cycle: RotationCycle = timed(ESTIMATORS, *finish)
+        cycle: RotationCycle = time_call(ESTIMATORS, *finish)
         memory = thesis.rotation_memory(measurement, rates)
-        report = ROTATION_REPORT.pack(thesis.report_of_rotation(measurement.innovation, cycle))
+        report = ROTATION_REPORT.pack(thesis.rotation_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
@@ -155,7 +158,7 @@ class RotationEstimator(FilterSystem):
             row: Array = measured[: self._turning.size]
             return row
         state, _, measurement, _ = measured
-        turning = thesis.turning_from(state, measurement.sample, measurement.innovation)
+        turning = thesis.make_turning(state, measurement.sample, measurement.innovation)
         effects = self._no_effects if turning.effects is None else turning.effects
         sensitivity = self._insensitive if turning.sensitivity is None else turning.sensitivity
         return self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity))

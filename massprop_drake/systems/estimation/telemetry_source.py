@@ -10,7 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 
 class ServedRows(NamedTuple):
@@ -97,7 +97,7 @@ class TelemetrySource(LeafSystem):
         self._period_s = period_s
         sizes = dict.fromkeys(sensors, 3) | dict(tracked or {})
         before = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
-        off, levels = np.zeros((1, n_jets)), levels_alone((1, n_jets))
+        off, levels = np.zeros((1, n_jets)), level_onsets((1, n_jets))
         none = ServedRows(first_row, np.full(1, np.nan), before, off, np.zeros((1, 6)), levels)
         self._rows = self.DeclareAbstractParameter(Value[object](none))
         for name, size in sizes.items():
@@ -135,7 +135,7 @@ class TelemetrySource(LeafSystem):
             outside_wrench: shape (6,).
             onset_s: of the command, shape (n_jets,); None: it is a level.
         """
-        onset = levels_alone(np.shape(command)) if onset_s is None else onset_s
+        onset = level_onsets(np.shape(command)) if onset_s is None else onset_s
         commands, outside, onsets_s = (np.array([part]) for part in (command, outside_wrench, onset))
         rows = self._held(context)
         self._hold(context, rows._replace(commands=commands, outside_wrench=outside, onsets_s=onsets_s))
@@ -166,7 +166,7 @@ class TelemetrySource(LeafSystem):
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
         if onsets_s is None:
-            onsets_s = levels_alone(commands.shape)
+            onsets_s = level_onsets(commands.shape)
         rows = ServedRows(
             held.next,
             np.concatenate([held.time_s[-1:], time_s]),

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.mass_properties import MassProperties
-from massprop_drake.maths.vehicle.attached_bodies import BodyPlaces, center_velocity, composite, sensed_rates
+from massprop_drake.maths.vehicle.attached_bodies import BodyPlaces, center_velocity, composite_body, sensed_derivatives
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     N_STATE,
@@ -22,10 +22,16 @@ from massprop_drake.maths.vehicle.rigid_body import (
     SPIN_INTEGRAL,
     STRUCTURE,
     VELOCITY,
-    packed_structure,
+    pack_structure,
 )
 from massprop_drake.systems.caching import Cached
-from massprop_drake.systems.multibody.plants import attached, body_of, inertias, places, require_continuous
+from massprop_drake.systems.multibody.plants import (
+    connected_bodies,
+    find_body,
+    mass_properties_of,
+    pack_poses,
+    require_continuous,
+)
 
 
 class _Configuration(NamedTuple):
@@ -68,9 +74,9 @@ class BodyMotion(LeafSystem):
         super().__init__()
         self.set_name("body_motion")
         require_continuous(plant)
-        carrier = body_of(plant, body)
-        bodies = attached(plant, carrier)
-        self._matter = inertias(bodies)
+        carrier = find_body(plant, body)
+        bodies = connected_bodies(plant, carrier)
+        self._matter = mass_properties_of(bodies)
         self._carrier, *self._others = (int(one.index()) for one in bodies)
         on = plant.is_gravity_enabled(carrier.model_instance())
         self._gravity = np.array(plant.gravity_field().gravity_vector()) if on else np.zeros(3)
@@ -92,8 +98,8 @@ class BodyMotion(LeafSystem):
         carrier = poses[self._carrier]
         to_carrier = carrier.inverse()
         others = [to_carrier @ poses[index] for index in self._others]
-        here = places([RigidTransform(), *others])  # that of the carrier exactly
-        return _Configuration(carrier, here, composite(self._matter, here))
+        here = pack_poses([RigidTransform(), *others])  # that of the carrier exactly
+        return _Configuration(carrier, here, composite_body(self._matter, here))
 
     def _calc_body_state(self, context: Any, output: Any) -> None:
         carrier, here, properties = self._standing.get(context)
@@ -110,7 +116,7 @@ class BodyMotion(LeafSystem):
         output.SetFromVector(state)
 
     def _calc_structure(self, context: Any, output: Any) -> None:
-        output.SetFromVector(packed_structure(self._standing.get(context).properties))
+        output.SetFromVector(pack_structure(self._standing.get(context).properties))
 
     def _calc_properties(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._standing.get(context).properties.vector())
@@ -121,5 +127,5 @@ class BodyMotion(LeafSystem):
         rotation = self._poses.Eval(context)[index].rotation().matrix()
         rate = self._velocities.Eval(context)[index].rotational()
         acceleration = self._accelerations.Eval(context)[index].translational()
-        rates = sensed_rates(rotation, rate, acceleration, self._gravity)
+        rates = sensed_derivatives(rotation, rate, acceleration, self._gravity)
         derivatives.get_mutable_vector().SetFromVector(rates)

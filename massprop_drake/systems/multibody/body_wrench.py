@@ -12,7 +12,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.systems.layouts import WRENCH
-from massprop_drake.systems.multibody.plants import body_of, require_continuous
+from massprop_drake.systems.multibody.plants import find_body, require_continuous
 
 
 class BodyWrench(LeafSystem):
@@ -41,7 +41,7 @@ class BodyWrench(LeafSystem):
         super().__init__()
         self.set_name("body_wrench")
         require_continuous(plant)
-        index = self._index = body_of(plant, body).index()
+        index = self._index = find_body(plant, body).index()
         self._place = int(index)
         wrench = self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
         model = plant.GetOutputPort("body_poses").Allocate()

@@ -10,8 +10,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, reference
-from massprop_drake.systems.multibody.plants import joint_named
+from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, joint_reference
+from massprop_drake.systems.multibody.plants import find_joint
 
 
 class JointDrive(LeafSystem):
@@ -42,7 +42,7 @@ class JointDrive(LeafSystem):
         super().__init__()
         self.set_name("joint_drive")
         self._frequency_hz, self._size = frequency_hz, plant.num_velocities()
-        joints = [joint_named(plant, name) for name in moves]
+        joints = [find_joint(plant, name) for name in moves]
         self._velocities = [joint.velocity_start() for joint in joints]  # places of the driven joints among them
         self._positions = [joint.position_start() for joint in joints]
         self._rates = [plant.num_positions() + place for place in self._velocities]  # in the state
@@ -56,7 +56,7 @@ class JointDrive(LeafSystem):
 
     def _calc(self, context: Any, output: Any) -> None:
         state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
-        wanted = [reference(start, moves, time_s) for start, moves in self._told]
+        wanted = [joint_reference(start, moves, time_s) for start, moves in self._told]
         positions, rates = state[self._positions], state[self._rates]
         forces[self._velocities] = drive_forces(wanted, positions, rates, self._inertia, self._frequency_hz)
         output.SetFromVector(forces)

@@ -17,7 +17,7 @@ from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.systems.multibody.body_motion import FROM_PLANT, BodyMotion
 from massprop_drake.systems.multibody.body_wrench import BodyWrench
 from massprop_drake.systems.multibody.joint_drive import JointDrive
-from massprop_drake.systems.multibody.plants import body_of, start_state
+from massprop_drake.systems.multibody.plants import find_body, start_state
 
 TRUTH = ("body_state", "structure", "mass_properties")
 
@@ -92,7 +92,7 @@ class MultibodyVehicle(Diagram):
         wheels: bool = False,
     ):
         super().__init__()
-        carrier = body_of(plant, body)
+        carrier = find_body(plant, body)
         start, self._velocities = start_state(plant, carrier, positions, rates, rate)
         plant.SetDefaultPositions(start)
         builder = DiagramBuilder()

@@ -16,13 +16,13 @@ from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 
 from massprop_drake.errors import logged_by_drake
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
+from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite_body
 
 _PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in |<data-string>:\d+: ")
 _MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
 
-def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
+def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
     """Makes a continuous MultibodyPlant from the text of a model, without gravity and contact.
 
     Args:
@@ -39,10 +39,10 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
             plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
             plant.Finalize()
         except (Exception, SystemExit) as error:  # a failed DRAKE_DEMAND is the latter
-            raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(str(error))}") from None
+            raise ValueError(f"Drake cannot read this {kind.upper()}: {_shorten_message(str(error))}") from None
     doubt = next((text for text in warned if "nertia" in text), None)
     if doubt is not None:
-        raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(doubt)}")
+        raise ValueError(f"Drake cannot read this {kind.upper()}: {_shorten_message(doubt)}")
     if plant.num_constraints():
         raise ValueError("has a constraint, such as <mimic>, which a continuous plant cannot keep; leave it out")
     return plant
@@ -57,10 +57,10 @@ def require_motion(plant: MultibodyPlant) -> None:
     try:
         plant.EvalTimeDerivatives(plant.CreateDefaultContext())
     except (RuntimeError, SystemExit) as error:
-        raise ValueError(f"Drake cannot move this model: {_line(str(error))}") from None
+        raise ValueError(f"Drake cannot move this model: {_shorten_message(str(error))}") from None
 
 
-def _line(text: str) -> str:
+def _shorten_message(text: str) -> str:
     """Puts a message of Drake into one line, without the places in Drake and in the text that it begins with."""
     return textwrap.shorten(_PLACE.sub("", text), _MOST_LETTERS, placeholder=" ...")
 
@@ -80,7 +80,7 @@ def require_continuous(plant: MultibodyPlant) -> None:
         raise ValueError("the MultibodyPlant is not finalized; call its Finalize() first")
 
 
-def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
+def find_body(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
     """Finds the body of a plant by its name, its index or the body itself.
 
     Raises:
@@ -116,7 +116,7 @@ def _joints(plant: MultibodyPlant) -> list[Joint]:
     return [plant.get_joint(index) for index in plant.GetJointIndices()]
 
 
-def attached(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
+def connected_bodies(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
     """Returns the bodies that joints connect with a body, which comes first; the world connects nothing."""
     world = plant.world_body().index()
     neighbors: dict[BodyIndex, list[RigidBody]] = {}
@@ -134,7 +134,7 @@ def attached(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
     return tuple(found.values())
 
 
-def inertias(bodies: tuple[RigidBody, ...]) -> Bodies:
+def mass_properties_of(bodies: tuple[RigidBody, ...]) -> Bodies:
     """Returns the mass properties of bodies as their plant has them by default.
 
     Raises:
@@ -156,13 +156,13 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
     Raises:
         ValueError: when a joint or a weld holds the vehicle to the world.
     """
-    for one in attached(plant, body):
+    for one in connected_bodies(plant, body):
         if one.is_floating_base_body():
             return one
     raise ValueError(f"body '{body.name()}' must be free, but a joint holds it to the world; leave that joint out")
 
 
-def joint_named(plant: MultibodyPlant, name: str) -> Joint:
+def find_joint(plant: MultibodyPlant, name: str) -> Joint:
     """Finds the joint of one degree of freedom that has a name.
 
     Raises:
@@ -177,7 +177,7 @@ def joint_named(plant: MultibodyPlant, name: str) -> Joint:
     return found[0]
 
 
-def require_within(joint: Joint, position: float) -> None:
+def require_joint_limits(joint: Joint, position: float) -> None:
     """Checks that a joint of one degree of freedom may stand at a position.
 
     Raises:
@@ -205,40 +205,40 @@ def start_state(
     Raises:
         ValueError: when there is no such joint, or the vehicle is not free.
     """
-    context, base, bodies = plant.CreateDefaultContext(), floating_base(plant, body), attached(plant, body)
+    context, base, bodies = plant.CreateDefaultContext(), floating_base(plant, body), connected_bodies(plant, body)
     state = plant.GetPositionsAndVelocities(context)
     for name, position in positions.items():
-        state[joint_named(plant, name).position_start()] = position
+        state[find_joint(plant, name).position_start()] = position
     for name, moving in rates.items():
-        state[plant.num_positions() + joint_named(plant, name).velocity_start()] = moving
+        state[plant.num_positions() + find_joint(plant, name).velocity_start()] = moving
     plant.SetPositionsAndVelocities(context, state)
-    matter = inertias(bodies)
+    matter = mass_properties_of(bodies)
     plant.SetFreeBodyPose(context, base, RigidTransform())
     pose = plant.EvalBodyPoseInWorld(context, body).inverse()
     plant.SetFreeBodyPose(context, base, pose)
-    center = composite(matter, _places(plant, context, bodies)).center_of_mass
+    center = composite_body(matter, _body_places(plant, context, bodies)).center_of_mass
     plant.SetFreeBodyPose(context, base, RigidTransform(pose.rotation(), pose.translation() - center))
 
     velocities, first = plant.GetVelocities(context), base.floating_velocities_start_in_v()
-    turning, _ = _moving(plant, context, bodies)
+    turning, _ = _body_velocities(plant, context, bodies)
     velocities[first : first + 3] = rate - turning[0]
     plant.SetVelocities(context, velocities)
-    drift = center_velocity(matter, _places(plant, context, bodies), *_moving(plant, context, bodies))
+    drift = center_velocity(matter, _body_places(plant, context, bodies), *_body_velocities(plant, context, bodies))
     velocities[first + 3 : first + 6] = -drift
     return plant.GetPositions(context), velocities
 
 
-def _moving(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> tuple[Array, Array]:
+def _body_velocities(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> tuple[Array, Array]:
     """Computes angular velocities and velocities of bodies in the world, shape (n, 3) each."""
     moves = [plant.EvalBodySpatialVelocityInWorld(context, one) for one in bodies]
     return np.array([one.rotational() for one in moves]), np.array([one.translational() for one in moves])
 
 
-def _places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> BodyPlaces:
-    return places([plant.EvalBodyPoseInWorld(context, one) for one in bodies])
+def _body_places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> BodyPlaces:
+    return pack_poses([plant.EvalBodyPoseInWorld(context, one) for one in bodies])
 
 
-def places(poses: Sequence[RigidTransform]) -> BodyPlaces:
+def pack_poses(poses: Sequence[RigidTransform]) -> BodyPlaces:
     """Packs poses into arrays of rotations and origins."""
     return BodyPlaces(
         np.array([pose.rotation().matrix() for pose in poses]), np.array([pose.translation() for pose in poses])

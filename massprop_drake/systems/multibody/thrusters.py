@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.true_failures import Failure
-from massprop_drake.systems.arguments import vector
+from massprop_drake.systems.arguments import require_vector
 from massprop_drake.systems.multibody.body_wrench import BodyWrench
 from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
 
@@ -76,7 +76,7 @@ class Thrusters(Diagram):
     ):
         super().__init__()
         given = np.ones(len(vehicle.wrenches)) if factors is None else factors
-        scale = vector("thrusters: factors", given, len(vehicle.wrenches))
+        scale = require_vector("thrusters: factors", given, len(vehicle.wrenches))
         wrenches = scale[:, None] * np.column_stack([vehicle.wrenches, vehicle.mass_flows])
         builder = DiagramBuilder()
         force = builder.AddSystem(BodyWrench(plant, body))

@@ -9,13 +9,18 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.kernels import value_of
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, disturbed, next_deviation
+from massprop_drake.maths.vehicle.disturbance import (
+    DisturbanceModel,
+    add_disturbance,
+    draw_initial_deviation,
+    next_deviation,
+)
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.layouts import STRUCTURE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, template
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 _DEVIATION, _BEGUN = slice(0, 6), 6  # of the state
 _AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
@@ -95,7 +100,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 return state[_DEVIATION]
             if self._seed is None:
                 return self._model.before
-            return deviation_before(seed_in(context, self._varied, self._seed), self.parameters.get(context).std)
+            return draw_initial_deviation(run_seed(context, self._varied, self._seed), self.parameters.get(context).std)
 
         def _coming(self, context: Any) -> Any:
             model = self._model._replace(std=self.parameters.get(context).std)
@@ -105,7 +110,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation
-            output.SetFromVector(disturbed(self._jets.Eval(context), total, center, self._pieces))
+            output.SetFromVector(add_disturbance(self._jets.Eval(context), total, center, self._pieces))
 
         def _update(self, context: Any, state: Any) -> None:
             state.set_value(np.append(self._coming(context), T(1.0)))

@@ -8,20 +8,20 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.vehicle.disturbance import pushed_by
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels, follow
+from massprop_drake.maths.vehicle.disturbance import add_wrench
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask, follow_command
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.maths.vehicle.true_engines import (
     EnginesModel,
+    draw_engine_errors,
+    effective_command,
+    engines_wrench,
     mean_wrench,
-    read,
-    settings,
-    told_to,
-    true_errors,
-    wrench,
+    read_engines,
+    reshape_by_engine,
 )
 from massprop_drake.systems.caching import Cached
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 
 class Engines(LeafSystem):
@@ -80,12 +80,12 @@ class Engines(LeafSystem):
         acting = {*running, self._errors.ticket, jets, *((command,) if stepped else ())}
         self.DeclareVectorOutputPort("wrench", profile, self._calc_wrench, prerequisites_of_calc=acting)
         self.DeclareVectorOutputPort("engine_state", size, self._calc_state, prerequisites_of_calc=running)
-        has = channels(model.engines)
+        has = channel_mask(model.engines)
         for place, name in enumerate(names):
 
             def calc(context: Any, output: Any, place: int = place) -> None:
-                told, noise = (settings(port.Eval(context)) for port in (self._command, self._noise))
-                output.SetFromVector(read(self._now(context), told, noise, model.engines)[place][has[place]])
+                told, noise = (reshape_by_engine(port.Eval(context)) for port in (self._command, self._noise))
+                output.SetFromVector(read_engines(self._now(context), told, noise, model.engines)[place][has[place]])
 
             reading = {*running, command, noise}
             self.DeclareVectorOutputPort(name, int(has[place].sum()), calc, prerequisites_of_calc=reading)
@@ -96,17 +96,19 @@ class Engines(LeafSystem):
         return self._size
 
     def _compute_errors(self, context: Any) -> Any:
-        return true_errors(self._model, seed_in(context, self._varied, self._seed))
+        return draw_engine_errors(self._model, run_seed(context, self._varied, self._seed))
 
     def _now(self, context: Any) -> Any:
         """Computes levels and angles at this instant, shape (n, 3)."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._size
-        now, told = settings(state[:n]), settings(state[n : 2 * n])
-        return follow(now, told, context.get_time() - state[-1], self._model.engines)[0]
+        now, told = reshape_by_engine(state[:n]), reshape_by_engine(state[n : 2 * n])
+        return follow_command(now, told, context.get_time() - state[-1], self._model.engines)[0]
 
     def _coming(self, context: Any) -> Any:
         """Computes commands that the engines follow over the coming sample, shape (n, 3)."""
-        return told_to(self._now(context), settings(self._command.Eval(context)), context.get_time(), self._model)
+        return effective_command(
+            self._now(context), reshape_by_engine(self._command.Eval(context)), context.get_time(), self._model
+        )
 
     def _calc_state(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._now(context).ravel())
@@ -117,8 +119,8 @@ class Engines(LeafSystem):
             own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)
         else:
             since_s = context.get_discrete_state(self._state).value()[-1]
-            own = wrench(now[None], errors, since_s, self._model)
-        output.SetFromVector(pushed_by(self._jets.Eval(context), own, self._pieces))
+            own = engines_wrench(now[None], errors, since_s, self._model)
+        output.SetFromVector(add_wrench(self._jets.Eval(context), own, self._pieces))
 
     def _update(self, context: Any, state: Any) -> None:
         after = np.concatenate((self._now(context).ravel(), self._coming(context).ravel(), [context.get_time()]))

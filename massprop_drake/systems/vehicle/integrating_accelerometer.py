@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from massprop_drake.maths.vehicle.sensing import SensorModel
-from massprop_drake.systems.arguments import vector
+from massprop_drake.systems.arguments import require_vector
 from massprop_drake.systems.scalars import float_class, template
 from massprop_drake.systems.vehicle.sensor import Sensor_, StatedPackage
 
@@ -48,7 +48,7 @@ def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a t
             place = getattr(package, "position", None) if position is None else position
             if place is None:
                 raise ValueError(f"accelerometer '{name}': where does it stand? Give its position")
-            made = vector(f"accelerometer '{name}': position", place, 3)
+            made = require_vector(f"accelerometer '{name}': position", place, 3)
             Sensor_[T].__init__(self, package, model, made, converter=converter, **chance)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:

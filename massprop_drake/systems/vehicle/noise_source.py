@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import ConstantVectorSource, MultilayerPerceptron, PerceptronActivationType
 
 from massprop_drake.maths.kernels import value_of
-from massprop_drake.maths.noise import Seed, normal_sample, varied
+from massprop_drake.maths.noise import Seed, normal_sample, vary_seed
 from massprop_drake.systems.scalars import float_class, template
 
 
@@ -69,7 +69,7 @@ def noise_seed() -> Diagram:
     return seed
 
 
-def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
+def run_seed(context: Any, port: InputPort, seed: int) -> Seed:
     """Returns the run's seed, varied by the number at a port.
 
     Args:
@@ -77,7 +77,7 @@ def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
         port: connected to a `noise_seed`; where it is not, the seed is the run's own.
         seed: of the run.
     """
-    return varied(seed, value_of(port.Eval(context)[0])) if port.HasValue(context) else seed
+    return vary_seed(seed, value_of(port.Eval(context)[0])) if port.HasValue(context) else seed
 
 
 @template
@@ -115,7 +115,7 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
                 def calc(context: Any, output: Any, stream: str = stream, size: int = size) -> None:
                     number = round(value_of(context.get_time()) / period_s)
-                    output.SetFromVector(normal_sample(seed_in(context, port, seed), stream, number, size))
+                    output.SetFromVector(normal_sample(run_seed(context, port, seed), stream, number, size))
 
                 self.DeclareVectorOutputPort(stream, size, calc, prerequisites_of_calc=needs)
 

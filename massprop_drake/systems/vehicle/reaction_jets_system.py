@@ -7,30 +7,36 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import LeafSystem_
 
-from massprop_drake.maths.kernels import chosen, held, released, value_of
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder, read_holder, value_of
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.reaction_jets import (
     JetThrusts,
     LevelCourse,
-    drained,
-    drawn_factors,
+    draw_thrust_factors,
     jets_params,
     level_course,
     level_now,
+    pack_jets,
     profile_by_pieces,
     profile_size,
-    thrusters,
+    propellant_used,
     true_wrenches,
 )
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH, STRUCTURE
 from massprop_drake.maths.vehicle.thrust import level_at
-from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, as_levels, failure_table, struck
+from massprop_drake.maths.vehicle.true_failures import (
+    Failure,
+    FailureKind,
+    draw_strikes,
+    failure_table,
+    leaks_as_levels,
+)
 from massprop_drake.maths.vehicle.vehicle_ports import Jets
 from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 _NONE = np.zeros(0)
 
@@ -132,8 +138,8 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._nominal = jets_params(wrenches, time_constants_s, period_s)
             self._thrusts = self._nominal.forces if thrusts is None else thrusts
             self._compiled = compiled and T is float
-            self._kernel = chosen(vehicle_ports.thrust, self._compiled)
-            self._failed = chosen(vehicle_ports.failed_target, self._compiled)
+            self._kernel = compile_kernel_if(vehicle_ports.forces_and_profile, self._compiled)
+            self._failed = compile_kernel_if(vehicle_ports.failed_target, self._compiled)
             self._n_jets, self._seed, self._failures = n_jets, seed, failures
             self._time_constants_s = time_constants_s
             self._instantaneous = self._nominal.lag.instantaneous
@@ -209,17 +215,17 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
             """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
             factor, dispersion = self.parameters.get(context)
-            factors = factor * drawn_factors(self._seed_in(context), dispersion, self._n_jets)
+            factors = factor * draw_thrust_factors(self._seed_in(context), dispersion, self._n_jets)
             floor = None
             if self._made["planar"]:
                 floor = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             wrenches = true_wrenches(self._made["wrenches"], factors, floor)
-            jets = thrusters(jets_params(wrenches, self._time_constants_s, self._period_s))
-            table = failure_table(as_levels(self._failures, factors * self._thrusts))
-            return jets, held(Jets(jets, table, self._period_s), self._compiled)
+            jets = pack_jets(jets_params(wrenches, self._time_constants_s, self._period_s))
+            table = failure_table(leaks_as_levels(self._failures, factors * self._thrusts))
+            return jets, make_holder(Jets(jets, table, self._period_s), self._compiled)
 
         def _seed_in(self, context: Any) -> Any:
-            return seed_in(context, self._varied, self._seed)
+            return run_seed(context, self._varied, self._seed)
 
         def _shown(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
             """Computes the target of each jet's level over a sample, by its beginning and the ports' values."""
@@ -227,7 +233,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if not self._failures:
                 return told if shut is None else told * (1.0 - shut)
             sample = round(value_of(began_s) / self._period_s)
-            strikes = struck(self._failures, sample, self._period_s, self._seed_in(context))
+            strikes = draw_strikes(self._failures, sample, self._period_s, self._seed_in(context))
             shut = _NONE if shut is None else shut
             _, jets = self._jets.get(context)
             return self._failed(told, shut, sample * self._period_s, strikes, jets)
@@ -242,9 +248,9 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             command, onset, shut = (port.Eval(context) if port.HasValue(context) else _NONE for port in told)
             shut = np.zeros(self._n_jets) if shut is _NONE else shut
             sample = round(since_s / self._period_s)
-            strikes = struck(self._failures, sample, self._period_s, self._seed_in(context))
+            strikes = draw_strikes(self._failures, sample, self._period_s, self._seed_in(context))
             _, jets = self._jets.get(context)
-            failing = released(jets).failures, strikes
+            failing = read_holder(jets).failures, strikes
             return level_course(
                 level, (command, onset, shut), (since_s, self._period_s), failing, self._time_constants_s
             )
@@ -281,7 +287,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _calc_drained(self, context: Any, output: Any) -> None:
             jets, _ = self._jets.get(context)
             force = self._coming.get(context)[: self._n_jets]
-            output.SetFromVector(drained(force, self._period_s, self._made["feeds"], jets))
+            output.SetFromVector(propellant_used(force, self._period_s, self._made["feeds"], jets))
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
             jets, _ = self._jets.get(context)

@@ -8,9 +8,9 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, acceleration, momentum, speed_read, true_inertias
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, acceleration, draw_inertias, momentum, read_speed
 from massprop_drake.systems.caching import Cached
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 
 class ReactionWheels(LeafSystem):
@@ -63,7 +63,7 @@ class ReactionWheels(LeafSystem):
 
             def calc(context: Any, output: Any, place: int = place) -> None:
                 speed, noise = self._speeds(context)[place], self._noise.Eval(context)[place]
-                output.SetFromVector([speed_read(speed, noise, place, model)])
+                output.SetFromVector([read_speed(speed, noise, place, model)])
 
             self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={*running, noise})
 
@@ -73,7 +73,7 @@ class ReactionWheels(LeafSystem):
         return self._n
 
     def _compute_inertias(self, context: Any) -> Any:
-        return true_inertias(self._model, seed_in(context, self._varied, self._seed))
+        return draw_inertias(self._model, run_seed(context, self._varied, self._seed))
 
     def _speeds(self, context: Any) -> Any:
         """Computes speeds at this instant, rad/s; at the first sample those of the start."""

@@ -9,11 +9,11 @@ from pydrake.symbolic import Expression
 from pydrake.systems.framework import BasicVector_, DiscreteStateIndex, LeafSystem_
 
 from massprop_drake.errors import InputError
-from massprop_drake.maths.kernels import chosen, held, value_of
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder, value_of
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite
-from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric_matrix
 from massprop_drake.maths.vehicle import rigid_body, vehicle_ports
-from massprop_drake.maths.vehicle.depletion import OutOfPropellantError, Tanks, draining, emptied
+from massprop_drake.maths.vehicle.depletion import OutOfPropellantError, Tanks, drain_tanks, structure_after_draining
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -29,7 +29,7 @@ from massprop_drake.maths.vehicle.vehicle_ports import Motion
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 _NO_WHEELS = np.zeros(0)
 _CENTER = STRUCTURE.slice("center_of_mass")
@@ -121,7 +121,10 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
             motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step, pieces)
-            self._kernel, self._held = chosen(vehicle_ports.stepped, self._compiled), held(motion, self._compiled)
+            self._kernel, self._held = (
+                compile_kernel_if(vehicle_ports.step_body, self._compiled),
+                make_holder(motion, self._compiled),
+            )
             self.parameters = Parameters(
                 self,
                 T,
@@ -200,9 +203,9 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             values = self.parameters.get(context)
             if self._spread is None:
                 return values
-            body = MassProperties(values.mass, values.center_of_mass, symmetric(values.inertia))
-            seed = seed_in(context, self._varied, self._seed)
-            mass, center, inertia = rigid_body.seeded_body(seed, body, self._spread)
+            body = MassProperties(values.mass, values.center_of_mass, symmetric_matrix(values.inertia))
+            seed = run_seed(context, self._varied, self._seed)
+            mass, center, inertia = rigid_body.draw_true_body(seed, body, self._spread)
             return values._replace(mass=mass, center_of_mass=center, inertia=six_elements(inertia))
 
         def _structure(self, context: Any) -> Any:
@@ -224,13 +227,13 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _compute_constants(self, context: Any) -> Any:
             """Computes the constants of motion, a holder of them, and the mass at the start."""
             structure = self._structure(context)
-            if T is float and not is_positive_definite(symmetric(STRUCTURE.read(structure).inertia)):
+            if T is float and not is_positive_definite(symmetric_matrix(STRUCTURE.read(structure).inertia)):
                 raise InputError(
                     f"plant '{self.get_name()}': inertia (xx, yy, zz, yz, xz, xy) must be positive definite, got "
                     f"{STRUCTURE.read(structure).inertia.tolist()}"
                 )
-            constants = rigid_body.body_of_structure(structure)
-            return constants, held(constants, self._compiled), self._start.get(context).mass
+            constants = rigid_body.constants_from_structure(structure)
+            return constants, make_holder(constants, self._compiled), self._start.get(context).mass
 
         def _body(self, context: Any) -> Any:
             """Returns the state of the body with its whole mass, shape (23,)."""
@@ -257,13 +260,13 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 wrench = self._wrench.Eval(context)
                 (constants, *_), body = self._constants.get(context), self._body(context)
                 if self._wheels is not None:
-                    constants = rigid_body.carrying(constants, self._wheels.Eval(context))
+                    constants = rigid_body.add_wheel_momentum(constants, self._wheels.Eval(context))
                 if T is not Expression:
                     self._require_mass(context, body, wrench)
                 changing = rigid_body.derivative(body, wrench, constants)
                 if self._tanks is not None:
                     shift = self._over_sample(context)[0][_CENTER] / self._period_s
-                    changing = changing + rigid_body.shifted(body, body[RATE], shift)
+                    changing = changing + rigid_body.center_shift_increment(body, body[RATE], shift)
                 derivatives.get_mutable_vector().SetFromVector(changing)
 
         def _drawn(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
@@ -272,10 +275,10 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             (tanks, _), used = self._tanks, self._drained.Eval(context)
             _, fill, _ = self._over_sample(context)
             try:
-                left = draining(fill, used)
+                left = drain_tanks(fill, used)
             except OutOfPropellantError as error:
                 raise error.at(value_of(context.get_time())) from None
-            return emptied(structure, mass, fill, used, tanks), left
+            return structure_after_draining(structure, mass, fill, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
             """Begins a sample of a continuous plant whose tanks are emptied in it."""
@@ -301,7 +304,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if not jumps:
                 return
             start = self._start.get(context)
-            body, structure = rigid_body.jumped(self._body(context), self._structure(context), jumps)
+            body, structure = rigid_body.apply_jumps(self._body(context), self._structure(context), jumps)
             body[MASS] -= start.mass
             change = structure - np.concatenate((start.inertia, start.center_of_mass))
             state.get_mutable_discrete_state(self._structure_change).SetFromVector(change)
@@ -319,15 +322,15 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._tanks is not None:
                 structure = self._structure(context)
                 drawn = self._drawn(context, body[MASS], structure)
-                middle = rigid_body.body_with(0.5 * (structure + drawn[0]))
-                constants = held(middle, self._compiled)
+                middle = rigid_body.constants_kernel(0.5 * (structure + drawn[0]))
+                constants = make_holder(middle, self._compiled)
             try:
                 after = self._kernel(body, profile, wheels, constants, self._held)
             except (OutOfMassError, SpunUpError) as error:
                 raise error.at(value_of(context.get_time())) from None
             if drawn is not None:
                 rate, shift = 0.5 * (body[RATE] + after[RATE]), drawn[0][_CENTER] - structure[_CENTER]
-                after = after + rigid_body.shifted(after, rate, shift)
+                after = after + rigid_body.center_shift_increment(after, rate, shift)
                 start = self._start.get(context)
                 change = drawn[0] - np.concatenate((start.inertia, start.center_of_mass))
                 state.set_value(self._structure_change, change)

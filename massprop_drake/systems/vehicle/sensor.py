@@ -12,18 +12,18 @@ from pydrake.symbolic import Expression
 from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.errors import InputError
-from massprop_drake.maths.kernels import chosen, held, value_of
+from massprop_drake.maths.kernels import compile_kernel_if, make_holder, value_of
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
-from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, vibrating, with_draws
+from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, add_drawn_phases, vibration_at
 from massprop_drake.maths.vehicle.vehicle_ports import Sensing
-from massprop_drake.systems.arguments import vector
+from massprop_drake.systems.arguments import require_vector
 from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import NOISE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
-from massprop_drake.systems.vehicle.noise_source import seed_in
+from massprop_drake.systems.vehicle.noise_source import run_seed
 
 _QUIET = np.zeros(NOISE.size)
 _READING, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives of a package that remembers
@@ -49,7 +49,7 @@ class StatedPackage(Protocol):
         """Largest reading either way; None: unlimited."""
 
 
-def stated(package: StatedPackage) -> SensorModel:
+def stated_errors(package: StatedPackage) -> SensorModel:
     """Makes the error model of a package from the noise, quantum and range that its vehicle states."""
     nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
     return SensorModel(
@@ -126,9 +126,9 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if model is None:
                 if isinstance(package, str):
                     raise ValueError(f"sensor '{package}': a name alone has no errors; give its model, or a package")
-                model = stated(package)
+                model = stated_errors(package)
             for name in ("scale_factor", "bias", "phase"):
-                vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
+                require_vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
             self._made = {"model": model, "position": position, "draws": draws, "seed": seed, "compiled": compiled}
             self._model, self._draws, self._seed = model, draws, seed
             self._compiled = compiled and T is float
@@ -192,17 +192,17 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Makes the kernel of a reading, its holder, and the errors; None where it takes neither noise nor time."""
             model = self._errors_in(context)
             if self._draws is not None:
-                model = with_draws(model, self._draws, seed_in(context, self._varied, self._seed))
+                model = add_drawn_phases(model, self._draws, run_seed(context, self._varied, self._seed))
             exact = T is float and model.exact and not self._model.remembers
             read: Any = vehicle_ports.remembered_reading if self._model.remembers else vehicle_ports.reading
-            kernel = chosen(vehicle_ports.exact_reading if exact else read, self._compiled)
-            holder = held(Sensing(model.errors, self._gathers, self._place), self._compiled)
+            kernel = compile_kernel_if(vehicle_ports.exact_reading if exact else read, self._compiled)
+            holder = make_holder(Sensing(model.errors, self._gathers, self._place), self._compiled)
             return kernel, holder, None if exact else model
 
         def _chance(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
             """Returns noise and vibration at a sample."""
             noise = self._noise.Eval(context) if self._model.noisy else _QUIET
-            return noise, vibrating(model, context.get_time())
+            return noise, vibration_at(model, context.get_time())
 
         def _calc_direct(self, context: Any, output: Any) -> None:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)

@@ -11,8 +11,8 @@ from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
-from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, is_due, pose_read, velocity_read
-from massprop_drake.systems.arguments import vector
+from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, is_due, read_pose, read_velocity
+from massprop_drake.systems.arguments import require_vector
 from massprop_drake.systems.scalars import float_class, refuse, template
 
 
@@ -94,7 +94,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _construct(self, name: str, model: PoseModel, *, converter: Any = None) -> None:
             self._model = model
             Tracker_[T].__init__(self, name, 7, N_NOISE, converter=converter)
-            vector(f"sensor '{name}': point", model.point, 3)
+            require_vector(f"sensor '{name}': point", model.point, 3)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             name, model = other.get_name(), other._model
@@ -109,7 +109,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return math.isinf(self._model.rate_hz) or is_due(context.get_time(), self._model)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
-            return pose_read(body, center, noise, self._model)
+            return read_pose(body, center, noise, self._model)
 
     return PoseSeen
 
@@ -131,7 +131,7 @@ def VelocityTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _construct(self, name: str, *, position: Array, noise_std: float, converter: Any = None) -> None:
             Tracker_[T].__init__(self, name, 3, 3, converter=converter)
-            self._position = vector(f"sensor '{name}': position", np.asarray(position, dtype=float), 3)
+            self._position = require_vector(f"sensor '{name}': position", np.asarray(position, dtype=float), 3)
             self._noise_std = noise_std
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
@@ -139,7 +139,7 @@ def VelocityTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             VelocitySeen._construct(self, other.get_name(), converter=converter, **made)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
-            return velocity_read(body, center, noise, self._position, self._noise_std)
+            return read_velocity(body, center, noise, self._position, self._noise_std)
 
     return VelocitySeen
 

@@ -11,7 +11,7 @@ from massprop_drake.maths.autopilot.jet_selection import (
     activity_vectors,
     burst_cycles,
     delivered_velocity,
-    forces_of,
+    jet_forces,
     least_change,
     least_cycles,
     must_select,
@@ -33,9 +33,9 @@ def test_activity_vectors_are_those_of_the_definition_jet_by_jet(orbiter: Vehicl
         assert_allclose(vectors[:, jet], expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
     command = np.zeros(44)
     command[[3, 17, 40]] = 1.0, 0.5, 1.0
-    given = delivered_velocity(command, forces_of(orbiter.wrenches), properties[9], PERIOD)
+    given = delivered_velocity(command, jet_forces(orbiter.wrenches), properties[9], PERIOD)
     assert_allclose(given, vectors[3:] @ command * PERIOD, rtol=1e-14)
-    assert not delivered_velocity(np.zeros(44), forces_of(orbiter.wrenches), properties[9], PERIOD).any()
+    assert not delivered_velocity(np.zeros(44), jet_forces(orbiter.wrenches), properties[9], PERIOD).any()
 
 
 @pytest.mark.parametrize(

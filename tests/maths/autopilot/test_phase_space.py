@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from massprop_drake.maths.attitude import from_rotation_vector, multiply, propagated
+from massprop_drake.maths.attitude import from_rotation_vector, multiply, propagate_attitude
 from massprop_drake.maths.autopilot.phase_space import (
     AttitudeMemory,
     AttitudeStep,
@@ -108,7 +108,7 @@ def step(memory: AttitudeStep | None = None, before: Any = NONE, rate: Any = NON
 def test_attitude_integrates_the_mean_of_two_readings() -> None:
     before, rate = np.array([0.02, 0.0, 0.01]), np.array([0.04, 0.0, -0.03])
     answer = step(None, before, rate)
-    assert_allclose(answer.attitude, propagated(LEVEL, 0.5 * (before + rate), PERIOD), rtol=1e-15)
+    assert_allclose(answer.attitude, propagate_attitude(LEVEL, 0.5 * (before + rate), PERIOD), rtol=1e-15)
     assert_allclose(answer.error, 0.5 * PERIOD * (before + rate), rtol=1e-12)
     assert_array_equal(answer.reference, LEVEL)
     first = attitude_step(initial_memory().attitude, rate, NONE, PERIOD, SETTINGS.capture_rate)

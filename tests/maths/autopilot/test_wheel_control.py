@@ -10,9 +10,9 @@ import pytest
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams
 from massprop_drake.maths.autopilot.wheel_control import (
     WheelControlParams,
-    next_unloading,
+    must_unload,
     rate_for_jets,
-    shares_of,
+    torque_shares,
     wheel_torques,
 )
 
@@ -26,7 +26,7 @@ DETENT, AXES = np.zeros(3), np.eye(3)
 def law(**changed: Any) -> WheelControlParams:
     # inertias, largest torque and speed, then the gain, thresholds and rate of unloading
     made = WheelControlParams(
-        PYRAMID, shares_of(PYRAMID), np.full(4, 0.006), np.full(4, 0.1), np.full(4, 400.0), INERTIA, 1.0, 0.5,
+        PYRAMID, torque_shares(PYRAMID), np.full(4, 0.006), np.full(4, 0.1), np.full(4, 400.0), INERTIA, 1.0, 0.5,
         0.2, 1e-3, SETTINGS,
     )  # fmt: skip
     return made._replace(**changed)
@@ -60,13 +60,13 @@ def test_a_wheel_is_made_no_faster_than_it_can_turn() -> None:
 def test_jets_begin_to_unload_above_one_share_and_end_below_another() -> None:
     found, unloading = [], False
     for fastest in (190.0, 210.0, 120.0, 90.0, 190.0):
-        unloading = next_unloading(unloading, np.array([0.0, -fastest, 0.0, 0.0]), law())
+        unloading = must_unload(unloading, np.array([0.0, -fastest, 0.0, 0.0]), law())
         found.append(unloading)
     assert found == [False, True, True, False, False]
     # wheels that turn against each other are not for jets
     against = 250.0 * np.array([1.0, -1.0, 1.0, -1.0])
     np.testing.assert_allclose(against @ PYRAMID, 0.0, atol=1e-12)
-    assert not next_unloading(True, against, law())
+    assert not must_unload(True, against, law())
 
 
 def test_jets_see_the_momentum_as_a_rate() -> None:

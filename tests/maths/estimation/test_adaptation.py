@@ -9,7 +9,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import mass_params, rotation_params, spd
 
-from massprop_drake.maths.estimation.adaptation import LAYOUT, NO_ADAPTATION, Action, Adaptation, packed, unpacked
+from massprop_drake.maths.estimation.adaptation import (
+    LAYOUT,
+    NO_ADAPTATION,
+    Action,
+    Adaptation,
+    pack_adaptation,
+    unpack_adaptation,
+)
 from massprop_drake.maths.estimation.detectors.jet_tests import jet_tests
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassInnovation, MassMeasurement, MassSample, MassState
@@ -154,9 +161,9 @@ def test_packing_and_back() -> None:
     for action, jumped in zip(Action, (True, False, True, False), strict=True):
         parts = rng.normal(size=(2, 3)), rng.normal(size=(2, 3, 3))
         adaptation = Adaptation(action, *parts[0], *parts[1], mass_jumped=jumped)
-        vector = packed(adaptation)
+        vector = pack_adaptation(adaptation)
         assert vector.shape == (LAYOUT.size,)
-        for ours, theirs in zip(unpacked(vector), adaptation, strict=True):
+        for ours, theirs in zip(unpack_adaptation(vector), adaptation, strict=True):
             assert_array_equal(ours, theirs)
-    assert not packed(NO_ADAPTATION).any()
-    assert unpacked(np.zeros(LAYOUT.size)) is NO_ADAPTATION
+    assert not pack_adaptation(NO_ADAPTATION).any()
+    assert unpack_adaptation(np.zeros(LAYOUT.size)) is NO_ADAPTATION

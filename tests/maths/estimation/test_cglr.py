@@ -18,8 +18,8 @@ from massprop_drake.maths.estimation.detectors.cglr import (
     CglrParams,
     DetectorCycle,
     initial_state,
-    judged,
     known_force,
+    run_cycle,
     status,
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
@@ -57,7 +57,7 @@ class Bench:
         self.number += 1
         properties = changes.pop("mass_properties", self.properties)
         seen = sure_evidence(self.number * PERIOD_S, innovation, properties, BLOCKS, **changes)
-        result = judged(self.state, seen, self.params)
+        result = run_cycle(self.state, seen, self.params)
         self.state = result.state
         return result
 

@@ -33,7 +33,7 @@ class Bench:
     """The detector of the orbiter, sure of the mass properties, fed with innovations made up for the purpose."""
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario):
-        self.params = DETECTOR.params(params.jets(scenario), scenario.detector)
+        self.params = DETECTOR.params(params.known_jets(scenario), scenario.detector)
         self.properties = vehicle.nominal.vector()
         self.signature = signatures(self.params.unit_wrenches, self.properties, PERIOD_S)[STUCK]
         self.strength = float(self.signature @ (self.signature / VARIANCES))

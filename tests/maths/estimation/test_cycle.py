@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from massprop_drake import load_scenario
 from massprop_drake.inputs import params as params_of
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 
@@ -32,7 +32,7 @@ def params_for(kind: str = "plain") -> EstimationParams:
     if kind == "no accelerometer":
         bare = {"accelerometers": [], "preferred_accelerometer": None}
         data["vehicle"] = load_scenario("stuck_on_29").vehicle_data.model_dump(mode="json") | bare
-    return params_of.estimation_params(resolved(data))
+    return params_of.estimation_params(resolve_scenario(data))
 
 
 @cache
@@ -146,9 +146,9 @@ def test_the_failure_is_found_and_its_force_enters_the_impulses_of_the_next_samp
 def test_a_state_that_is_saved_goes_on_bit_for_bit(kind: str, number: int) -> None:
     params, whole = params_for(kind), steps_of(kind)
     state = whole[number - 1].state if number else cycle.initial_state(params)
-    groups = cycle.saved(state, params)
+    groups = cycle.save_state(state, params)
     assert all(vector.ndim == 1 for vector in groups.values())
-    restored = cycle.restored({name: vector.copy() for name, vector in groups.items()}, params)
+    restored = cycle.restore_state({name: vector.copy() for name, vector in groups.items()}, params)
     assert_same(restored, state)
     assert type(restored.detector) is type(state.detector)
     for step, expected in zip(run_on(restored, kind, number), whole[number:], strict=True):
@@ -162,7 +162,7 @@ def test_saved_vectors_go_by_the_part_that_holds_them() -> None:
     errors = {"rotation_estimator": 9 + 81 + 4 + 9 * N, "mass_estimator": 11 + window + N}
     expected = (rotation | mass | detector, rotation | errors | detector, rotation | mass, rotation)
     for kind, sizes in zip(KINDS, expected, strict=True):
-        groups = cycle.saved(cycle.initial_state(params_for(kind)), params_for(kind))
+        groups = cycle.save_state(cycle.initial_state(params_for(kind)), params_for(kind))
         assert {name: vector.size for name, vector in groups.items()} == sizes
 
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.maths.estimation import cycle, estimation_ports
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, packed
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, pack_adaptation
 from massprop_drake.maths.estimation.cycle import EstimationParams, Sample
-from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, known_force_of
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, unpack_known_force
 from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
-from massprop_drake.maths.kernels import Holder, taken
+from massprop_drake.maths.kernels import Holder, read_bundle
 from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
@@ -47,15 +47,17 @@ class Systems:
     """The kernels, called as the systems of a diagram call them."""
 
     def __init__(self, made: EstimationParams):
-        groups = cycle.saved(cycle.initial_state(made), made)
+        groups = cycle.save_state(cycle.initial_state(made), made)
         rotation, mass = made.filter_params.rotation, made.filter_params.mass
         turned = thesis.rotation_layout(rotation, 0).read(groups["rotation_estimator"])[:-1]
         moved = thesis.mass_layout(mass, 0).read(groups["mass_estimator"])[:-1]
         self.groups, self._made = groups, made
         self._lagging = Holder(estimation_ports.Lagging(made.impulse_per_level, made.lag, made.period_s))
-        self._rotating = Holder(estimation_ports.rotating(rotation, estimation_ports.RotationVector(*turned)))
-        self._weighing = Holder(estimation_ports.weighing(mass, estimation_ports.MassVector(*moved)))
-        self._judging = None if made.detector is None else Holder(estimation_ports.judging(made.detector_params))
+        self._rotating = Holder(
+            estimation_ports.make_rotation_filter(rotation, estimation_ports.RotationVector(*turned))
+        )
+        self._weighing = Holder(estimation_ports.make_mass_filter(mass, estimation_ports.MassVector(*moved)))
+        self._judging = None if made.detector is None else Holder(estimation_ports.make_detector(made.detector_params))
 
     def step(self, sample: Sample) -> Array:
         """One cycle; the reports of both filters."""
@@ -64,24 +66,26 @@ class Systems:
         told, force = row[: IMPULSES.size].copy(), KNOWN_FORCE.pack(NO_KNOWN_FORCE)
         if self._judging is not None:
             detector = groups["failure_detector"]
-            state = taken(detector, self._judging.value.state)
+            state = read_bundle(detector, self._judging.value.state)
             if state.variance.any():
                 predicted = np.append(groups["rotation_estimator"][:9], groups["mass_estimator"][0])
                 force = estimation_ports.known_force(detector, predicted, command, self._judging)
-        if known_force_of(force).acts:
+        if unpack_known_force(force).acts:
             told[:6] += force[:6] * self._made.period_s
-        turned = estimation_ports.turning(groups["rotation_estimator"], sample.rates, told, force, self._rotating)
+        turned = estimation_ports.measure_rotation(
+            groups["rotation_estimator"], sample.rates, told, force, self._rotating
+        )
         said = turned[: thesis.TURNING.sized(jets=0).size]
-        moved = estimation_ports.evidence(
+        moved = estimation_ports.measure_mass(
             groups["mass_estimator"], sample.velocities, said, told, force, self._weighing
         )
-        asked = packed(NO_ADAPTATION)
+        asked = pack_adaptation(NO_ADAPTATION)
         if self._judging is not None:
-            judged = estimation_ports.judged(detector, sample.time_s, command, told, moved[:213], self._judging)
+            judged = estimation_ports.run_detector(detector, sample.time_s, command, told, moved[:213], self._judging)
             asked, groups["failure_detector"] = judged[:26], judged[33 : 33 + detector.size]
         rotation, mass = (
-            estimation_ports.rotated(turned, asked, self._rotating),
-            estimation_ports.weighed(moved, asked, self._weighing),
+            estimation_ports.finish_rotation(turned, asked, self._rotating),
+            estimation_ports.finish_mass(moved, asked, self._weighing),
         )
         groups["impulse_model"] = np.append(command, row[IMPULSES.size + command.size :])
         groups["rotation_estimator"] = rotation[ROTATION_REPORT.size :]
@@ -100,6 +104,6 @@ def test_systems_one_after_the_other_are_a_cycle_bit_by_bit(flown: tuple[Scenari
         expected = np.append(ROTATION_REPORT.pack(filtered.rotation), MASS_REPORT.pack(filtered.mass))
         assert_array_equal(report, expected)
         state = step.state
-        for name, vector in cycle.saved(state, made).items():
+        for name, vector in cycle.save_state(state, made).items():
             assert_array_equal(dut.groups[name], vector, err_msg=f"{name} at {sample.time_s}")
     assert made.detector is None or state.detector.variance.any()

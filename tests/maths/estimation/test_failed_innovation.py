@@ -1,8 +1,8 @@
 """Mean and covariance of both innovations while a jet fails, by sampling: what filters and detector claim.
 
 Errors of the estimates, thrust errors and noise are drawn, the body is pushed by the true impulses, and the
-innovations' moments are compared with those of `thesis.evidence` and `jet_tests.failed_covariance`. The center of
-mass is known, so that what is claimed is exact, up to what both innovations share of products of two errors.
+innovations' moments are compared with those of `thesis.evidence` and `jet_tests.covariances_given_failure`. The center
+of mass is known, so that what is claimed is exact, up to what both innovations share of products of two errors.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ from numpy.testing import assert_allclose
 from params_probe import mass_params, rotation_params
 
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE
-from massprop_drake.maths.estimation.detectors.jet_tests import UncertainSignatures, failed_covariance, signatures
+from massprop_drake.maths.estimation.detectors.jet_tests import (
+    UncertainSignatures,
+    covariances_given_failure,
+    signatures,
+)
 from massprop_drake.maths.estimation.filter import Interval, Joint
 from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassState
@@ -53,7 +57,7 @@ class Case(NamedTuple):
         uncertain = UncertainSignatures(
             c, self.wrenches * PERIOD_S, PROPERTIES, self.seen.estimate_covariance, self.seen.cross_covariance
         )
-        result: Array = failed_covariance(np.full(N_JETS, force), self.seen.covariance, uncertain)[jet]
+        result: Array = covariances_given_failure(np.full(N_JETS, force), self.seen.covariance, uncertain)[jet]
         return result
 
     def mean(self, jet: int, force: float) -> Array:

@@ -17,13 +17,18 @@ from massprop_drake.maths.estimation.faults.fault_events import (
     ANEW,
     Event,
     Hypothesis,
-    begun,
     force_of,
-    regained,
-    split,
-    weighed,
+    no_fault_hypothesis,
+    restart_hypothesis,
+    split_on_command,
+    update_weight,
 )
-from massprop_drake.maths.estimation.faults.priors import Priors, force_correction, log_possible, log_rate
+from massprop_drake.maths.estimation.faults.priors import (
+    Priors,
+    force_correction,
+    log_event_probability,
+    log_feasible_force,
+)
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
 
 PARAMS = make_params()
@@ -37,7 +42,7 @@ def hypothesis(*causes: Cause) -> Hypothesis:
         state = opened(state, cause, JOINT) if cause.kind == Kind.JETS else state
     mean = state.mean.copy()
     mean[JOINT.places.force :] = np.where(state.slot_jet >= 0, 0.5 * JOINT.thrusts[state.slot_jet.astype(int)], 0.0)
-    one = begun(state._replace(mean=mean), 5, JOINT)
+    one = no_fault_hypothesis(state._replace(mean=mean), 5, JOINT)
     events = tuple(Event(cause, float(number), NO_SCORE) for number, cause in enumerate(causes))
     run = one.run._replace(cause=causes[-1] if causes else one.run.cause, onset=3)
     return one._replace(run=run, events=events)
@@ -75,22 +80,22 @@ def test_a_jet_that_gives_too_much_is_on_top_or_in_place_once_it_is_commanded() 
     """Twins, each with half of the prior; later commands ask no more."""
     one = hypothesis(of_jet(2), of_jet(4, -1))
     idle = some_sample(JOINT, commands=np.array([[1.0, 1, 0, 1, 1, 1]]))
-    assert split(one, idle) == (one,)
+    assert split_on_command(one, idle) == (one,)
     fires = some_sample(JOINT, commands=np.array([[0.0, 0, 1, 0, 0, 0]]))
-    twins = split(one, fires)
+    twins = split_on_command(one, fires)
     assert [each.run.state.slot_on_top[0] for each in twins] == [0.0, 1.0]
     for each in twins:
         assert each.prior == pytest.approx(one.prior - math.log(2.0))
         assert each.decided == {2}
         assert each.run.state.slot_on_top[1] == one.run.state.slot_on_top[1]
-        assert split(each, fires) == (each,)
+        assert split_on_command(each, fires) == (each,)
     assert twins[0].key != twins[1].key
 
 
 def test_a_gap_takes_what_is_known_of_the_motion_and_keeps_events_and_forces() -> None:
     samples, _ = samples_of(JOINT, commands_of(3))
     one = hypothesis(of_jet(2))._replace(root_until_s=9.0)
-    after = regained(one, samples[2], 9, JOINT)
+    after = restart_hypothesis(one, samples[2], 9, JOINT)
     assert (after.events, after.prior, after.run.cycle) == (one.events, one.prior, 9)
     assert after.run.score == one.run.score
     assert force_of(after.run.state, 0, JOINT) == pytest.approx(force_of(one.run.state, 0, JOINT))
@@ -107,16 +112,16 @@ def test_a_weight_is_likelihood_prior_and_what_forces_are_worth() -> None:
         force_correction(*force_of(one.run.state, slot, JOINT), float(JOINT.thrusts[jet]), PARAMS.priors, missing=less)
         for slot, jet, less in ((0, 2, False), (1, 4, True))
     ]
-    assert weighed(one, PARAMS).weight == pytest.approx(7.0 - 20.0 + sum(worth))
+    assert update_weight(one, PARAMS).weight == pytest.approx(7.0 - 20.0 + sum(worth))
     erratic = one._replace(walks=np.array([ANEW, 0.0, 0.0, 0.0]))
-    assert weighed(erratic, PARAMS).weight == pytest.approx(7.0 - 20.0 + worth[1])
+    assert update_weight(erratic, PARAMS).weight == pytest.approx(7.0 - 20.0 + worth[1])
     drifting = one._replace(walks=np.array([0.03, 0.0, 0.0, 0.0]))
-    possible = log_possible(*force_of(one.run.state, 0, JOINT), float(JOINT.thrusts[2]))
-    assert weighed(drifting, PARAMS).weight == pytest.approx(7.0 - 20.0 + possible + worth[1])
+    possible = log_feasible_force(*force_of(one.run.state, 0, JOINT), float(JOINT.thrusts[2]))
+    assert update_weight(drifting, PARAMS).weight == pytest.approx(7.0 - 20.0 + possible + worth[1])
     changed = one._replace(opened_at=np.array([0.3, np.nan, np.nan, np.nan]))
-    assert weighed(changed, PARAMS).weight != pytest.approx(weighed(one, PARAMS).weight)
+    assert update_weight(changed, PARAMS).weight != pytest.approx(update_weight(one, PARAMS).weight)
     unopened = one._replace(run=one.run._replace(onset=one.run.cycle))
-    assert weighed(unopened, PARAMS).weight == pytest.approx(-13.0)
+    assert update_weight(unopened, PARAMS).weight == pytest.approx(-13.0)
 
 
 @pytest.mark.parametrize(("on_top", "share"), [(1, 0.2), (0, 1.0)])
@@ -179,8 +184,8 @@ def test_a_changed_force_is_gone_or_full_or_anything(share: float, width: float)
 
 
 def test_rates_are_probabilities_by_the_hour() -> None:
-    assert log_rate(2.0, 3600.0) == pytest.approx(math.log(2.0))
-    assert log_rate(1e-3, 0.08) - log_rate(1e-3, 0.16) == pytest.approx(-math.log(2.0))
+    assert log_event_probability(2.0, 3600.0) == pytest.approx(math.log(2.0))
+    assert log_event_probability(1e-3, 0.08) - log_event_probability(1e-3, 0.16) == pytest.approx(-math.log(2.0))
 
 
 def test_the_doubt_of_a_declaration_is_what_a_user_accepts_over_what_fails() -> None:
@@ -194,6 +199,6 @@ def test_the_doubt_of_a_declaration_is_what_a_user_accepts_over_what_fails() -> 
 def test_a_force_is_possible_between_nothing_and_a_little_more_than_full_thrust(force: float, sigma: float) -> None:
     """However far off: of a filter that has gone astray, beyond what a float's exponential has."""
     expected = norm.logcdf(force / sigma) + norm.logcdf((1.05 * THRUST - force) / sigma)
-    assert log_possible(force, sigma, THRUST) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert log_feasible_force(force, sigma, THRUST) == pytest.approx(expected, rel=1e-6, abs=1e-9)
     if force < -20.0:
         assert force_correction(force, 1e-3 * THRUST, THRUST, PRIORS, missing=False) < -100.0

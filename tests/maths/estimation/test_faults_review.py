@@ -9,7 +9,7 @@ import pytest
 from faults_probe import commands_of, fail, flight, make_params
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, moved
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, advance_hypothesis
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -27,9 +27,9 @@ def reviewed(params: Params) -> tuple[Tree, Hypothesis, reviews.Review]:
     tree = flight(params, COMMANDS, changes={ONSET: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)}).tree
     leader = tree.leader
     assert leader.ways == {(3, 1)}
-    review = reviews.begun(leader, params.joint)
+    review = reviews.begin_review(leader, params.joint)
     for sample, over in tree.samples[review.run.cycle - tree.cycle :]:
-        review = reviews.followed(review, leader, sample, over, params.joint)
+        review = reviews.advance_review(review, leader, sample, over, params.joint)
     return tree, leader, review
 
 
@@ -40,7 +40,7 @@ def alternatives(
 
     First orders have the shares of full thrust in them, by which small jets are not favored.
     """
-    _, births, _ = reviews.drawn(review, leader, tree.hypotheses, params)
+    _, births, _ = reviews.draw_alternatives(review, leader, tree.hypotheses, params)
     thrusts = params.joint.thrusts
     for birth in births:
         child, cause = birth.child, birth.child.run.cause
@@ -50,7 +50,7 @@ def alternatives(
             continue
         assert birth.than == leader.events
         for sample, over in tree.samples[child.run.cycle - tree.cycle :]:
-            child = moved(child, sample, over, params.joint, starting=False)
+            child = advance_hypothesis(child, sample, over, params.joint, starting=False)
         favor = np.log(thrusts[list(cause.jets)] / thrusts.max()).sum() - np.log(thrusts[3] / thrusts.max())
         own = child.run.score.likelihood + child.prior - leader.run.score.likelihood - leader.prior
         yield birth.ahead - favor, own
@@ -69,10 +69,10 @@ def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Par
 
 def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:
     _, leader, _ = reviewed(NOISY)
-    assert reviews.may_be(leader)
-    assert not reviews.may_be(leader._replace(origin=None))
-    assert not reviews.may_be(leader._replace(walks=np.array([0.03, 0.0, 0.0, 0.0])))
-    assert not reviews.may_be(leader._replace(run=leader.run._replace(cycle=leader.run.onset)))
+    assert reviews.is_reviewable(leader)
+    assert not reviews.is_reviewable(leader._replace(origin=None))
+    assert not reviews.is_reviewable(leader._replace(walks=np.array([0.03, 0.0, 0.0, 0.0])))
+    assert not reviews.is_reviewable(leader._replace(run=leader.run._replace(cycle=leader.run.onset)))
 
 
 def test_parameters_that_are_known_after_all_count_as_if_they_never_were_estimated() -> None:

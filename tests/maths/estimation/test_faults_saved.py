@@ -10,7 +10,7 @@ import pytest
 from faults_probe import SLOTS, Flown, commands_of, fail, flight, follow, make_params
 
 from massprop_drake.maths.estimation.faults import hypothesis_filter
-from massprop_drake.maths.estimation.faults.saved import restored, saved
+from massprop_drake.maths.estimation.faults.saved import pack_tree, unpack_tree
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.faults.verdicts import Declared, Verdicts
 from massprop_drake.maths.estimation.joint.hypotheses import Kind
@@ -38,8 +38,8 @@ def leak() -> Flown:
 @pytest.mark.parametrize("row", [20, 36, 59])
 def test_what_is_restored_is_what_was_saved(flown: Flown, row: int) -> None:
     tree, verdicts = flown.trees[row], flown.verdicts[row]
-    vector = saved(tree, verdicts, PLACES)
-    again, told = restored(vector, PLACES)
+    vector = pack_tree(tree, verdicts, PLACES)
+    again, told = unpack_tree(vector, PLACES)
     assert again.cycle == tree.cycle
     assert (told.jets, told.others, told.groups) == (verdicts.jets, verdicts.others, verdicts.groups)
     assert row == 59 or len(tree.hypotheses) > 2
@@ -48,7 +48,7 @@ def test_what_is_restored_is_what_was_saved(flown: Flown, row: int) -> None:
         for name in ("key", "events", "prior", "weight", "decided"):
             assert getattr(one, name) == getattr(other, name)
         np.testing.assert_array_equal(one.run.state.root, other.run.state.root)
-    np.testing.assert_array_equal(saved(again, told, PLACES), vector)
+    np.testing.assert_array_equal(pack_tree(again, told, PLACES), vector)
 
 
 @pytest.mark.parametrize("row", [33, 39])
@@ -57,7 +57,7 @@ def test_a_run_goes_on_the_same_after_a_restart(leak: Flown, row: int) -> None:
 
     Proposals that waited are gone. So hypotheses that would still have been born are missing, none is another.
     """
-    tree, verdicts = restored(saved(leak.trees[row], leak.verdicts[row], PLACES), PLACES)
+    tree, verdicts = unpack_tree(pack_tree(leak.trees[row], leak.verdicts[row], PLACES), PLACES)
     again = follow(leak, tree, verdicts, leak.filters[row], row + 1)
     for one, other in zip(again.trees, leak.trees[row + 1 :], strict=True):
         assert one.leader.key == other.leader.key
@@ -73,21 +73,21 @@ def test_groups_and_all_that_was_declared_come_back(flown: Flown) -> None:
         frozenset({(Kind.JUMP, -1, 0), (Kind.LIES, 7, 1)}),
         groups=frozenset({frozenset({(0, 1), (4, -1)}), frozenset({(2, 1), (0, 1), (5, 1)})}),
     )
-    vector = saved(flown.tree, verdicts, PLACES)
-    _, again = restored(vector, PLACES)
+    vector = pack_tree(flown.tree, verdicts, PLACES)
+    _, again = unpack_tree(vector, PLACES)
     assert again == verdicts
-    np.testing.assert_array_equal(saved(*restored(vector, PLACES), PLACES), vector)
+    np.testing.assert_array_equal(pack_tree(*unpack_tree(vector, PLACES), PLACES), vector)
 
 
 def test_nothing_is_kept_of_a_run_that_has_not_begun() -> None:
-    tree, verdicts = restored(saved(Tree(), Verdicts(), PLACES), PLACES)
+    tree, verdicts = unpack_tree(pack_tree(Tree(), Verdicts(), PLACES), PLACES)
     assert (tree, verdicts) == (Tree(), Verdicts())
 
 
 def changed(flown: Flown, change: Callable[[Any], Any]) -> Array:
     """A saved state of which the likeliest hypothesis is another."""
     tree = flown.tree
-    return saved(tree._replace(hypotheses=(change(tree.leader), *tree.hypotheses[1:])), flown.verdicts[-1], PLACES)
+    return pack_tree(tree._replace(hypotheses=(change(tree.leader), *tree.hypotheses[1:])), flown.verdicts[-1], PLACES)
 
 
 def with_state(**changes: Any) -> Callable[[Any], Any]:
@@ -125,7 +125,7 @@ def with_cause(**changes: Any) -> Callable[[Any], Any]:
 )
 def test_a_hypothesis_that_no_run_has_is_refused(flown: Flown, change: Callable[[Any], Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
-        restored(changed(flown, change), PLACES)
+        unpack_tree(changed(flown, change), PLACES)
 
 
 @pytest.mark.parametrize(
@@ -142,9 +142,9 @@ def test_a_hypothesis_that_no_run_has_is_refused(flown: Flown, change: Callable[
 def test_a_vector_that_no_run_can_have_left_is_refused(
     flown: Flown, change: Callable[[Array], Array], message: str
 ) -> None:
-    vector = saved(flown.tree, flown.verdicts[-1], PLACES)
+    vector = pack_tree(flown.tree, flown.verdicts[-1], PLACES)
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
-        restored(change(vector), PLACES)
+        unpack_tree(change(vector), PLACES)
 
 
 @pytest.mark.parametrize(
@@ -152,8 +152,8 @@ def test_a_vector_that_no_run_can_have_left_is_refused(
     [(0, np.nan, "must be finite"), (6, -1.0, "zero or positive"), (12, 0.5, "removed must be 0 or 1")],
 )
 def test_what_the_detector_keeps_of_each_jet_is_looked_at(place: int, value: float, message: str) -> None:
-    vector = hypothesis_filter.kept(hypothesis_filter.initial(PARAMS), PARAMS)
-    assert hypothesis_filter.taken_up(vector, PARAMS).tree == Tree()
+    vector = hypothesis_filter.pack_state(hypothesis_filter.initial(PARAMS), PARAMS)
+    assert hypothesis_filter.unpack_state(vector, PARAMS).tree == Tree()
     vector[place] = value
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
-        hypothesis_filter.taken_up(vector, PARAMS)
+        hypothesis_filter.unpack_state(vector, PARAMS)

@@ -11,7 +11,7 @@ from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.faults.passes import begin_fit, step_fit
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
-from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, advance_search
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
@@ -53,7 +53,7 @@ def params() -> JointParams:
 
 def cycles(run: Run, params: JointFilterParams, lost: range = range(0)) -> Iterator[JointEvidence]:
     """Cycles of the filter over the telemetry of a run, but for lost rows."""
-    state = joint.initial(params)
+    state = joint.initial_state(params)
     velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
     for row, time_s in enumerate(run.time_s.tolist()):
         if row in lost:
@@ -69,7 +69,7 @@ def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tu
     search = BEGUN
     for each in evidence:
         if each.report.starting or search.contradicted:
-            search, found = followed(search, each.before, each.report, each.sample, Priors(), params)
+            search, found = advance_search(search, each.before, each.report, each.sample, Priors(), params)
             if found:
                 return found, each.sample.time_s
     return (), np.inf

@@ -9,7 +9,7 @@ import pytest
 from faults_probe import JETS, Flown, commands_of, dock, fail, flight, known_vehicle, make_params, push
 from joint_probe import PERIOD, some_sample, unread
 
-from massprop_drake.maths.estimation.faults.alarms import WatchedCycle, loss
+from massprop_drake.maths.estimation.faults.alarms import WatchedCycle, likelihood_loss
 from massprop_drake.maths.estimation.faults.declarations import (
     DisturbanceDeclared,
     JetsDeclared,
@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
 )
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.tree import probabilities
-from massprop_drake.maths.estimation.faults.verdicts import odds
+from massprop_drake.maths.estimation.faults.verdicts import fault_probabilities
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     STIRS,
@@ -60,7 +60,7 @@ def test_of_a_healthy_flight_one_hypothesis_is_left(params: Params) -> None:
     flown = flight(params, COMMANDS)
     assert flown.said == []
     assert [len(tree.hypotheses) for tree in flown.trees] == [1] * len(flown.trees)
-    assert all(odds(tree, params.joint).none == 1.0 for tree in flown.trees)
+    assert all(fault_probabilities(tree, params.joint).none == 1.0 for tree in flown.trees)
     assert worst(flown) < 4.0
 
 
@@ -83,7 +83,7 @@ def test_a_failed_jet_is_named_with_its_force(params: Params, jet: int, sign: in
     for after in range(ONSET):
         assert flown.probability(jet, after) == 0.0
     assert flown.probability(jet) > 0.999
-    found = odds(flown.tree, params.joint)
+    found = fault_probabilities(flown.tree, params.joint)
     assert np.delete(found.jets, jet).max() < 1e-3
     assert found.modes[jet] == mode
     assert abs(sign * found.forces[jet] - force) < 4.5 * found.sigmas[jet]
@@ -97,7 +97,7 @@ def test_a_payload_is_a_jump_and_no_jet() -> None:
     assert time_s < 0.1 * ONSET + 0.6
     assert said.onset_s == pytest.approx(0.1 * ONSET)
     assert not said.measured
-    assert odds(flown.tree, NOISY.joint).jets.max() < 1e-3
+    assert fault_probabilities(flown.tree, NOISY.joint).jets.max() < 1e-3
     assert worst(flown) < 4.0
 
 
@@ -108,7 +108,7 @@ def test_a_false_reading_is_named_and_costs_nothing(params: Params, component: i
     ((_, one),) = flown.said
     said = of(one, ReadingDeclared)
     assert (said.component, said.onset_s) == (component, pytest.approx(0.1 * ONSET))
-    assert odds(flown.tree, params.joint).jets.max() < 1e-3
+    assert fault_probabilities(flown.tree, params.joint).jets.max() < 1e-3
     assert worst(flown) < 4.0
 
 
@@ -144,7 +144,7 @@ def test_a_force_that_its_vehicle_cannot_have_is_something_unknown() -> None:
     pushes = {row: 0.2 * rng.standard_normal(12) for row in range(ONSET, ONSET + 12)}
     flown = flight(params, COMMANDS, false=pushes)
     assert not [one for _, one in flown.said if isinstance(one, JetsDeclared)]
-    assert odds(flown.tree, params.joint).jets.max() < 0.5
+    assert fault_probabilities(flown.tree, params.joint).jets.max() < 0.5
 
 
 def test_probabilities_sum_to_one_and_hypotheses_are_bounded() -> None:
@@ -161,7 +161,7 @@ def test_probabilities_sum_to_one_and_hypotheses_are_bounded() -> None:
         assert len({each.key for each in others}) == len(others) <= 16
         assert len(tree.hypotheses) <= 16 + JETS
         most = max(most, len(tree.hypotheses))
-        found = odds(tree, NOISY.joint)
+        found = fault_probabilities(tree, NOISY.joint)
         assert 0.0 <= found.none + found.unknown <= 1.0 + 1e-12
         assert ((found.jets >= 0.0) & (found.jets <= 1.0)).all()
         assert found.hypotheses == len(tree.hypotheses)
@@ -177,9 +177,9 @@ def test_a_sample_that_lacks_a_sensor_is_no_surprise() -> None:
         score = score.plus(Score(50.0 + tracked, 12.0, 12.0))
         records.append(WatchedCycle(None, None, score))
     watch = hypothesis.watch._replace(records=tuple(records))
-    assert loss(hypothesis._replace(watch=watch)) == 0.0
+    assert likelihood_loss(hypothesis._replace(watch=watch)) == 0.0
     off = WatchedCycle(None, None, score.plus(Score(20.0, 42.0, 12.0)))
-    assert loss(hypothesis._replace(watch=watch._replace(records=(*records, off)))) == pytest.approx(15.0)
+    assert likelihood_loss(hypothesis._replace(watch=watch._replace(records=(*records, off)))) == pytest.approx(15.0)
 
 
 PARAMS = make_params(unstated=6)

@@ -17,10 +17,16 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, begun
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, no_fault_hypothesis
 from massprop_drake.maths.estimation.faults.proposals import Birth
 from massprop_drake.maths.estimation.faults.tree import Tree
-from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds, of_jets, unheard
+from massprop_drake.maths.estimation.faults.verdicts import (
+    Verdicts,
+    fault_probabilities,
+    jet_fault_probabilities,
+    pending_probability,
+    update_verdicts,
+)
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 
@@ -42,7 +48,7 @@ def hypothesis(weight: float, *failures: tuple[int, int, float], others: tuple[C
         state = state._replace(mean=mean, root=root)
         events.append(Event(cause, 8.0 + 0.1 * len(events), NO_SCORE))
     events += [Event(cause, 8.5, NO_SCORE) for cause in others]
-    one = begun(state, 90, JOINT)
+    one = no_fault_hypothesis(state, 90, JOINT)
     run = one.run._replace(cause=events[-1].cause if events else one.run.cause, onset=80)
     return one._replace(run=run, events=tuple(events), weight=weight)
 
@@ -59,7 +65,7 @@ def declared(tree: Tree, samples: int, verdicts: Verdicts | None = None) -> tupl
             each._replace(run=each.run._replace(state=each.run.state._replace(time_s=9.0 + 0.1 * number)))
             for each in tree.hypotheses
         )
-        verdicts, more = judged(verdicts, tree._replace(hypotheses=later), PARAMS)
+        verdicts, more = update_verdicts(verdicts, tree._replace(hypotheses=later), PARAMS)
         said += more
     return verdicts, said
 
@@ -98,8 +104,8 @@ def test_what_waits_keeps_a_jet_from_being_declared_or_withdrawn() -> None:
     """A rival without the jet, and a child with it; one that is hopeless does not."""
     both, rival = hypothesis(0.0, (3, 1, 0.3), (5, 1, 0.3)), hypothesis(0.0, (5, 1, 0.3))
     waits = tree_of(LEAKS, NOTHING, births=(Birth(rival, -4.0, LEAKS.events, 1.0),))
-    assert unheard((3, 1), waits) == pytest.approx(np.exp(-3.0) / (1.0 + np.exp(-3.0)))
-    assert unheard((5, 1), waits) == 0.0
+    assert pending_probability((3, 1), waits) == pytest.approx(np.exp(-3.0) / (1.0 + np.exp(-3.0)))
+    assert pending_probability((5, 1), waits) == 0.0
     for birth, count in (
         (waits.births[0], 0),
         (Birth(rival, -14.0, LEAKS.events, 1.0), 1),
@@ -133,7 +139,7 @@ def test_a_force_below_what_is_called_a_failure_is_none() -> None:
     """A leak of less than two thousandths of full thrust, a loss of less than a tenth."""
     for sign, floor in ((1, 0.002), (-1, 0.1)):
         for share, expected in ((floor, 0.5), (floor + 0.01, 0.8413), (floor - 0.01, 0.1587)):
-            found = of_jets(tree_of(hypothesis(0.0, (3, sign, share))), JOINT)
+            found = jet_fault_probabilities(tree_of(hypothesis(0.0, (3, sign, share))), JOINT)
             assert found[3, sign] == pytest.approx(expected, abs=1e-3)
 
 
@@ -143,7 +149,7 @@ def test_a_fault_mode_is_what_its_force_is_like() -> None:
         *((-1, 0.5, 0.0, Mode.LOSS), (1, 0.2, 0.03, Mode.DRIFTING), (-1, 0.2, ANEW, Mode.INTERMITTENT)),
     ):
         one = hypothesis(0.0, (3, sign, share))._replace(walks=np.array([walk, 0.0, 0.0, 0.0]))
-        assert odds(tree_of(one, NOTHING), JOINT).modes[3] == mode
+        assert fault_probabilities(tree_of(one, NOTHING), JOINT).modes[3] == mode
 
 
 def test_odds_add_up() -> None:
@@ -155,7 +161,7 @@ def test_odds_add_up() -> None:
         hypothesis(-2.0, others=(push,)),
         hypothesis(-3.0),
     )
-    found, share = odds(tree, JOINT), np.exp([0.0, -0.5, -1.0, -2.0, -3.0])
+    found, share = fault_probabilities(tree, JOINT), np.exp([0.0, -0.5, -1.0, -2.0, -3.0])
     share = share / share.sum()
     assert found.none == pytest.approx(share[4])
     assert found.unknown == pytest.approx(share[3])

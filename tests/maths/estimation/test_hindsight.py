@@ -24,13 +24,13 @@ from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
 from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
-from massprop_drake.maths.estimation.offline.normal_equations import normal
-from massprop_drake.maths.estimation.offline.record_kernels import used as informative
-from massprop_drake.maths.estimation.offline.regression import FlightFit, fitted
-from massprop_drake.maths.estimation.offline.regression import score as score_of
-from massprop_drake.maths.estimation.offline.thrust_course import off_ticks
-from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.results.diagnoses import diagnosed
+from massprop_drake.maths.estimation.offline.normal_equations import stretch_equations
+from massprop_drake.maths.estimation.offline.record_kernels import select_informative as informative
+from massprop_drake.maths.estimation.offline.regression import FlightFit, fit_flight
+from massprop_drake.maths.estimation.offline.regression import score_test as score_of
+from massprop_drake.maths.estimation.offline.thrust_course import is_off_ticks
+from massprop_drake.maths.vehicle.mounting import mounting_errors
+from massprop_drake.results.diagnoses import diagnose_readings
 from massprop_drake.results.regression_model import Names
 
 Array = NDArray[np.float64]
@@ -156,7 +156,7 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
 
 def fit_of(stretch: Stretch, model: FlightModel) -> FlightFit:
     """From the start that is stated."""
-    fit = fitted([stretch], model.prior, model)
+    fit = fit_flight([stretch], model.prior, model)
     assert fit.settled
     return fit
 
@@ -237,9 +237,9 @@ def test_commands_that_switch_at_the_stamps_are_told_from_regular_ticks() -> Non
     shifted = jittered(flight(5)[0], 5)
     assert fit_of(stretch, stamps).normal.per_reading < 1.1
     assert fit_of(stretch, model).normal.per_reading > 2.0
-    assert off_ticks(shifted, model)
-    assert not off_ticks(flight(5)[0], model)
-    assert fitted([shifted], model.prior, stamps).normal.per_reading > 2.0
+    assert is_off_ticks(shifted, model)
+    assert not is_off_ticks(flight(5)[0], model)
+    assert fit_flight([shifted], model.prior, stamps).normal.per_reading > 2.0
 
 
 def test_a_flight_that_is_as_stated_passes_every_test() -> None:
@@ -272,7 +272,7 @@ def test_a_flight_that_is_as_stated_passes_every_test() -> None:
 def test_what_is_wrong_is_named(faulty: dict[str, Any], words: str) -> None:
     """Tests lags of nothing or three times the stated one, and wheels: no drag is named, and no jets."""
     model, _ = known(thrust=0.0)
-    found, _ = diagnosed([flight(3, **faulty)[0]], model.prior[:10], model, NAMES)
+    found, _ = diagnose_readings([flight(3, **faulty)[0]], model.prior[:10], model, NAMES)
     told, said = re.split(NUMBER, words), re.split(NUMBER, found[0].reason)
     assert said[::2][: len(told[::2])] == told[::2]
     for one, other in zip(map(float, told[1::2]), map(float, said[1::2]), strict=False):
@@ -284,7 +284,7 @@ def test_commands_a_row_off_are_named() -> None:
     stretch = flight(4)[0]
     for rows, words in ((-1, "later"), (1, "earlier")):
         moved = stretch._replace(commands=np.roll(stretch.commands, rows, axis=0))
-        (first, *_), _ = diagnosed([moved], model.prior[:10], model, NAMES)
+        (first, *_), _ = diagnose_readings([moved], model.prior[:10], model, NAMES)
         assert (first.kind, f" {words} than" in first.reason) == ("delay", True)
 
 
@@ -297,12 +297,12 @@ def test_the_score_is_the_slope_of_the_misfit() -> None:
     at[places.torque], at[places.drag], at[places.momentum], at[places.acceleration_bias] = 1e-6, 1e-3, 2e-3, 1e-3
     steps = np.full(at.size, 1e-5)
     steps[:10] = 1e-4 * model.sigma[:10]
-    found = normal(stretch, at, model)
+    found = stretch_equations(stretch, at, model)
     for place, step in enumerate(steps):
         ahead, back = at.copy(), at.copy()
         ahead[place] += step
         back[place] -= step
-        change = normal(stretch, ahead, model).misfit - normal(stretch, back, model).misfit
+        change = stretch_equations(stretch, ahead, model).misfit - stretch_equations(stretch, back, model).misfit
         scale = np.sqrt(found.information[place, place] * found.misfit)
         assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
 
@@ -313,9 +313,9 @@ def test_what_propellant_shifts_steadily_is_no_fault_where_it_may_do_so() -> Non
     used = -stretch.used_after[-1]
     stretch = stretch._replace(used_after=stretch.used_after + used)
     stretch.readings[:, 1] = np.nan
-    assert fitted([stretch], model.prior, model).normal.per_reading > 10.0
+    assert fit_flight([stretch], model.prior, model).normal.per_reading > 10.0
     model.sigma[places.shift] = 0.03 * np.abs(TRUTH[:9]) / used
-    fit = fitted([stretch], model.prior, model)
+    fit = fit_flight([stretch], model.prior, model)
     assert fit.settled
     assert fit.normal.per_reading < 1.2
     np.testing.assert_allclose(fit.at[places.shift][:3] * used, -0.02 * TRUTH[:3], rtol=0.1)
@@ -325,7 +325,7 @@ def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -
     stretch, (model, places) = flight(5)[0], known()
     model.sigma[places.shift] = 1.0
     later = 0.7
-    found = normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
+    found = stretch_equations(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
     scale = found.information[:9]
     np.testing.assert_allclose(found.information[places.shift], later * scale, atol=1e-9 * np.abs(scale).max())
     np.testing.assert_allclose(found.score[places.shift], later * found.score[:9], rtol=1e-9)
@@ -336,9 +336,9 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
     monkeypatch.setitem(globals(), "PARAMS", PARAMS._replace(wrenches=10.0 * PARAMS.wrenches))
     stretch, (model, _) = flight(7)[0], known()
     stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
-    fit = fitted([stretch], model.prior, model)
+    fit = fit_flight([stretch], model.prior, model)
     assert fit.normal.per_reading < 1.2
-    once = normal(stretch, model.prior, model)  # at the truth, before any rate is followed
+    once = stretch_equations(stretch, model.prior, model)  # at the truth, before any rate is followed
     assert once.misfit < 1.2 * once.readings
     assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
 
@@ -360,10 +360,10 @@ def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
     readings[40:60, 0, 0] += wrong
     told = told._replace(readings=readings)
     with np.errstate(all="ignore"):
-        found, fit = diagnosed([told], model.prior[:10], model, NAMES)
+        found, fit = diagnose_readings([told], model.prior[:10], model, NAMES)
     assert not fit.settled
-    assert fit.normal.misfit <= normal(told, model.prior, model).misfit
-    assert fit.normal.misfit == normal(told, fit.at, model).misfit
+    assert fit.normal.misfit <= stretch_equations(told, model.prior, model).misfit
+    assert fit.normal.misfit == stretch_equations(told, fit.at, model).misfit
     assert [one.kind for one in found] == ["drift"]
 
 
@@ -371,7 +371,7 @@ def test_nobody_is_blamed_by_what_is_no_number() -> None:
     model, _ = known()
     told = flight(3)[0]
     with np.errstate(all="ignore"):
-        found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, NAMES)
+        found, fit = diagnose_readings([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, NAMES)
     assert not fit.normal.is_finite
     assert found == []
 
@@ -421,17 +421,17 @@ def test_wheels_turn_the_vehicle_as_they_are_read(followed: bool) -> None:
     at[places.gyro_bias], at[places.wheel] = (1e-5, -2e-5, 5e-6), (0.011, -0.018)
     require_slopes(stretch, at, model._replace(followed=followed), 5e-3)
     model.sigma[places.properties] *= 1e-3  # else both scales are one
-    fit = fitted([stretch], model.prior, model)
+    fit = fit_flight([stretch], model.prior, model)
     np.testing.assert_allclose(fit.at[places.wheel], errors, atol=1e-3)
     assert fit.normal.misfit < 1.5 * fit.normal.readings
     model.sigma[places.wheel] = 0.0
-    assert fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
+    assert fit_flight([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
 
 
 def test_jets_are_mounted_as_they_push() -> None:
     """Slopes of the misfit by errors of the mounting are those of differences, and the errors are found."""
     model, _ = known()
-    each = mounting(PARAMS.wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
+    each = mounting_errors(PARAMS.wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
     prior = np.insert(model.prior, columns(model).fill.start, np.zeros(each.jets.size))
     model = model._replace(prior=prior, sigma=np.zeros_like(prior), mounting=each)
     places = columns(model)
@@ -440,14 +440,14 @@ def test_jets_are_mounted_as_they_push() -> None:
     at[places.mount] = np.random.default_rng(2).standard_normal(each.jets.size)
     stretch = flight(2)[0]
     require_slopes(stretch, at, model, 5e-3)
-    fit = fitted([stretch], at, model)
+    fit = fit_flight([stretch], at, model)
     assert np.abs(fit.at[places.mount]).max() < 0.3  # as they were flown
     assert fit.normal.misfit < 1.2 * fit.normal.readings
 
 
 def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
-    places, score = columns(model), normal(stretch, at, model).score
+    places, score = columns(model), stretch_equations(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
     tested = [*range(10), places.thrust.start + 2, *range(at.size)[places.gyro_bias], places.torque.start]
     tested += [
@@ -463,7 +463,7 @@ def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: f
         for sign in (1.0, -1.0):
             moved = at.copy()
             moved[unknown] += sign * sizes[unknown]
-            ends.append(normal(stretch, moved, model).misfit)
+            ends.append(stretch_equations(stretch, moved, model).misfit)
         slope = (ends[1] - ends[0]) / (4.0 * sizes[unknown])
         assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=tolerance * abs(score).max()), unknown
 
@@ -471,7 +471,7 @@ def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: f
 def of_all(model: FlightModel, at: Array, stretch: Stretch) -> tuple[Array, Array]:
     """Information about everything that may be wrong, scaled, and the score."""
     wide = model._replace(sigma=np.where(model.sigma > 0.0, model.sigma, 1.0))
-    found = normal(stretch, at, wide)
+    found = stretch_equations(stretch, at, wide)
     scale = 1.0 / np.sqrt(np.maximum(found.information.diagonal(), 1e-300))
     return scale[:, None] * found.information * scale, found.score * scale
 

@@ -18,10 +18,10 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.fault_report import certain, own_row, status_row
+from massprop_drake.maths.estimation.faults.fault_report import hypothesis_report_row, no_fault_odds, status_row
 from massprop_drake.maths.estimation.joint.apart import Apart
-from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
-from massprop_drake.results.events import EventRecord, in_words, said
+from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size_in_words
+from massprop_drake.results.events import EventRecord, in_words, list_events
 
 N = 44
 NOWHERE = np.full(3, np.nan)
@@ -34,8 +34,8 @@ def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
     """A log with a row for what is said at each sample."""
     rows: dict[str, list[Any]] = {}
     for declared in samples:
-        status = status_row(declared, certain(N), tested=True, statistic=0.0)
-        own = own_row(declared, certain(N))
+        status = status_row(declared, no_fault_odds(N), tested=True, statistic=0.0)
+        own = hypothesis_report_row(declared, no_fault_odds(N))
         for name, value in {**status._asdict(), **own._asdict()}.items():
             rows.setdefault(name, []).append(np.atleast_1d(value))
     assert set(STATUS) < set(rows)
@@ -47,7 +47,7 @@ def recorded(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[Detect
 
 
 def heard(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[EventRecord]:
-    return said(vehicle, vehicle.sensor_names(), 5.0 + np.arange(len(samples)), signals_of(*samples))
+    return list_events(vehicle, vehicle.sensor_names(), 5.0 + np.arange(len(samples)), signals_of(*samples))
 
 
 def of_jet(word: Word, force: float) -> JetsDeclared:
@@ -153,7 +153,7 @@ def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
     (record,) = recorded(orbiter, (found,), (), (measured,))
     assert (record.position, record.measured_s, record.time_s) == ((60.0, 0.1, -3.0), 7.0, 5.0)
     where = "(+60.00 ± 0.20, +0.10 ± 0.10, -3.00 ± 0.30) ft"
-    assert size(record, orbiter.unit_names) == f"+501.0 ± 3.0 slug at {where}"
+    assert size_in_words(record, orbiter.unit_names) == f"+501.0 ± 3.0 slug at {where}"
     assert in_words(second, orbiter.unit_names) == (
         f"the jump of the mass properties, seen after 4.00 s: +501.0 ± 3.0 slug at {where}"
     )

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.offline.identifiability import Flag, asked, flags, foretold
+from massprop_drake.maths.estimation.offline.identifiability import (
+    Flag,
+    classify_parameters,
+    predict_best_firing,
+    requested_deviation,
+)
 
 NOWHERE = np.zeros(10, dtype=bool)
 
@@ -17,7 +22,7 @@ def _spread(seed: int) -> np.ndarray:
 def test_it_is_the_update_of_a_kalman_filter() -> None:
     covariance, random = _spread(1), np.random.default_rng(2)
     rows, noise = random.normal(size=(5, 6, 10)), np.diag(random.uniform(0.1, 2.0, 6))
-    found = foretold(covariance, rows, noise)
+    found = predict_best_firing(covariance, rows, noise)
     left = []
     for h in rows:  # in information form, another way to the same
         after = np.linalg.inv(np.linalg.inv(covariance) + h.T @ np.linalg.inv(noise) @ h)
@@ -30,7 +35,7 @@ def test_a_product_is_asked_for_beside_its_diagonal() -> None:
     estimate = np.array([4.0, 9.0, -16.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0.5])
     limits = np.array([0.02, 0.3, 0.2])
     expected = [0.08, 0.18, 0.32, 0.02 * 12.0, 0.02 * 8.0, 0.02 * 6.0, 0.3, 0.3, 0.3, 0.1]
-    np.testing.assert_allclose(asked(estimate, limits), expected)
+    np.testing.assert_allclose(requested_deviation(estimate, limits), expected)
 
 
 def test_the_flight_must_tell_more_than_the_start() -> None:
@@ -38,7 +43,7 @@ def test_the_flight_must_tell_more_than_the_start() -> None:
     deviation = np.array([0.05, 0.2, 0.7, 0.72, 1.0, 3.0, np.nan, 0.05, 0.05, 0.05])
     hidden = NOWHERE.copy()
     hidden[9] = True
-    found = flags(start, deviation, limit, hidden)
+    found = classify_parameters(start, deviation, limit, hidden)
     assert found[:7] == [
         Flag.IDENTIFIED, Flag.WEAK, Flag.WEAK, Flag.NOT_EXCITED, Flag.NOT_EXCITED, Flag.NOT_EXCITED,
         Flag.NOT_OBSERVABLE,

@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
-from massprop_drake.maths.estimation.offline.intervals import Cells, Confined, Constraints, confined, deepest, extremes
-from massprop_drake.systems.estimation.interval_program import solved
+from massprop_drake.maths.estimation.offline.intervals import (
+    Cells,
+    Confined,
+    Constraints,
+    deepest_point,
+    extreme_points,
+    find_intervals,
+)
+from massprop_drake.systems.estimation.interval_program import solve_linear_program
 
 Array = NDArray[np.float64]
 
@@ -40,18 +47,18 @@ def boxed(matrix: Any, low: Any, high: Any, span: float = 10.0) -> Constraints:
 def test_corners_and_the_deepest_point_of_a_triangle() -> None:
     """Of x >= 0, y >= 0, x + 2 y <= 2 the corners; of x + y <= 3 all three distances are one at (1, 1)."""
     given = boxed([[1.0, 0.0], [0.0, 1.0], [1.0, 2.0]], [0.0, 0.0, -np.inf], [np.inf, np.inf, 2.0])
-    found = extremes(given, 2, by_scipy)
+    found = extreme_points(given, 2, by_scipy)
     assert found is not None
     np.testing.assert_allclose(found[[0, 0, 1, 1], [0, 1, 0, 1], [0, 0, 1, 1]], [0.0, 2.0, 0.0, 1.0], atol=1e-9)
-    point, depth = deepest(
+    point, depth = deepest_point(
         boxed([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [0.0, 0.0, -np.inf], [np.inf, np.inf, 3.0]), by_scipy
     )
     np.testing.assert_allclose([*point, depth], [1.0, 1.0, 1.0], atol=1e-8)
     contradicting = boxed([[1.0], [1.0]], [1.0, -np.inf], [np.inf, 0.5])
-    assert extremes(contradicting, 1, by_scipy) is None
-    np.testing.assert_allclose(np.append(*deepest(contradicting, by_scipy)), [0.75, -0.25], atol=1e-8)
+    assert extreme_points(contradicting, 1, by_scipy) is None
+    np.testing.assert_allclose(np.append(*deepest_point(contradicting, by_scipy)), [0.75, -0.25], atol=1e-8)
     with pytest.raises(ArithmeticError, match="solver"):
-        deepest(contradicting, lambda *_: None)
+        deepest_point(contradicting, lambda *_: None)
 
 
 PERIOD, ROWS, FINE = 0.1, 120, 10
@@ -162,7 +169,7 @@ START = np.array([0.004, -0.006, 0.002])
 
 def found_of(record: Stretch, made: FlightModel, cells: Cells = CELLS) -> Confined:
     """Intervals of a record, about a point that is off by 1e-4."""
-    return confined([record], made.prior, made, cells, solved)
+    return find_intervals([record], made.prior, made, cells, solve_linear_program)
 
 
 def is_inside(found: Confined) -> bool:
@@ -239,6 +246,6 @@ def test_noise_a_bias_gaps_and_further_stretches_leave_the_truth_inside(usual: t
     assert is_inside(found_of(stretch(biased, told), model(), CELLS._replace(gyro_biases=np.array([1e-4]))))
     second = flight(Point(TRUTH, -START), seed=1)
     second.readings[30:70, :, 0] = np.nan
-    both = confined([record, second], model().prior, model(), CELLS, solved)
+    both = find_intervals([record, second], model().prior, model(), CELLS, solve_linear_program)
     assert is_inside(both)
     assert (both.high - both.low <= 1.001 * (exact.high - exact.low)).all()

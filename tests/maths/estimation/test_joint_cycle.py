@@ -79,7 +79,7 @@ def told(time_s: float, command: Any = OFF, **given: Any) -> Told:
 
 def flown(cycles: int) -> tuple[JointFilterState, JointMeasurement]:
     """The filter after some cycles in which jets fire at random."""
-    rng, state = np.random.default_rng(3), joint.initial(FILTER)
+    rng, state = np.random.default_rng(3), joint.initial_state(FILTER)
     for k in range(cycles):
         rates, fired = RATES + 1e-3 * k * np.array([1.0, -2.0, 0.5]), (rng.uniform(size=6) < 0.4).astype(float)
         measurement = joint.step(state, rates, VELOCITIES + 0.01 * k, told(k * PERIOD, fired), FILTER)
@@ -94,9 +94,9 @@ def test_a_state_comes_back_from_its_vector() -> None:
     assert vector.shape == (state_layout(PLACES).size,)
     for one, other in zip(unpack(vector, PLACES), state.joint, strict=True):
         np.testing.assert_array_equal(one, other)
-    groups = joint.saved(state, FILTER)
+    groups = joint.save_state(state, FILTER)
     assert set(groups) == {GROUP}
-    again = joint.restored(groups, FILTER)
+    again = joint.restore_state(groups, FILTER)
     for one, other in zip(
         (*again.joint, *again.clock, *again[2:4]), (*state.joint, *state.clock, *state[2:4]), strict=True
     ):
@@ -119,13 +119,13 @@ def test_a_state_comes_back_from_its_vector() -> None:
     ],
 )
 def test_an_impossible_state_is_refused(field: str, index: int, value: float, message: str) -> None:
-    state = joint.initial(FILTER) if field == "read" else flown(3)[0]
+    state = joint.initial_state(FILTER) if field == "read" else flown(3)[0]
     if field == "read":
         state = state._replace(joint=state.joint._replace(fresh=np.ones(12)))
-    vector = joint.packed(state, FILTER)
+    vector = joint.pack_filter_state(state, FILTER)
     vector[state_layout(PLACES).slice(field).start + index] = value
     with pytest.raises(ValueError, match=message):
-        joint.restored({GROUP: vector}, FILTER)
+        joint.restore_state({GROUP: vector}, FILTER)
 
 
 def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> None:

@@ -10,7 +10,7 @@ from massprop_drake.maths.attitude import (
     conjugate,
     from_rotation_vector,
     multiply,
-    propagated,
+    propagate_attitude,
     to_rotation_vector,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import driven
@@ -51,7 +51,7 @@ def integrated(attitude: Array, rates: Array, steps: int = 400) -> Array:
     """Attitude after a rate that goes from one to the other in a straight line."""
     for k in range(steps):
         rate = rates[0] + (k + 0.5) / steps * (rates[1] - rates[0])
-        attitude = propagated(attitude, rate, PERIOD / steps)
+        attitude = propagate_attitude(attitude, rate, PERIOD / steps)
     return attitude
 
 
@@ -60,7 +60,7 @@ def test_an_interval_turns_the_attitude_as_integration_does() -> None:
     start = multiply(from_rotation_vector(psi), FRAMES[0])
     after, _ = turned(psi, FRAMES, RATES, np.zeros(3), PERIOD)
     expected = integrated(start, RATES)
-    plain = propagated(start, RATES.mean(axis=0), PERIOD)  # without coning
+    plain = propagate_attitude(start, RATES.mean(axis=0), PERIOD)  # without coning
     for found, off in ((multiply(from_rotation_vector(after), FRAMES[1]), 1e-7), (plain, 1.0)):
         assert np.linalg.norm(to_rotation_vector(multiply(found, conjugate(expected)))) < off
     assert np.linalg.norm(to_rotation_vector(multiply(plain, conjugate(expected)))) > 1e-5
@@ -87,7 +87,7 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
     np.testing.assert_allclose(told[0], 0.0, atol=1e-15)
     assert np.isnan(told[1]).all()
     shared, told = shared_attitude(FRAMES[0], RATES[0], PERIOD, np.stack((missing, missing)))
-    np.testing.assert_array_equal(shared, propagated(FRAMES[0], RATES[0], PERIOD))
+    np.testing.assert_array_equal(shared, propagate_attitude(FRAMES[0], RATES[0], PERIOD))
     assert np.isnan(told).all()
     off = np.array([1e-3, 0.0, 2e-3])
     other = multiply(from_rotation_vector(off), -true)  # of the other sign, which is the same attitude

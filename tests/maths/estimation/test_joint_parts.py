@@ -54,13 +54,13 @@ from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.sensitivity import carried, link
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
-from massprop_drake.maths.estimation.offline.swings import Locked, with_modes
+from massprop_drake.maths.estimation.offline.swings import Locked, add_modes
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements
-from massprop_drake.maths.vehicle.depletion import Tanks, emptied
+from massprop_drake.maths.vehicle.depletion import Tanks, structure_after_draining
 from massprop_drake.maths.vehicle.engine_thrust import EngineParams
-from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.systems.multibody.plants import parsed_plant
+from massprop_drake.maths.vehicle.mounting import mounting_errors
+from massprop_drake.systems.multibody.plants import parse_plant
 
 STILLNESS = np.zeros((1, 6))  # a command
 AXES = np.array([[0.6, 0.0, 0.8], [-0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
@@ -84,7 +84,7 @@ ENGINES = EngineParams(
 )
 BURN = Burn(np.array([[[0.6, 0.05, -0.08], [0.65, 0.06, -0.07], [0.7, 0.07, -0.06]]]), np.full((1, 3), 1e-3))
 ERRORS = np.array([0.02, -0.03, 0.04, -0.02, 0.05, -0.03])
-EACH = mounting(small_params().wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
+EACH = mounting_errors(small_params().wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
 TANKS = TankParams(
     outlets=np.array([[0.3, -0.4, 0.1], [-0.5, 0.2, 0.3]]),
     columns=np.array([[0.144, 0.0, 0.192], [0.0, -0.3, 0.0]]),
@@ -361,7 +361,7 @@ def test_slices_leave_a_tank_by_the_parallel_axis_theorem() -> None:
     """The estimate changes as the true vehicle does, by an oracle of a tank done by hand: a disk less."""
     used = np.array([0.004, 0.0])  # one after the other is of the second order
     found = drawn(TRUTH, TANKS.fill, used, 1.0, TANKS)
-    after = emptied(structure_of(TRUTH), 1.0 / TRUTH[MASS], TANKS.fill, used, TRUE)
+    after = structure_after_draining(structure_of(TRUTH), 1.0 / TRUTH[MASS], TANKS.fill, used, TRUE)
     inverse = six_elements(np.linalg.inv(after[:6][ELEMENT]))
     np.testing.assert_allclose(TRUTH[:6] + found.change[:6], inverse, atol=1e-5 * np.abs(inverse - TRUTH[:6]).max())
     shift = after[6:] - TRUTH[CENTER]
@@ -430,7 +430,7 @@ def parts() -> list[Slosh]:
 
 def of_plant() -> tuple[Array, MassProperties]:
     """Rates of the bus after an impulse of a second, at each interval's end, by MultibodyPlant; and the whole."""
-    plant = parsed_plant(load_scenario("servicer_slosh").plant.model, "sdf")  # type: ignore[union-attr]
+    plant = parse_plant(load_scenario("servicer_slosh").plant.model, "sdf")  # type: ignore[union-attr]
     simulator = Simulator(plant)
     context, bus = simulator.get_mutable_context(), plant.GetBodyByName("bus")
     mass, center = plant.CalcTotalMass(context), plant.CalcCenterOfMassPositionInWorld(context)
@@ -491,11 +491,11 @@ def test_a_stretch_of_a_record_swings_and_its_derivatives_agree_with_differences
     whole = np.append(SWINGING.nominal, [0.3, -0.5, 0.2, 0.1, 0.4, -0.3, 0.2, 0.1, 0.5, -0.2, 0.3, 0.4])
 
     def after(unknowns: Array) -> Array:
-        found = with_modes(locked, unknowns[:10], unknowns[10:], MODES)
+        found = add_modes(locked, unknowns[:10], unknowns[10:], MODES)
         return np.concatenate((found.rate.ravel(), found.velocity.ravel()))
 
     expected = central_differences(after, whole, 1e-4 * np.maximum(np.abs(whole), 1e-2))
-    found = with_modes(locked, whole[:10], whole[10:], MODES)
+    found = add_modes(locked, whole[:10], whole[10:], MODES)
     by = np.concatenate((found.by_rate[:22].reshape(22, -1), found.by_velocity[:22].reshape(22, -1)), axis=1).T
     for columns in (*PROPERTIES, slice(10, 22)):
         size = np.abs(expected[:, columns]).max()

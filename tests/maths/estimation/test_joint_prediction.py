@@ -136,7 +136,7 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     body[rigid_body.RATE] = state.mean[10:13]
     seven, off = np.column_stack([factor * PARAMS.wrenches, np.zeros(6)]), state.level - SAMPLE.commands[0]
     transient = np.array([off[part] @ seven[part] for part in (slice(3), slice(3, 6))])
-    whole = rigid_body.body_of(MassProperties(10.0, TRUTH[6:9], np.linalg.inv(INVERSE)))
+    whole = rigid_body.motion_constants(MassProperties(10.0, TRUTH[6:9], np.linalg.inv(INVERSE)))
     after = rigid_body.step(body, SAMPLE.commands[0] @ seven, transient, (0.015, 0.03), PERIOD, whole)
     rate, spin = after[rigid_body.RATE], after[rigid_body.SPIN_INTEGRAL]
     turned = np.cross(rate - state.mean[10:13], TRUTH[6:9]) + turning(rate, rate, spin) @ TRUTH[6:9]

@@ -57,7 +57,7 @@ def flown() -> Flown:
     params, states = inputs.joint_params(run.scenario), []
     velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
     for kept in (BEGUN, OVER):
-        state = joint.initial(params)._replace(start=kept)
+        state = joint.initial_state(params)._replace(start=kept)
         for row, time_s in enumerate(run.time_s.tolist()):
             told = Told(time_s, time_s, run["command"][max(row - 1, 0)], None, np.zeros(6))
             state = joint.step(state, run["gyro"][row].reshape(1, 3), velocities[row], told, params).state

@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     MassParams,
     MassState,
     Rotation,
-    compensated,
+    compensate_rotation,
     finish,
     measure,
 )
@@ -59,7 +59,7 @@ class Given(NamedTuple):
         return Rotation(self.turn, self.rate, self.rate_variance, CENTER, self.center_covariance)
 
     def freed(self) -> tuple[Array, Array]:
-        return compensated(self.velocity - self.before, self.noise, self.arm, self.rotation, self.params)
+        return compensate_rotation(self.velocity - self.before, self.noise, self.arm, self.rotation, self.params)
 
     def cycled(self, usable: bool = True, firing: bool = True) -> tuple[MassCycle, MassInnovation]:
         state = MassState(self.mass_reciprocal, self.variance, empty_window(1))

@@ -12,10 +12,10 @@ from params_probe import INVERSE
 from massprop_drake.maths.estimation.observability import (
     activity_rank,
     impulse_jacobian,
-    pairs,
+    jet_pairs,
     smallest_isolable,
-    span,
-    unobservable,
+    span_basis,
+    unobservable_combinations,
 )
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import pack
@@ -29,7 +29,7 @@ AXES = (((0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 1, 0)), ((1, 0, 0), (0, 0, 1))) 
 
 def hidden_by(*jets: tuple[tuple[float, ...], tuple[float, ...]], accelerometer: bool = True) -> Array:
     wrenches = thrust_wrenches(*(np.array([jet[part] for jet in jets], dtype=float) for part in (0, 1)))
-    return unobservable(impulse_jacobian(wrenches, PROPERTIES, accelerometer=accelerometer), ONES)
+    return unobservable_combinations(impulse_jacobian(wrenches, PROPERTIES, accelerometer=accelerometer), ONES)
 
 
 def test_condition_of_hand_values_whatever_thrust_and_unit() -> None:
@@ -58,20 +58,22 @@ def test_a_jet_along_each_axis_shows_all_ten_parameters() -> None:
     small = PROPERTIES * np.array([1e-7] * 6 + [1.0] * 3 + [1e-4])
     wrenches = thrust_wrenches(*(np.array([jet[part] for jet in AXES], dtype=float) for part in (0, 1)))
     uneven = wrenches * np.array([[1e3], [1e-2], [1.0]])
-    assert unobservable(impulse_jacobian(uneven, small, accelerometer=True), scale).shape == (0, 10)
+    assert unobservable_combinations(impulse_jacobian(uneven, small, accelerometer=True), scale).shape == (0, 10)
 
 
 def test_what_few_jets_hide() -> None:
     couples = np.hstack([np.eye(3), np.zeros((3, 3))])
     jacobian = impulse_jacobian(couples, PROPERTIES, accelerometer=True)
-    assert_array_equal(unobservable(jacobian, ONES), np.eye(10)[6:])
+    assert_array_equal(unobservable_combinations(jacobian, ONES), np.eye(10)[6:])
     # forces along z, at four places: no torque about z, so I^-1_zz is not seen either
     hidden = hidden_by(*(((x, y, 0), (0, 0, 1)) for x in (1, -1) for y in (1, -1)))
     assert_array_equal(hidden, np.eye(10)[[2, 8]])
     # jets fired together show nothing more
     jets = thrust_wrenches(np.array([[0, 1, 0], [0, 0, 1], [1, 0.5, 0]]), np.array([[1.0, 0, 0], [1, 0, 0], [0, 1, 0]]))
     sums = np.vstack([jets, jets[0] + jets[1], jets[1] + 2.0 * jets[2], jets.sum(axis=0)])
-    alone, together = (unobservable(impulse_jacobian(w, PROPERTIES, accelerometer=True), ONES) for w in (jets, sums))
+    alone, together = (
+        unobservable_combinations(impulse_jacobian(w, PROPERTIES, accelerometer=True), ONES) for w in (jets, sums)
+    )
     assert_allclose(together, alone, rtol=0.0, atol=1e-9)
 
 
@@ -82,14 +84,14 @@ def test_one_jet_leaves_a_combination_that_can_be_named() -> None:
     jacobian = impulse_jacobian(wrench, pack(np.eye(3), np.zeros(3), 1.0), accelerometer=True)
     expected = np.eye(10)[[0, 1, 2, 3, 5, 6]]  # Ixx, Iyy, Izz with y, Iyz with z, Ixy, x
     expected[2, 7], expected[3, 8] = 1.0, -1.0
-    assert_allclose(unobservable(jacobian, ONES), expected, rtol=0.0, atol=1e-12)
+    assert_allclose(unobservable_combinations(jacobian, ONES), expected, rtol=0.0, atol=1e-12)
 
 
 def test_pairs_come_in_order_of_their_angles() -> None:
     tilt = 1e-9  # rad: its cosine is one to the last digit
     # the third line lies at 45 deg to the first, and to the second but for the tilt
     signatures = np.array([[1.0, 0.0], [-3.0 * math.cos(tilt), 3.0 * math.sin(tilt)], [2.0, 2.0]])
-    first, *others = pairs(signatures)
+    first, *others = jet_pairs(signatures)
     assert first == (0, 1, pytest.approx(tilt, rel=1e-6), True)
     quarter = pytest.approx(math.pi / 4.0, abs=2e-9)
     assert sorted(others) == [(0, 2, quarter, False), (1, 2, quarter, True)]
@@ -121,8 +123,8 @@ def test_smallest_isolable_force_of_hand_values(
 
 
 def test_span_of_vectors() -> None:
-    plane = span(np.array([[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [5.0, 0.0, 0.0]]))
+    plane = span_basis(np.array([[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [5.0, 0.0, 0.0]]))
     assert plane.shape == (2, 3)
     assert_allclose(plane[:, 2], 0.0, atol=1e-15)
-    assert span(np.array([[0.0, 0.0, 3.0], [0.0, 0.0, -1e-3]])).shape == (1, 3)
-    assert span(np.zeros((4, 3))).shape == (0, 3)
+    assert span_basis(np.array([[0.0, 0.0, 3.0], [0.0, 0.0, -1e-3]])).shape == (1, 3)
+    assert span_basis(np.zeros((4, 3))).shape == (0, 3)

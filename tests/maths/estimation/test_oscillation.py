@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.offline.oscillation import driven, lines_of, wander_lines
+from massprop_drake.maths.estimation.offline.oscillation import gauss_markov_spectrum, increment_spectrum, mode_response
 
 
 @pytest.mark.parametrize(("frequency_hz", "damping"), [(0.05, 0.02), (1.1, 0.3)])
@@ -27,7 +27,7 @@ def test_a_driven_mode_moves_as_its_differential_equation_has_it(frequency_hz: f
         )
         state = solved.y[:, -1]
         rates.append(float(state[1]))
-    found = driven(steps[None], time_s, frequency_hz, damping)
+    found = mode_response(steps[None], time_s, frequency_hz, damping)
     np.testing.assert_allclose(found, [rates], atol=1e-8)
 
 
@@ -38,7 +38,7 @@ def test_lines_have_the_power_of_a_walk_and_of_noise() -> None:
     power = np.zeros(148)
     for _ in range(500):
         left = np.cumsum(generator.normal(0.0, walk * np.sqrt(period_s), n)) + generator.normal(size=n)
-        lines = lines_of(left, period_s * np.arange(n))
+        lines = increment_spectrum(left, period_s * np.arange(n))
         power += lines.power / (walk**2 + lines.noise) / 500
     np.testing.assert_allclose(power, 1.0, atol=0.12)
     assert power.mean() == pytest.approx(1.0, abs=0.01)
@@ -54,6 +54,8 @@ def test_lines_of_a_disturbance_have_its_power(constant_s: float) -> None:
         left[:, row] = left[:, row - 1] + period_s * acting
         acting = kept * acting + np.sqrt(1.0 - kept**2) * generator.normal(size=1000)
     for each in left:
-        lines = lines_of(each, period_s * np.arange(n))
-        power += lines.power / np.convolve(wander_lines(constant_s, lines), np.full(3, 1.0 / 3.0), "valid") / 1000
+        lines = increment_spectrum(each, period_s * np.arange(n))
+        power += (
+            lines.power / np.convolve(gauss_markov_spectrum(constant_s, lines), np.full(3, 1.0 / 3.0), "valid") / 1000
+        )
     assert power.mean() == pytest.approx(1.0, abs=0.03)

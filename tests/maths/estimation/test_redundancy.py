@@ -15,12 +15,12 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     Compensation,
     MassState,
     Rotation,
-    compensated,
+    compensate_rotation,
     shared_covariance,
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
-from massprop_drake.maths.estimation.redundancy import Rule, combined
+from massprop_drake.maths.estimation.redundancy import Rule, combine_packages
 from massprop_drake.maths.linear_algebra import Array, is_covariance
 
 # three packages with variances 2, 1 and 4 per component
@@ -64,15 +64,15 @@ def stacked_least_squares(readings: Array, stacked: Array) -> tuple[Array, Array
 )
 def test_each_rule_by_hand(rule: int, reading: list[float], variance: float) -> None:
     before = READINGS.copy(), ISOTROPIC.copy()
-    measurement, covariance = combined(READINGS, ISOTROPIC, rule)
+    measurement, covariance = combine_packages(READINGS, ISOTROPIC, rule)
     assert_allclose(measurement, reading, rtol=1e-14)
     assert_allclose(covariance, variance * np.eye(3), rtol=1e-14, atol=1e-16)
     own = spd(np.random.default_rng(1), 3)
     for correlated in (True, False):  # a package alone is itself by every rule
-        measurement, covariance = combined(READINGS[:1], own[None, None], rule, correlated=correlated)
+        measurement, covariance = combine_packages(READINGS[:1], own[None, None], rule, correlated=correlated)
         assert_array_equal(measurement, READINGS[0])
         assert_array_equal(covariance, own)
-        combined(READINGS, ISOTROPIC, rule, correlated=correlated)
+        combine_packages(READINGS, ISOTROPIC, rule, correlated=correlated)
     for kept, given in zip(before, (READINGS, ISOTROPIC), strict=True):  # what was handed in is not changed
         assert_array_equal(kept, given)
 
@@ -87,9 +87,9 @@ def test_best_averages_are_the_stacked_least_squares_estimate(rule: int, count: 
     counted = stacked if correlated else stacked * np.kron(np.eye(count), np.ones((3, 3)))
     expected, spread = stacked_least_squares(readings, counted)
     mean = np.tile(np.eye(3), (1, count)) / count
-    plain = combined(readings, split(stacked), Rule.AVERAGE, correlated=correlated)[1]
+    plain = combine_packages(readings, split(stacked), Rule.AVERAGE, correlated=correlated)[1]
     assert_allclose(plain, mean @ counted @ mean.T, rtol=1e-12)
-    measurement, covariance = combined(readings, split(stacked), rule, correlated=correlated)
+    measurement, covariance = combine_packages(readings, split(stacked), rule, correlated=correlated)
     assert_allclose(measurement, expected, rtol=1e-9)
     assert_allclose(covariance, spread, rtol=1e-9, atol=1e-12)
     assert_array_equal(covariance, covariance.T)
@@ -127,7 +127,7 @@ def test_accelerometers_make_one_stacked_update(rule: int, *, correlated: bool) 
     if correlated:
         about |= {"compensation": Compensation.TRANSVERSE, "compensation_covariance": True, "correlated": True}
         freed = [
-            compensated(velocity, 2.0 * variance * np.eye(3), arm, ROTATION, TRANSVERSE)
+            compensate_rotation(velocity, 2.0 * variance * np.eye(3), arm, ROTATION, TRANSVERSE)
             for velocity, variance, arm in zip(VELOCITIES, ACCELEROMETER_VARIANCES, ARMS, strict=True)
         ]
         measurements, blocks = np.array([each[0] for each in freed]), np.zeros((3, 3, 3, 3))
@@ -156,7 +156,7 @@ def test_what_two_accelerometers_share_is_that_of_samples() -> None:
     error = rng.standard_normal((count, 3)) @ np.linalg.cholesky(CENTER_COVARIANCE).T
     errors = [np.cross(rates, arm - error) - np.cross(TURN, arm) for arm in ARMS[:2]]
     shared = shared_covariance((ARMS[0], ARMS[1]), ROTATION, TRANSVERSE)
-    own = compensated(VELOCITIES[0], np.zeros((3, 3)), ARMS[0], ROTATION, TRANSVERSE)[1]
+    own = compensate_rotation(VELOCITIES[0], np.zeros((3, 3)), ARMS[0], ROTATION, TRANSVERSE)[1]
     for other, expected in ((1, shared), (0, own)):
         products = errors[0][:, :, None] * errors[other][:, None]
         bounds = 5.0 * products.std(axis=0) / np.sqrt(count)

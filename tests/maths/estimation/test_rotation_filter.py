@@ -31,8 +31,8 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     measure,
 )
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric
-from massprop_drake.maths.vehicle.rigid_body import RATE, body_of, initial_state, step
+from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric_matrix
+from massprop_drake.maths.vehicle.rigid_body import RATE, initial_state, motion_constants, step
 
 PERIOD = 0.08  # s
 NONE = np.zeros(3)
@@ -204,7 +204,7 @@ def test_coupling_increment_is_what_a_torque_free_body_shows() -> None:
     left, start = [], initial_state(1.0)
     start[RATE] = TUMBLING
     for period in (PERIOD, 0.5 * PERIOD):
-        body = body_of(MassProperties(1.0, np.zeros(3), np.linalg.inv(INVERSE)))
+        body = motion_constants(MassProperties(1.0, np.zeros(3), np.linalg.inv(INVERSE)))
         after = step(start, np.zeros(7), np.zeros((0, 7)), (), period, body)[RATE]
         measured, predicted = after - TUMBLING, coupling_increment(INVERSE, 0.5 * (TUMBLING + after), period)
         assert_allclose(predicted, measured, rtol=0.0, atol=2e-4 * np.abs(measured).max())
@@ -337,7 +337,7 @@ def test_estimates_follow_a_change_of_description() -> None:
     turn *= np.linalg.det(turn)
     shift, transform = np.array([2.0, -1.0, 0.5]), np.zeros((9, 9))
     for element in range(6):
-        turned = turn @ symmetric(np.eye(6)[element]) @ turn.T
+        turned = turn @ symmetric_matrix(np.eye(6)[element]) @ turn.T
         transform[:6, element] = six_elements(turned) / (force * length)
     transform[6:, 6:] = length * turn
     run, factor = random_run(rng, 25, 1e-2, 0.3), 1e-3 * rng.standard_normal((3, 4))

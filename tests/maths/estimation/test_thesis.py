@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import mass_params, rotation_params
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, KnownForce, known_force_of
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, KnownForce, unpack_known_force
 from massprop_drake.maths.estimation.filter import NOT_MEASURED, FilterStep, Interval, Joint
 from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams, ThesisState
@@ -62,8 +62,8 @@ def test_a_known_force_acts_when_it_pushes_or_is_uncertain() -> None:
     assert KNOWN._replace(translation_spread=np.zeros((3, 3))).acts
     assert not SILENT.acts
     assert not NO_KNOWN_FORCE.acts
-    assert known_force_of(np.zeros(24)) is NO_KNOWN_FORCE
-    read = known_force_of(np.arange(24.0))
+    assert unpack_known_force(np.zeros(24)) is NO_KNOWN_FORCE
+    read = unpack_known_force(np.arange(24.0))
     assert_array_equal(np.concatenate([np.ravel(part) for part in read]), np.arange(24.0))
 
 
@@ -125,16 +125,16 @@ def test_both_innovations_stand_side_by_side_translation_first(errors: bool) -> 
 def test_a_state_that_is_saved_is_restored(mass: bool, errors: bool) -> None:
     params = params_of(mass=mass, errors=errors)
     _, seen, step = second(params)
-    groups = thesis.saved(step.state, params)
+    groups = thesis.save_state(step.state, params)
     assert set(groups) == {"rotation_estimator", *(["mass_estimator"] if mass else [])}
-    restored = thesis.restored(groups, params)
+    restored = thesis.restore_state(groups, params)
 
     def flat(parts: object) -> list[Array]:
         return [each for part in parts for each in flat(part)] if isinstance(parts, tuple) else [np.asarray(parts)]
 
     for ours, theirs in zip(flat(restored), flat(step.state), strict=True):
         assert_array_equal(ours, theirs)
-    unknown = np.isnan(thesis.covariance(step.state))
+    unknown = np.isnan(thesis.parameter_covariance(step.state))
     assert np.argwhere(unknown).tolist() == ([] if mass else [[9, 9]])
     assert (seen is NOT_MEASURED, step.mass is None) == (not mass, not mass)
-    assert_array_equal(np.isnan(thesis.predicted(step.state)), unknown.diagonal())
+    assert_array_equal(np.isnan(thesis.predicted_parameters(step.state)), unknown.diagonal())

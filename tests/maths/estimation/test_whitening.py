@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from massprop_drake.maths.estimation.whitening import Gathering, whitener
+from massprop_drake.maths.estimation.whitening import Gathering, make_whitener
 from massprop_drake.maths.linear_algebra import Array
 
 TIMES_S = np.cumsum(np.array([0.0, 0.1, 0.1, 0.3, 0.1, 0.1, 2.0, 0.1, 0.1]))
@@ -40,7 +40,7 @@ def test_normal_equations_are_those_of_the_dense_covariance(noise: Gathering, ro
     weights = np.linalg.inv(covariance(time_s, noise))
     ones = weights.sum(axis=0)
     weights -= np.outer(ones, ones) / ones.sum()  # the initial value eliminated
-    whiten = whitener(time_s, noise)
+    whiten = make_whitener(time_s, noise)
     flat, given, left = whiten(x).reshape(4, rows), x.reshape(4, rows), whiten(y)
     assert_allclose(flat @ flat.T, given @ weights @ given.T, rtol=1e-8, atol=1e-12)
     assert_allclose(flat @ left, given @ weights @ y, rtol=1e-8, atol=1e-12)
@@ -50,5 +50,5 @@ def test_normal_equations_are_those_of_the_dense_covariance(noise: Gathering, ro
 
 def test_what_is_whitened_stays_as_it_was() -> None:
     given = np.arange(5.0)
-    whitener(TIMES_S[:5], Gathering(1.0, 2.0, 3.0))(given)
+    make_whitener(TIMES_S[:5], Gathering(1.0, 2.0, 3.0))(given)
     assert_array_equal(given, np.arange(5.0))

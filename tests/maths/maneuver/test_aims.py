@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from massprop_drake.maths.maneuver.aims import Aims, Known, reached
+from massprop_drake.maths.maneuver.aims import Aims, Known, compare_with_aims
 
 NOBODY = np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0)
 PAIRS = np.array([[0, 1], [1, 0], [0, -1]])
@@ -19,7 +19,7 @@ def test_deviations_are_those_of_the_inverse() -> None:
     shown = rows.T @ rows
     known = Known(np.diag([1e-2, 1e2, 1e-8]), np.array([0, 1, 2]))  # three of four parameters, and two jets
     aims = Aims(np.array([[1.0, 0.0, 0.0, 0.0], [0.5, 2.0, 1.0, 7.0]]), np.array([1.0, 2.0]), *NOBODY, np.zeros(0))
-    found = reached(shown, known, aims)
+    found = compare_with_aims(shown, known, aims)
     covariance = np.linalg.inv(known.information + shown[:3, :3])
     expected = [math.sqrt(row[:3] @ covariance @ row[:3]) for row in aims.combinations]
     np.testing.assert_allclose(found.deviations, expected, rtol=1e-9)
@@ -38,7 +38,7 @@ def test_two_suspects_differ_by_what_the_rest_leaves(alike: bool) -> None:
     rows[:, 2] *= -1.0 if alike else 1.0
     known = Known(np.array([[0.3]]), np.array([0]))
     aims = Aims(np.zeros((0, 1)), np.zeros(0), PAIRS, np.array([0.7] * 3), np.full(3, 5.0), np.full(3, 4.0))
-    found = reached(rows.T @ rows, known, aims)
+    found = compare_with_aims(rows.T @ rows, known, aims)
 
     def misfit(columns: list[int], data: np.ndarray) -> float:
         prior = [[math.sqrt(0.3) if column == 0 else 0.0 for column in columns]]
@@ -63,8 +63,8 @@ def test_a_jump_is_worth_what_its_evidence_says() -> None:
     every = np.hstack((rows, units))
     aims = Aims(np.zeros((0, 0)), np.zeros(0), np.array([[1, -1]]), np.array([0.7]), np.full(1, 5.0), np.full(1, 4.0))
     known = Known(np.zeros((0, 0)), np.zeros(0, dtype=int))
-    without = reached(every.T @ every, known, aims).deltas.item()
-    found = reached(
+    without = compare_with_aims(every.T @ every, known, aims).deltas.item()
+    found = compare_with_aims(
         every.T @ every, known, aims._replace(jumps=np.array([np.ones(10), np.full(10, 0.04)]), jump=-0.5)
     ).deltas.item()
     data, leads = 0.7 * rows[:, 1], []

@@ -17,11 +17,11 @@ from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.maneuver.information import (
     FollowedCourse,
     Step,
-    failing_from_now,
-    followed,
+    advance_course,
+    begin_failures,
+    initial_course,
     n_known,
     prior_information,
-    start,
 )
 
 Array = np.ndarray
@@ -46,9 +46,9 @@ def steps(made: JointParams, count: int, period_s: float = 0.1) -> list[Step]:
 
 
 def course(made: JointParams, flown: list[Step]) -> FollowedCourse:
-    found = start(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)
+    found = initial_course(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)
     for step in flown:
-        found = followed(found, step, made)
+        found = advance_course(found, step, made)
     return found
 
 
@@ -79,9 +79,9 @@ def filtered(made: JointParams, flown: list[Step], means: list[Array]) -> Array:
 def test_with_a_prior_it_is_the_filters_covariance(name: str) -> None:
     made = joint(name)
     flown = steps(made, 25)
-    courses = [start(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)]
+    courses = [initial_course(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)]
     for step in flown:
-        courses.append(followed(courses[-1], step, made))
+        courses.append(advance_course(courses[-1], step, made))
     information, of = prior_information(initial(made), made)
     covariance = np.linalg.inv(information + courses[-1].shown[np.ix_(of, of)])
     expected = filtered(made, flown, [each.joint.mean for each in courses])[np.ix_(of, of)]
@@ -104,12 +104,12 @@ def test_a_reading_that_is_rounded_and_stands_still_tells_little() -> None:
 def test_jets_that_fail_from_now_on_have_not_shown_yet() -> None:
     made = joint("small_satellite")
     first = n_known(made)
-    begun_to_fail = failing_from_now(course(made, steps(made, 10)), made)
+    begun_to_fail = begin_failures(course(made, steps(made, 10)), made)
     assert not begun_to_fail.shown[first:].any()
     assert not begun_to_fail.shown[:, first:].any()
     assert begun_to_fail.shown[:first, :first].any()
     one = np.eye(made.places.jets)[7]
-    after = followed(begun_to_fail, steps(made, 1)[0]._replace(command=one), made)
+    after = advance_course(begun_to_fail, steps(made, 1)[0]._replace(command=one), made)
     leaks, losses, jumps = np.split(np.diagonal(after.shown)[first:], np.array((1, 2)) * made.places.jets)
     assert jumps[:6].sum() > 0.0  # of the inertia, by the rates that there are
     assert (leaks > 0.0).all()  # whatever fires

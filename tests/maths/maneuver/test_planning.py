@@ -8,7 +8,7 @@ import pytest
 from massprop_drake import Scenario
 from massprop_drake.inputs.crafts import craft
 from massprop_drake.maths.estimation.joint.beginning import initial
-from massprop_drake.maths.maneuver.actions import Craft, candidates, coasting, fly
+from massprop_drake.maths.maneuver.actions import Craft, candidate_actions, coast_action, fly_action
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import n_known, prior_information
 from massprop_drake.maths.maneuver.planning import (
@@ -16,13 +16,13 @@ from massprop_drake.maths.maneuver.planning import (
     ManeuverLimits,
     Plan,
     Task,
-    begun,
-    characterized,
-    cost_of,
-    extended,
-    rebuilt,
-    trimmed,
-    with_action,
+    add_action,
+    begin_plan,
+    characterize_actions,
+    extend_plan,
+    plan_cost,
+    rebuild_plan,
+    trim_plan,
 )
 
 FREE = ManeuverLimits()
@@ -47,8 +47,8 @@ def task(made: Craft, share: float, limits: ManeuverLimits = FREE) -> Task:
 @pytest.fixture(scope="module")
 def found(made: Craft) -> tuple[Task, Plan]:
     asked = task(made, 0.02)
-    choice = characterized(candidates(JETS, made, lengths=(1, 2)), asked)
-    return asked, extended(begun(asked), choice, 1.0, asked)
+    choice = characterize_actions(candidate_actions(JETS, made, lengths=(1, 2)), asked)
+    return asked, extend_plan(begin_plan(asked), choice, 1.0, asked)
 
 
 def test_a_plan_reaches_its_aims_and_built_anew_is_the_same(found: tuple[Task, Plan]) -> None:
@@ -57,30 +57,30 @@ def test_a_plan_reaches_its_aims_and_built_anew_is_the_same(found: tuple[Task, P
     assert plan.reached[-1].shortfall == 0.0
     assert (plan.reached[-1].deviations <= asked.aims.deviations).all()
     assert plan.propellant == pytest.approx(sum(action.propellant for action in plan.actions))
-    again = rebuilt(plan.actions, 1, plan, asked)
+    again = rebuild_plan(plan.actions, 1, plan, asked)
     assert again is not None
     np.testing.assert_array_equal(again.reached[-1].deviations, plan.reached[-1].deviations)
 
 
 def test_trimming_leaves_no_action_that_can_go(found: tuple[Task, Plan]) -> None:
     asked, plan = found
-    less = trimmed(plan, asked)
+    less = trim_plan(plan, asked)
     assert less.reached[-1].shortfall == 0.0
-    assert cost_of(less, asked) <= cost_of(plan, asked)
+    assert plan_cost(less, asked) <= plan_cost(plan, asked)
     for place in range(1, len(less.actions)):
-        without = rebuilt(less.actions[:place] + less.actions[place + 1 :], place, less, asked)
+        without = rebuild_plan(less.actions[:place] + less.actions[place + 1 :], place, less, asked)
         assert without is not None
         assert without.reached[-1].shortfall > 0.0
 
 
 def test_actions_that_are_followed_together_show_what_each_shows_alone(made: Craft) -> None:
     asked = task(made, 0.02)
-    actions = candidates([(3,), (0, 1)], made, lengths=(1, 3))
-    kept, shown = characterized(actions, asked)
+    actions = candidate_actions([(3,), (0, 1)], made, lengths=(1, 3))
+    kept, shown = characterize_actions(actions, asked)
     assert kept == actions
-    first = begun(asked).flown[-1]
+    first = begin_plan(asked).flown[-1]
     for action, one in zip(actions, shown, strict=True):
-        alone = fly((first.course, first.row), action, made).course.shown - first.course.shown
+        alone = fly_action((first.course, first.row), action, made).course.shown - first.course.shown
         np.testing.assert_array_equal(one, alone)
 
 
@@ -94,13 +94,13 @@ TIGHT = [
 def test_limits_are_kept(made: Craft, limits: ManeuverLimits) -> None:
     """Each is less than a single firing takes."""
     asked = task(made, 0.02, limits)
-    assert characterized(candidates(JETS, made, lengths=(2,)), asked)[0] == []
-    assert with_action(begun(asked), candidates(JETS, made, lengths=(2,))[0], asked) is None
+    assert characterize_actions(candidate_actions(JETS, made, lengths=(2,)), asked)[0] == []
+    assert add_action(begin_plan(asked), candidate_actions(JETS, made, lengths=(2,))[0], asked) is None
 
 
 def test_a_firing_lasts_no_less_than_a_valve_can_and_nothing_fires_while_it_coasts(made: Craft) -> None:
     slow = made._replace(least=np.full(12, 3))
-    assert {action.samples for action in candidates(JETS, slow, lengths=(1, 2, 4))} == {3, 4}
-    before = begun(task(made, 0.02)).flown[-1]
-    after = fly((before.course, before.row), coasting(4, made), made)
+    assert {action.samples for action in candidate_actions(JETS, slow, lengths=(1, 2, 4))} == {3, 4}
+    before = begin_plan(task(made, 0.02)).flown[-1]
+    after = fly_action((before.course, before.row), coast_action(4, made), made)
     assert (after.row, after.rate, after.displacement) == (before.row + 4, 0.0, 0.0)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, kept_share, next_deviation
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_factor, move_to_origin, next_deviation
 
 STD = np.array([2.0, 0.0, 3.0, 1.0, 0.5, 4.0])
 
 
 def test_size_and_memory_over_a_long_time() -> None:
-    assert kept_share(100.0, 0.08) ** (100.0 / 0.08) == pytest.approx(math.exp(-1.0), rel=1e-12)
+    assert decay_factor(100.0, 0.08) ** (100.0 / 0.08) == pytest.approx(math.exp(-1.0), rel=1e-12)
     rng, kept, n = np.random.default_rng(1), 0.9, 20_000
     model = DisturbanceModel(np.zeros(6), STD, kept, np.zeros(6))
     deviation, values = STD * rng.standard_normal(6), np.empty((n, 6))
@@ -29,5 +29,5 @@ def test_size_and_memory_over_a_long_time() -> None:
 
 def test_a_force_at_the_center_of_mass_turns_about_the_origin() -> None:
     # (1, 0, 0) x (0, 0, 3) = (0, -3, 0)
-    moved = about_origin(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0]))
+    moved = move_to_origin(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0]))
     assert_array_equal(moved, [0.5, -3.0, 0.0, 0.0, 0.0, 3.0])

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from massprop_drake.maths.vehicle.joint_moves import JointReference, Move, drive_forces, driven_inertia, peak_rate
-from massprop_drake.maths.vehicle.joint_moves import reference as at
+from massprop_drake.maths.vehicle.joint_moves import joint_reference as at
 
 MOVES = (Move(2.0, 6.0, 1.5), Move(6.0, 7.0, -0.5))
 

@@ -8,12 +8,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from massprop_drake.maths.vehicle.on_times import (
+    command_onsets,
+    has_pulse,
     onsets,
-    opens_within,
-    pieces,
-    samples_of,
-    shares,
-    told_onsets,
+    pulse_samples,
+    pulse_shares,
+    split_sample,
 )
 from massprop_drake.maths.vehicle.reaction_jets import level_course
 from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, failure_table
@@ -23,22 +23,22 @@ WHOLE = (0.0, T)
 
 
 def test_a_sample_is_cut_where_a_jet_opens_or_closes() -> None:
-    lengths, levels = pieces(np.array([0.35, 0.5, 1.0, 0.0]), np.array([0.0, 0.02, 0.0, 0.0]), T, WHOLE)
+    lengths, levels = split_sample(np.array([0.35, 0.5, 1.0, 0.0]), np.array([0.0, 0.02, 0.0, 0.0]), T, WHOLE)
     np.testing.assert_allclose(lengths, [0.02, 0.015, 0.035, 0.03], rtol=1e-12)
     np.testing.assert_array_equal(levels, [[1, 0, 1, 0], [1, 1, 1, 0], [0, 1, 1, 0], [0, 0, 1, 0]])
 
 
 def test_a_command_without_an_onset_is_a_level_and_one_that_is_not_known_stays_so() -> None:
-    lengths, levels = pieces(np.array([0.35, np.nan]), np.array([np.nan, 0.01]), T, WHOLE)
+    lengths, levels = split_sample(np.array([0.35, np.nan]), np.array([np.nan, 0.01]), T, WHOLE)
     np.testing.assert_array_equal(lengths, [T])
     np.testing.assert_array_equal(levels, [[0.35, np.nan]])
-    assert not opens_within(np.array([0.35, np.nan, 1.0, 0.0]), np.array([np.nan, 0.01, 0.0, 0.03]))
-    assert opens_within(np.array([0.0, 0.35]), np.array([0.0, 0.0]))
+    assert not has_pulse(np.array([0.35, np.nan, 1.0, 0.0]), np.array([np.nan, 0.01, 0.0, 0.03]))
+    assert has_pulse(np.array([0.0, 0.35]), np.array([0.0, 0.0]))
 
 
 def test_a_part_of_a_sample_and_the_time_after_it() -> None:
     told = np.array([0.5, 1.0]), np.array([0.02, 0.0])
-    lengths, levels = pieces(*told, T, (0.05, 0.15))
+    lengths, levels = split_sample(*told, T, (0.05, 0.15))
     np.testing.assert_allclose(lengths, [0.02, 0.08], rtol=1e-12)
     np.testing.assert_array_equal(levels, [[1, 1], [0, 1]])  # what is on for a whole sample goes on
 
@@ -50,7 +50,7 @@ def test_no_impulse_is_lost(drawn: list[tuple[float, float]]) -> None:
     """However close edges lie."""
     command = np.array([share for share, _ in drawn])
     onset_s = np.array([T * (1.0 - share) * late for share, late in drawn])
-    lengths, levels = pieces(command, onset_s, T, WHOLE)
+    lengths, levels = split_sample(command, onset_s, T, WHOLE)
     assert (lengths > 1e-7 * T).all()
     assert ((levels >= 0.0) & (levels <= 1.0)).all()
     np.testing.assert_allclose(lengths.sum(), T, rtol=1e-14)
@@ -61,18 +61,18 @@ def test_no_impulse_is_lost(drawn: list[tuple[float, float]]) -> None:
 def test_where_an_on_time_lies_that_has_no_onset(place: str, expected: float) -> None:
     found = onsets(np.array([0.35, 1.0]), place, T)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, [expected, 0.0], atol=1e-15)
-    told = told_onsets(np.array([0.35]), None, place, T)  # type: ignore[arg-type]
+    told = command_onsets(np.array([0.35]), None, place, T)  # type: ignore[arg-type]
     np.testing.assert_allclose(told, [expected], atol=1e-15)
-    assert np.isnan(told_onsets(np.array([0.35]), None, None, T)).all()
-    np.testing.assert_array_equal(told_onsets(np.array([0.35]), np.array([0.01]), "end", T), [0.01])
+    assert np.isnan(command_onsets(np.array([0.35]), None, None, T)).all()
+    np.testing.assert_array_equal(command_onsets(np.array([0.35]), np.array([0.01]), "end", T), [0.01])
 
 
 def test_the_samples_of_a_pulse() -> None:
-    found = list(shares(1.02, 1.25, T, 100))
+    found = list(pulse_shares(1.02, 1.25, T, 100))
     np.testing.assert_allclose(found, [(10, 0.02, 0.8), (11, 0.0, 1.0), (12, 0.0, 0.5)], atol=1e-12)
-    assert list(shares(1.02, 1.25, T, 11)) == found[:1]  # the record ends
-    assert list(shares(0.3, 0.6, T, 100)) == [(3, 0.0, 1.0), (4, 0.0, 1.0), (5, 0.0, 1.0)]
-    assert samples_of(0.3, 0.6, T) == (3, 6)
+    assert list(pulse_shares(1.02, 1.25, T, 11)) == found[:1]  # the record ends
+    assert list(pulse_shares(0.3, 0.6, T, 100)) == [(3, 0.0, 1.0), (4, 0.0, 1.0), (5, 0.0, 1.0)]
+    assert pulse_samples(0.3, 0.6, T) == (3, 6)
 
 
 def stepped(command: np.ndarray, onset_s: np.ndarray, tau_s: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.maths.attitude import from_rotation_vector, rotation_matrix
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import MassProperties, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, symmetric_matrix
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -23,8 +23,8 @@ from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
     SPIN_INTEGRAL,
     VELOCITY,
-    body_of,
     initial_state,
+    motion_constants,
     step,
 )
 from massprop_drake.maths.vehicle.sensing import point_velocity
@@ -94,7 +94,7 @@ def test_derivative_is_that_of_the_equations_of_motion() -> None:
         state[MASS] = rng.uniform(5.0, 20.0)
         expected = equations(state, wrench, SMALL, POINT)[:N_STATE]
         # some dozen products of size up to ten
-        assert_allclose(rigid_body.derivative(state, wrench, body_of(SMALL)), expected, rtol=0.0, atol=3e-14)
+        assert_allclose(rigid_body.derivative(state, wrench, motion_constants(SMALL)), expected, rtol=0.0, atol=3e-14)
 
 
 ORBITER = load_vehicle("orbiter")
@@ -124,7 +124,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_motion_under_a_constant_wrench_follows_the_integrator(case: str) -> None:
     properties, rate, wrench, (count, period), (turning, velocity, position, spin) = CASES[case]
-    start, body = moving_state(properties.mass, rate), body_of(properties)
+    start, body = moving_state(properties.mass, rate), motion_constants(properties)
     expected, state = integrated(start, lambda _: wrench, count * period, properties), start
     before = start.copy()
     for _ in range(count):
@@ -145,7 +145,7 @@ def test_velocity_gained_obeys_the_rocket_equation() -> None:
     force, center = np.array([3.0, 4.0, 0.0]), SMALL.center_of_mass
     jet = np.concatenate([np.cross(center, force), force, [np.linalg.norm(force) / exhaust_velocity]])
     for command in (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0):
-        state = step(state, command * jet, (level - command) * jet[None], (0.3,), 1.0, body_of(SMALL))
+        state = step(state, command * jet, (level - command) * jet[None], (0.3,), 1.0, motion_constants(SMALL))
         level = command + (level - command) * np.exp(-1.0 / 0.3)
     # decaying thrust leaves (F tau / m) flow / m = 1.3e-4 of acceleration to the Runge-Kutta method, whose substeps
     # of up to a time constant, 0.3 s, err by a few 1e-4 of that: 1e-8 per step
@@ -164,7 +164,7 @@ def test_a_payload_takes_its_momentum_along_and_the_structure_goes_on_as_it_was(
         moving_state(12.0, np.array([0.3, -0.2, 0.4])),
     )
     jump = rigid_body.Jump(0.0, mass, place, inertia)
-    after, structure = rigid_body.jumped(state, rigid_body.packed_structure(SMALL), (jump,))
+    after, structure = rigid_body.apply_jumps(state, rigid_body.pack_structure(SMALL), (jump,))
     center, rotation = structure[6:], rotation_matrix(state[QUATERNION])
 
     def motion(body: Array, middle: Array, point: Array) -> tuple[Array, Array]:
@@ -180,7 +180,7 @@ def test_a_payload_takes_its_momentum_along_and_the_structure_goes_on_as_it_was(
     where, velocity = motion(state, SMALL.center_of_mass, place)
     spin = rotation @ inertia @ state[RATE] + mass * np.cross(where, velocity)
     expected = momenta(state, SMALL.center_of_mass, SMALL.inertia) + np.concatenate((mass * velocity, spin))
-    assert_allclose(momenta(after, center, symmetric(structure[:6])), expected, rtol=1e-12, atol=1e-13)
+    assert_allclose(momenta(after, center, symmetric_matrix(structure[:6])), expected, rtol=1e-12, atol=1e-13)
     for part in (QUATERNION, RATE, ORIGIN_VELOCITY, SPIN_INTEGRAL):
         assert_array_equal(after[part], state[part])
 
@@ -198,4 +198,4 @@ def test_what_cannot_be_followed_is_one_message(
     wrench: Array, transient: Array, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        step(initial_state(SMALL.mass), wrench, transient, (0.5, 0.3), 1.0, body_of(SMALL))
+        step(initial_state(SMALL.mass), wrench, transient, (0.5, 0.3), 1.0, motion_constants(SMALL))

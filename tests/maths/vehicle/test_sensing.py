@@ -15,13 +15,13 @@ from massprop_drake.maths.vehicle.sensing import (
     Draws,
     SensorModel,
     Tone,
+    add_drawn_phases,
+    make_vibration,
+    mask_saturated,
     point_velocity,
-    quantized,
+    quantize,
     sense,
     smoothing_factor,
-    unsaturated,
-    vibration,
-    with_draws,
 )
 
 PERIOD = 0.5  # s
@@ -80,10 +80,10 @@ def test_errors_act_in_their_order(errors: dict[str, Any], expected: Array) -> N
 def test_quantizer_rounds_to_the_nearest_mark() -> None:
     # marks 0.25 of a quantum of 2 below the multiples of 2: ..., -2.5, -0.5, 1.5, 3.5, ...
     value = np.array([0.4, 0.6, -1.4, -1.6, 3.5])
-    once = quantized(value, 2.0, np.full(5, 0.25))
+    once = quantize(value, 2.0, np.full(5, 0.25))
     assert_allclose(once, [-0.5, 1.5, -0.5, -2.5, 3.5], rtol=1e-15)
-    assert_array_equal(quantized(once, 2.0, np.full(5, 0.25)), once)
-    assert_array_equal(quantized(value, 0.0, np.full(5, 0.25)), value)
+    assert_array_equal(quantize(once, 2.0, np.full(5, 0.25)), once)
+    assert_array_equal(quantize(value, 0.0, np.full(5, 0.25)), value)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_quantizer_rounds_to_the_nearest_mark() -> None:
     ],
 )
 def test_a_reading_at_the_range_counts_as_missing(reading: list[float], limit: float, *, there: bool) -> None:
-    assert_array_equal(unsaturated(np.array(reading), limit), reading if there else [np.nan] * 3)
+    assert_array_equal(mask_saturated(np.array(reading), limit), reading if there else [np.nan] * 3)
 
 
 def test_gyros_bias_walks_by_one_step_per_sample() -> None:
@@ -131,7 +131,7 @@ def tone(frequency_hz: float, *amplitude: float, phase: float = 0.0) -> Tone:
 
 
 def shaken(*tones: Tone) -> Array:
-    return readings(model(vibration=vibration(tones, np.ones(3), None, integrates=False))) - SIGNALS
+    return readings(model(vibration=make_vibration(tones, np.ones(3), None, integrates=False))) - SIGNALS
 
 
 def test_a_vibration_shows_at_the_true_times_of_samples_and_aliases() -> None:
@@ -145,7 +145,7 @@ def test_a_vibration_shows_at_the_true_times_of_samples_and_aliases() -> None:
 
 
 def test_an_accelerometers_vibration_is_the_integral_of_the_acceleration() -> None:
-    gathered = vibration([tone(1.7, 3.0, 0.0, -1.0, phase=0.1)], np.ones(3), None, integrates=True)
+    gathered = make_vibration([tone(1.7, 3.0, 0.0, -1.0, phase=0.1)], np.ones(3), None, integrates=True)
     # from 0.2 s to 0.31 s, by the midpoint rule
     times = 0.2 + 0.11 * (np.arange(2000) + 0.5) / 2000
     expected = np.sin(2.0 * np.pi * (1.7 * times + 0.1)).mean() * 0.11 * np.array([3.0, 0.0, -1.0])
@@ -156,7 +156,7 @@ def test_bandwidth_takes_of_a_vibration_what_it_takes_at_its_own_frequency() -> 
     # at the corner: 1 / sqrt 2 of it, an eighth of a turn late
     # at the scale of the package; a seed draws its phases and those of the quantizer's marks
     scaled, draws = model(scale_factor=SCALE, phase=BIAS), Draws("gyro", True, (tone(4.0, 1, 1, 1),), 4.0)
-    drawn = with_draws(scaled, draws, 3)
+    drawn = add_drawn_phases(scaled, draws, 3)
     found, phases = drawn.vibration, uniform_phase(3, "vibration 0 of gyro", 3)
     assert found is not None
     assert_allclose(found.amplitude, [(1.0 + SCALE) / np.sqrt(2.0)])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, POSITION, QUATERNION, RATE, VELOCITY
-from massprop_drake.maths.vehicle.tracking import POOR, PoseModel, is_due, pose_read, velocity_read
+from massprop_drake.maths.vehicle.tracking import POOR, PoseModel, is_due, read_pose, read_velocity
 
 CENTER, POINT = np.array([0.1, -0.2, 0.05]), np.array([0.4, 0.3, -0.1])
 TURN = Rotation.from_rotvec([0.4, -0.9, 0.3])
@@ -22,7 +22,7 @@ BODY[QUATERNION] = TURN.as_quat(scalar_first=True)
 
 def read(noise: Array = QUIET, **changed: object) -> Array:
     usual = PoseModel(POINT, 0.01, 0.02, 0.0, 0.0, planar=False)
-    return pose_read(BODY, CENTER, noise, usual._replace(**changed))
+    return read_pose(BODY, CENTER, noise, usual._replace(**changed))
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.02])
@@ -36,7 +36,7 @@ def test_a_pose_is_where_the_point_is_and_how_the_body_is_turned(late_s: float) 
 
 
 def test_a_velocity_is_that_of_a_point_that_swings() -> None:
-    found = velocity_read(BODY, CENTER, np.array([1.0, 0.0, -2.0]), POINT, 0.1)
+    found = read_velocity(BODY, CENTER, np.array([1.0, 0.0, -2.0]), POINT, 0.1)
     assert_allclose(found, MOVES + TURN.apply(np.cross(RATE_NOW, POINT - CENTER)) + [0.1, 0.0, -0.2], rtol=1e-12)
 
 

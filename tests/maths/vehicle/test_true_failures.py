@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import binom
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, delivered
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, delivered_levels
 
 PERIOD_S = 0.08
 COMMAND = np.array([0.0, 0.5, 1.0])
@@ -22,7 +22,7 @@ ROUNDING = 1e-11
 
 def flown(failures: tuple[Failure, ...], sample: int, seed: int = 0) -> Array:
     command = COMMAND.copy()
-    level = delivered(command, sample, PERIOD_S, failures, seed)
+    level = delivered_levels(command, sample, PERIOD_S, failures, seed)
     assert_array_equal(command, COMMAND)
     return level
 

@@ -17,7 +17,7 @@ from massprop_drake.inputs.campaign_file import (
     with_settings,
 )
 from massprop_drake.inputs.yaml import Document
-from massprop_drake.studies.campaign.plan import design, planned
+from massprop_drake.studies.campaign.plan import plan_cases, sample_coordinates
 
 
 @pytest.mark.parametrize("name", bundled_campaigns())
@@ -27,14 +27,14 @@ def test_each_can_be_planned_in_every_cell(name: str) -> None:
     assert spec.file.description
     cells = list(itertools.product(*spec.file.sweep.values()))
     if spec.file.method != "grid":
-        assert [case.cell for case in planned(load_campaign(name, ("cases=1",)))] == list(range(len(cells)))
+        assert [case.cell for case in plan_cases(load_campaign(name, ("cases=1",)))] == list(range(len(cells)))
 
 
 def test_every_jet_has_each_failure_once() -> None:
     spec = load_campaign("every_jet")
     jets = spec.base.vehicle_data.designations
     found = []
-    for row in design(spec).astype(int):
+    for row in sample_coordinates(spec).astype(int):
         kinds, names = (quantity.distribution.grid() or [] for quantity in spec.quantities)
         settings = settings_of(spec, {"failures[0].kind": kinds[row[0]], "failures[0].jet": names[row[1]]})
         (failure,) = settings["failures"]

@@ -48,7 +48,7 @@ def contents(study: Study) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def html(swept: Path) -> str:
-    return campaign_report.page_of(read(swept))
+    return campaign_report.report_page(read(swept))
 
 
 def said(contents: dict[str, Any], words: str) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def said(contents: dict[str, Any], words: str) -> dict[str, Any]:
 
 
 def test_the_summary_has_figures_with_bounds_and_gates_by_cell(swept: Path) -> None:
-    found = campaign_report.summarized(read(swept))
+    found = campaign_report.summary_data(read(swept))
     json.dumps(found, allow_nan=False)
     assert found["cases"] == {
         "planned": 60, "tried": 59, "flown": 58, "judged": 58, "failing": found["cases"]["failing"], "measured": 58,
@@ -127,7 +127,7 @@ def at_times() -> dict[str, float]:
 
 def test_a_healthy_campaign_has_no_failures_to_speak_of(tmp_path: Path) -> None:
     path = folder(tmp_path / "healthy", HEALTHY, [row(case, z=0.1 * case, **at_times()) for case in range(12)])
-    found = campaign_report.summarized(read(path))
+    found = campaign_report.summary_data(read(path))
     assert found["passed"] is True
     assert found["figures"]["false_declarations_per_hour"]["high"] == pytest.approx(3.0 / (12 / 60), rel=2e-3)
     assert found["figures"]["isolated"]["value"] is None
@@ -135,7 +135,7 @@ def test_a_healthy_campaign_has_no_failures_to_speak_of(tmp_path: Path) -> None:
     assert shown["outcomes"] == []
     assert [plot["name"] for plot in shown["places_of"]["consistency"]][-1] == "over-time"
     assert not any("failures that acted" in line["text"] for line in shown["verdict"])
-    html = campaign_report.page_of(read(path))
+    html = campaign_report.report_page(read(path))
     assert 'id="detection"' not in html
     assert "No case is failing." in html
 
@@ -175,7 +175,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_opens_from_disk_draws_every_plot_and_runs_nothing_else(opened: Any, hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "campaign.html"
-    path.write_text(campaign_report.page_of(read(hostile)), encoding="utf-8")
+    path.write_text(campaign_report.report_page(read(hostile)), encoding="utf-8")
     page = opened(path)
     plots = page.page.locator("section.plot")
     assert plots.count() == page.page.locator("section.plot:has(.main-svg) h3").count() == 17

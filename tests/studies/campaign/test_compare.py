@@ -67,7 +67,7 @@ def test_cells_of_two_campaigns_are_compared_setting_by_setting(tmp_path: Path) 
     assert [column.baseline for column in found] == [1, 1, 0, 1]
     assert found[2].label == "b: margin 4"
     assert all(
-        measure.paired.difference.value == 0.0 for measure in compare.measures(compare.pairs(found[0], found[2]))
+        measure.paired.difference.value == 0.0 for measure in compare.measures(compare.pair_cases(found[0], found[2]))
     )
 
 

@@ -15,7 +15,7 @@ from massprop_drake.display.run import Run
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.campaign import Campaign
-from massprop_drake.studies.campaign.measure import measured
+from massprop_drake.studies.campaign.measure import measure_case
 
 
 def scenario_of(folder: Path, case_id: int) -> Scenario:
@@ -70,7 +70,7 @@ def test_cases_flown_alone_keep_their_runs_and_what_failed_gets_another_row(flow
         kept = here / store.CASES / f"{case_id:04d}"
         assert load_scenario(kept) == scenario_of(here, case_id)
         run = simulate(load_scenario(kept))
-        again, stored = measured(run, [0.5]), row(here, case_id)
+        again, stored = measure_case(run, [0.5]), row(here, case_id)
         assert {name: stored[name] for name in again} == again
         summary = Run.load(kept).summary  # with hindsight, which no row needs
         assert len(summary["identifiability"]) == 10

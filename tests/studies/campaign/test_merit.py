@@ -39,7 +39,7 @@ def test_what_never_acted_is_in_no_figure_and_what_was_not_tested_is() -> None:
     assert found["named"][::3] == (0.2, 5)
     assert found["wrong"].value == found["missed"].value == found["not_tested"].value == 0.2
     assert found["found_within_1_s"].value == pytest.approx(0.4)
-    assert merit.outcomes(rows) == {"stuck_on": dict.fromkeys(outcomes, 1)}
+    assert merit.count_outcomes(rows) == {"stuck_on": dict.fromkeys(outcomes, 1)}
 
 
 def test_delays_count_from_the_first_effect_and_end_with_the_flight() -> None:
@@ -65,7 +65,7 @@ def test_delays_count_from_the_first_effect_and_end_with_the_flight() -> None:
     ],
 )  # fmt: skip
 def test_a_gate_looks_at_the_figure_or_at_a_bound(gate: dict[str, Any], passes: bool) -> None:
-    (found,) = merit.judged({"wrong": Gate(**gate)}, {"wrong": Figure(0.1, 0.04, 0.3, 20)})
+    (found,) = merit.judge_gates({"wrong": Gate(**gate)}, {"wrong": Figure(0.1, 0.04, 0.3, 20)})
     assert found.passes is passes
 
 
@@ -86,7 +86,7 @@ def test_the_confusion_knows_jets_clusters_and_jumps() -> None:
         ("R4R", "R4R"): 1, ("R4R", "its cluster"): 1, ("R4R", "F1U"): 1, ("R4R", "cluster 9"): 1, ("R4R", "jump"): 1,
         ("F1U", "not found"): 1, ("F1U", "not tested"): 1, ("jump", "F1U"): 1, ("jump", "jump"): 1,
     }  # fmt: skip
-    merged = merit.by_cluster(counts, {"R4R": 5, "F1U": 9})
+    merged = merit.sum_by_cluster(counts, {"R4R": 5, "F1U": 9})
     assert merged["cluster 5", "cluster 5"] == 2
     assert merged["cluster 5", "cluster 9"] == 2
     assert merged["jump", "cluster 9"] == 1

@@ -11,7 +11,7 @@ from scipy import stats
 
 from massprop_drake.inputs.campaign_file import load_campaign
 from massprop_drake.studies.campaign import statistics
-from massprop_drake.studies.campaign.plan import design
+from massprop_drake.studies.campaign.plan import sample_coordinates
 from massprop_drake.studies.campaign.statistics import Figure
 
 # remission of leukemia patients under 6-mercaptopurine, weeks (Freireich et al. 1963)
@@ -164,7 +164,7 @@ def test_sobol_indices_of_ishigamis_function_from_a_plan(tmp_path: Path) -> None
     draw = {key: {"uniform": {"low": 0.1, "high": 0.2}} for key in keys}
     text = f"base: sample_maneuver\ncases: {5 * 1024}\nmethod: saltelli\nseed: 2\ndraw: {draw}\n"
     (tmp_path / "c.yaml").write_text(text)
-    points = math.pi * (2.0 * design(load_campaign(tmp_path / "c.yaml")) - 1.0)
+    points = math.pi * (2.0 * sample_coordinates(load_campaign(tmp_path / "c.yaml")) - 1.0)
     x, y, z = points.T
     values = np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
     found = statistics.sobol_indices(np.stack([values, values + 100.0]), 3)

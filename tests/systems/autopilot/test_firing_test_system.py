@@ -12,7 +12,7 @@ from systems_probe import give, inputs, output, outputs
 from massprop_drake import load_scenario
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import crafts
-from massprop_drake.maths.maneuver.onboard import FiringTest, missed, suspects
+from massprop_drake.maths.maneuver.onboard import FiringTest, misses_target, suspects
 from massprop_drake.systems import FiringTestSystem
 
 N = 12
@@ -72,7 +72,7 @@ def test_it_fires_once_when_a_question_has_stood_for_a_while() -> None:
 def test_a_target_that_is_known_asks_for_nothing(share: float, *, expected: bool) -> None:
     made, covariance = settings("{when: target, targets: {mass: 1%}}"), np.full((10, 10), np.nan)
     covariance[9, 9] = (share * made.craft.properties[9]) ** 2  # NaN: nobody has estimated it
-    assert missed(covariance, made) == expected
+    assert misses_target(covariance, made) == expected
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 from systems_probe import PERIOD_S, feedthrough, inputs, output, outputs, sample
 
 from massprop_drake.inputs.vehicle_file import load_vehicle
-from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steered
+from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steer_gimbals
 from massprop_drake.maths.autopilot.phase_space import (
     AttitudeMemory,
     PhaseSpaceParams,
@@ -20,9 +20,9 @@ from massprop_drake.maths.autopilot.phase_space import (
 )
 from massprop_drake.maths.autopilot.wheel_control import (
     WheelControlParams,
-    next_unloading,
+    must_unload,
     rate_for_jets,
-    shares_of,
+    torque_shares,
     wheel_torques,
 )
 from massprop_drake.maths.vehicle.engine_thrust import EngineParams
@@ -147,7 +147,7 @@ def test_wheel_schedule_plays_a_row_per_sample() -> None:
 def test_wheel_controller() -> None:
     axes, inertia = np.eye(3), np.diag([50.0, 26.0, 55.0])
     params = WheelControlParams(
-        axes, shares_of(axes), np.full(3, 0.006), np.full(3, 0.1), np.full(3, 400.0), inertia, 1.0, 0.5, 0.2, 1e-3,
+        axes, torque_shares(axes), np.full(3, 0.006), np.full(3, 0.1), np.full(3, 400.0), inertia, 1.0, 0.5, 0.2, 1e-3,
         SETTINGS,
     )  # fmt: skip
     dut = WheelController(params, ("W1", "W2", "W3"))
@@ -158,7 +158,7 @@ def test_wheel_controller() -> None:
     for crew, fastest in zip(CREW, (10, 150, 250, 150, 150, 50, 150, *[10] * 9), strict=True):
         error, rate = 1e-3 * random.standard_normal((2, 3))
         speeds = fastest * np.array([1.0, -0.5, 0.1])
-        unloading = next_unloading(unloading, speeds, params)
+        unloading = must_unload(unloading, speeds, params)
         given = dict(zip(("W1", "W2", "W3"), speeds[:, None], strict=True), hand_controllers=crew, attitude_error=error)
         turning = np.array(crew[:3], dtype=float), error, rate
         found = output(dut, context, "wheel_torque", gyro=rate, **given)
@@ -183,6 +183,6 @@ def test_engine_commands_play_a_schedule_and_hold_the_rate() -> None:
     context, alone, turned = dut.CreateDefaultContext(), free.CreateDefaultContext(), np.zeros(3)
     rate = np.array([0.0, 0.002, -0.003])
     for row in (*table, np.zeros(3)):
-        expected, turned = steered(row[None], rate, turned, control)
+        expected, turned = steer_gimbals(row[None], rate, turned, control)
         assert_array_equal(sample(dut, context, "engine_command", gyro=rate), expected[0])
         assert_array_equal(sample(free, alone, "engine_command"), row)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from systems_probe import feedthrough, give, inputs, output, outputs
 
-from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.mass_properties import is_converged
 from massprop_drake.systems import ConvergenceMonitor
 
 # diagonal within 2 %, center of mass within 0.5 ft, 1/m within 20 %
@@ -42,4 +42,4 @@ def test_the_ten_estimates_their_covariance_and_whether_they_have_converged(
     whole[:9, :9], whole[9, 9] = rotation, known * deviation[9] ** 2
     assert_array_equal(output(dut, context, "covariance"), whole.ravel())
     assert output(dut, context, "converged") == (weighs and element is None)
-    assert bool(converged(deviation * ones, ESTIMATE * ones, LIMITS)) == (weighs and element is None)
+    assert bool(is_converged(deviation * ones, ESTIMATE * ones, LIMITS)) == (weighs and element is None)

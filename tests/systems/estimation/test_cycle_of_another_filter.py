@@ -32,19 +32,19 @@ def _finish(state: CountingState, measurement: Any, interval: Any, adaptation: A
 
 
 def _saved(state: CountingState, params: ThesisParams) -> Groups:
-    return {**thesis.saved(state.pair, params), "pushes": state.pushes}
+    return {**thesis.save_state(state.pair, params), "pushes": state.pushes}
 
 
 COUNTING = Filter(
     params=thesis.make_params,
     initial=lambda params: CountingState(thesis.initial_state(params), np.zeros(3)),
-    predicted=lambda state: thesis.predicted(state.pair),
+    predicted=lambda state: thesis.predicted_parameters(state.pair),
     measure=lambda state, *rest: thesis.measure(state.pair, *rest),
     evidence=lambda state, *rest: thesis.evidence(state.pair, *rest),
     finish=_finish,
-    covariance=lambda state: thesis.covariance(state.pair),
+    covariance=lambda state: thesis.parameter_covariance(state.pair),
     saved=_saved,
-    restored=lambda groups, params: CountingState(thesis.restored(groups, params), groups["pushes"]),
+    restored=lambda groups, params: CountingState(thesis.restore_state(groups, params), groups["pushes"]),
 )
 
 

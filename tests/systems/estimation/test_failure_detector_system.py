@@ -12,7 +12,7 @@ from params_probe import detector_settings_of as settings_of
 from systems_probe import advance, feedthrough, give, inputs, output, outputs
 
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.estimation.adaptation import unpacked
+from massprop_drake.maths.estimation.adaptation import unpack_adaptation
 from massprop_drake.maths.estimation.detector import Evidence, KnownForce, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import LAYOUT, DetectorCycle, DetectorState, initial_state
@@ -78,7 +78,7 @@ class Rig:
     def judged(self) -> DetectorCycle:
         """What the mathematics makes of the inputs and the state."""
         evidence = Evidence(self.context.get_time(), self.command, *self.flags, *self.joint)
-        return cglr.judged(self.state(), evidence, self.params)
+        return cglr.run_cycle(self.state(), evidence, self.params)
 
     def next(self) -> None:
         advance(self.dut, self.context)
@@ -120,7 +120,7 @@ def test_outputs_are_those_of_the_mathematics(orbiter: Vehicle, override: str) -
         assert_array_equal(report.failure_magnitude, expected.tests.magnitude)
         assert_array_equal(report.known_force, before.force)  # before the sample
         assert_array_equal(report.known_force_variance, before.variance)
-        for found, part in zip(unpacked(rig.out("adaptation")), expected.adaptation, strict=True):
+        for found, part in zip(unpack_adaptation(rig.out("adaptation")), expected.adaptation, strict=True):
             assert_array_equal(found, part)
         assert_array_equal(rig.out("closed"), expected.state.closed)
         assert_array_equal(rig.out("held_closed"), before.closed)

@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from systems_probe import feedthrough, outputs
 
 from massprop_drake.maths.attitude import rotation_matrix
-from massprop_drake.maths.mass_properties import symmetric
+from massprop_drake.maths.mass_properties import symmetric_matrix
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     ORIGIN_VELOCITY,
@@ -58,8 +58,8 @@ def test_motion_and_mass_properties_are_those_of_all_that_is_joined_as_it_stands
     inertia = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
     read = STRUCTURE.read(structure)
     assert_allclose(read.center_of_mass, spatial.get_com(), rtol=0.0, atol=1e-14)
-    assert_allclose(symmetric(read.inertia), inertia, rtol=1e-13, atol=1e-12)
-    assert_allclose(symmetric(ten[:6]), np.linalg.inv(inertia), rtol=1e-12, atol=1e-16)
+    assert_allclose(symmetric_matrix(read.inertia), inertia, rtol=1e-13, atol=1e-12)
+    assert_allclose(symmetric_matrix(ten[:6]), np.linalg.inv(inertia), rtol=1e-12, atol=1e-16)
     assert_allclose([1.0 / ten[9], state[MASS]], 183.0, rtol=1e-14)
     rotation = plant.EvalBodyPoseInWorld(context, body).rotation().matrix()
     assert_allclose(rotation_matrix(state[QUATERNION]), rotation, atol=1e-14)

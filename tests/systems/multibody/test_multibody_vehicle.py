@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from systems_probe import feedthrough, give, inputs, output, outputs
 
 from massprop_drake.maths.attitude import conjugate, multiply, to_rotation_vector
-from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, reference
+from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, joint_reference
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.systems import StarTracker
 from massprop_drake.systems.multibody import JointDrive, MultibodyVehicle
@@ -73,7 +73,7 @@ def test_a_drive_gives_the_forces_of_its_mathematics() -> None:
     context.SetTime(0.3)
     plant.SetPositions(bodies, positions)
     inertia = driven_inertia(plant.CalcMassMatrix(bodies), [moving])
-    wanted = [reference(0.0, (Move(0.0, 1.0, 0.5),), 0.3)]
+    wanted = [joint_reference(0.0, (Move(0.0, 1.0, 0.5),), 0.3)]
     expected = np.zeros(plant.num_velocities())
     expected[moving] = drive_forces(wanted, np.array([0.1]), np.array([0.2]), inertia, 2.0)[0]
     assert_allclose(output(dut, context, "generalized_force", state=state), expected, rtol=1e-12)

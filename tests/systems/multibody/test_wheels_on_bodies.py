@@ -8,7 +8,7 @@ import numpy as np
 from pose_probe import again
 
 from massprop_drake import Scenario, load_vehicle, simulate
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Wheel
 
@@ -36,7 +36,7 @@ def flight(plant: dict[str, Any]) -> Scenario:
     fired = [{"jet": "YP1", "start_s": 0.4, "end_s": 1.0}]
     started = {"wheel_speeds": {"W1": 60.0}, "initial_rate": [0.1, -0.2, 0.05], "wheel_dispersion": 0.02}
     own = {"vehicle": with_wheels(), "duration_s": 2.0, "wheel_schedule": turned, "jet_schedule": fired}
-    return resolved(own | {"plant": plant | started, "detector": {"kind": "off"}})
+    return resolve_scenario(own | {"plant": plant | started, "detector": {"kind": "off"}})
 
 
 def test_one_body_moves_as_the_rigid_plant_does() -> None:

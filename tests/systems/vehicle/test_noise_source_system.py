@@ -8,7 +8,7 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import Simulator
 from systems_probe import PERIOD_S, feedthrough, inputs, output, outputs
 
-from massprop_drake.maths.noise import normal_sample, varied
+from massprop_drake.maths.noise import normal_sample, vary_seed
 from massprop_drake.systems import NoiseSource
 from massprop_drake.systems.vehicle.noise_source import noise_seed
 
@@ -26,7 +26,7 @@ def test_each_stream_serves_its_own_samples_whenever_they_are_asked_for() -> Non
                 assert_array_equal(output(dut, context, stream), normal_sample(5, stream, number, size))
     for drawn in (0.5, np.nextafter(0.5, 1.0), 0.0):  # a bit of it is another stream; zero is the seed itself
         found = output(dut, context, "gyro", seed=[drawn])
-        assert_array_equal(found, normal_sample(varied(5, drawn), "gyro", 0, 6))
+        assert_array_equal(found, normal_sample(vary_seed(5, drawn), "gyro", 0, 6))
 
 
 def test_the_seed_of_a_context_is_drawn_and_stays() -> None:

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, outputs
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import split_sample
 from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind
 from massprop_drake.systems import ReactionJets
 
@@ -134,7 +134,7 @@ def test_jets_that_open_within_a_sample_give_their_thrust_then() -> None:
     give(dut, context, held_command_onset=NONE, command_onset=onset, command=command)
     assert_allclose(output(dut, context, "thrust"), FORCES * command, rtol=1e-12)
     profile = output(dut, context, "wrench_profile").reshape(4, 8)
-    lengths, levels = pieces(command, onset, PERIOD_S, (0.0, PERIOD_S))
+    lengths, levels = split_sample(command, onset, PERIOD_S, (0.0, PERIOD_S))
     assert_allclose(profile[:, 0], lengths, atol=1e-15)
     assert_allclose(profile[:, 1:], levels @ WRENCHES, atol=1e-12)
     advance(dut, context)

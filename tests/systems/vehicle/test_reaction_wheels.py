@@ -19,7 +19,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, read_speed
 from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 
 Array = NDArray[np.float64]
@@ -71,10 +71,13 @@ def multibody(torques: Array, step_s: float, steps: int) -> tuple[Array, Array, 
 def test_a_body_with_wheels_moves_as_bodies_and_joints_do() -> None:
     step_s, steps = 0.02, 100
     rates, speeds, inertia = multibody(np.array([0.05, -0.08]), step_s, steps)
-    body, state = rigid_body.body_of(MassProperties(44.0, np.zeros(3), inertia)), rigid_body.initial_state(44.0)
+    body, state = (
+        rigid_body.motion_constants(MassProperties(44.0, np.zeros(3), inertia)),
+        rigid_body.initial_state(44.0),
+    )
     state[rigid_body.RATE] = rates[0]
     for before, after in pairwise((speeds * SPIN) @ AXES):
-        carried = rigid_body.carrying(body, np.concatenate((before, (after - before) / step_s)))
+        carried = rigid_body.add_wheel_momentum(body, np.concatenate((before, (after - before) / step_s)))
         state = rigid_body.step(state, np.zeros(7), np.zeros((0, 7)), (), step_s, carried)
     np.testing.assert_allclose(state[rigid_body.RATE], rates[-1], atol=1e-7)
     assert np.abs(rates[-1] - rates[0]).max() > 0.01
@@ -107,8 +110,8 @@ def test_speeds_are_those_of_the_motors_and_move_both_kinds_of_plant_alike() -> 
 
 def test_a_speed_is_read_with_noise_and_in_steps() -> None:
     read = model(quanta=np.array([0.5, 0.0]), noise_std=np.array([0.1, 0.2]))
-    assert speed_read(10.2, 1.0, 0, read) == 10.5
-    assert speed_read(10.2, -2.0, 1, read) == pytest.approx(9.8)
+    assert read_speed(10.2, 1.0, 0, read) == 10.5
+    assert read_speed(10.2, -2.0, 1, read) == pytest.approx(9.8)
 
 
 def test_wheels_that_the_vehicle_has_not_are_refused() -> None:

@@ -10,15 +10,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from systems_probe import PERIOD_S, feedthrough, give, inputs, output, outputs, update
 
-from massprop_drake.maths.mass_properties import MassProperties, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, symmetric_matrix
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     RATE,
     Jump,
-    body_of,
+    apply_jumps,
     derivative,
     initial_state,
-    jumped,
+    motion_constants,
     step,
 )
 from massprop_drake.systems import RigidBodyPlant
@@ -46,11 +46,11 @@ def test_a_stepped_plant_moves_as_the_mathematics_say_after_its_outputs() -> Non
     profile = np.vstack((WRENCH, -WRENCH, 0.5 * WRENCH))
     assert_array_equal(output(dut, context, "body_state", wrench_profile=profile.ravel()), START)
     update(dut, context)
-    expected = step(START, WRENCH, profile[1:], lags, PERIOD_S, body_of(BODY))
+    expected = step(START, WRENCH, profile[1:], lags, PERIOD_S, motion_constants(BODY))
     assert_allclose(output(dut, context, "body_state"), expected, rtol=1e-14)
     vector = BODY.vector()
     assert_array_equal(output(dut, context, "structure")[6:], BODY.center_of_mass)
-    assert_array_equal(symmetric(output(dut, context, "structure")[:6]), BODY.inertia)
+    assert_array_equal(symmetric_matrix(output(dut, context, "structure")[:6]), BODY.inertia)
     # firing uses up mass, which shows in the tenth parameter
     assert_allclose(output(dut, context, "mass_properties"), [*vector[:9], 1.0 / expected[MASS]], rtol=1e-14)
 
@@ -64,7 +64,7 @@ def test_a_continuous_plant_has_the_derivatives_of_the_mathematics() -> None:
     assert dut.GetUniquePeriodicDiscreteUpdateAttribute() is None
     give(dut, context, wrench=WRENCH)
     found = dut.EvalTimeDerivatives(context).get_vector().CopyToVector()
-    assert_array_equal(found, derivative(START, WRENCH, body_of(BODY)))
+    assert_array_equal(found, derivative(START, WRENCH, motion_constants(BODY)))
 
 
 @pytest.mark.parametrize("time_step", [0.0, PERIOD_S])
@@ -78,11 +78,11 @@ def test_the_mass_properties_in_the_context_are_those_that_move_it(time_step: fl
     if time_step:
         update(dut, context)
         found, expected = output(dut, context, "body_state"), step(
-            initial_state(20.0), WRENCH, np.zeros((0, 7)), (), PERIOD_S, body_of(changed)
+            initial_state(20.0), WRENCH, np.zeros((0, 7)), (), PERIOD_S, motion_constants(changed)
         )  # fmt: skip
     else:
         found = dut.EvalTimeDerivatives(context).get_vector().CopyToVector()
-        expected = derivative(initial_state(20.0), WRENCH, body_of(changed))
+        expected = derivative(initial_state(20.0), WRENCH, motion_constants(changed))
     assert_allclose(found, expected, rtol=1e-14)
 
 
@@ -102,5 +102,5 @@ def test_a_jump_happens_at_the_first_sample_not_before_its_time(time_step: float
             after = [output(dut, context, name) for name in ("body_state", "structure")]
             assert (after[1] != before[1]).any() == (sample == expected)
             if sample == expected and not time_step:  # a stepped body is that of the next sample already
-                for found, mathematics in zip(after, jumped(*before, jumps), strict=True):
+                for found, mathematics in zip(after, apply_jumps(*before, jumps), strict=True):
                     assert_allclose(found, mathematics, rtol=1e-12, atol=1e-13)

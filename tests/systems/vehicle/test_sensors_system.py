@@ -13,12 +13,14 @@ from systems_probe import PERIOD_S, feedthrough, give, inputs, output, outputs, 
 from massprop_drake import InputError
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, ORIGIN_VELOCITY, POSITION, QUATERNION, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import Tone, point_velocity, sense, vibration
+from massprop_drake.maths.vehicle.sensing import Tone, make_vibration, point_velocity, sense
 from massprop_drake.maths.vehicle.tracking import PoseModel
 from massprop_drake.systems import IntegratingAccelerometer, PoseTracker, RateGyro, VelocityTracker
 
 PLACE = np.array([2.0, -1.0, 0.5])
-SHAKEN = vibration([Tone(0.2 / PERIOD_S, np.array([1.0, 0.0, -2.0]), np.zeros(3))], np.ones(3), None, integrates=False)
+SHAKEN = make_vibration(
+    [Tone(0.2 / PERIOD_S, np.array([1.0, 0.0, -2.0]), np.zeros(3))], np.ones(3), None, integrates=False
+)
 PHASE = {"quantum": 0.1, "phase": np.array([0.25, -0.1, 0.4])}
 
 

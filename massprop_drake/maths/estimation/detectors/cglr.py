@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_alone
+from massprop_drake.maths.estimation.adaptation import Action, Adaptation, passive_adaptation
 from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
@@ -39,15 +39,15 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
     Signs,
     UncertainSignatures,
     information,
+    is_testable,
     isolate,
     jet_tests,
     signatures,
-    testable,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
-from massprop_drake.maths.kernels import either, kernel
-from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, nonzero, quadratic_form
+from massprop_drake.maths.kernels import kernel, select_where
+from massprop_drake.maths.linear_algebra import Array, has_nonzero, inverse_positive_definite, quadratic_form
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
@@ -83,7 +83,7 @@ class CglrParams(NamedTuple):
         force_variance_floor: of a known force, lbf^2 or N^2.
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
             shape (n_jets,).
-        limits: of convergence, below which samples are tested; see `mass_properties.converged`, shape (3,).
+        limits: of convergence, below which samples are tested; see `mass_properties.is_converged`, shape (3,).
     """
 
     period_s: float
@@ -223,17 +223,17 @@ class DetectorCycle(NamedTuple):
 
 
 @kernel
-def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
+def run_cycle(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
     """Runs one cycle of the detector on the filters' predictions and innovations.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if not testable(evidence, params.limits):
-        return _untested(state)
-    state = _aged(state)
+    if not is_testable(evidence, params.limits):
+        return _skip_sample(state)
+    state = _age_suspicion(state)
     inverse = information(evidence.covariance, evidence.coupled)
-    coefficients, tests, isolation = _tested(state, evidence, inverse, params)
+    coefficients, tests, isolation = _test_jets(state, evidence, inverse, params)
     jet = isolation.jet
     explains = float(tests.unexplained[jet]) < params.unexplained_limit
     threshold = max(params.threshold, params.dispersion_threshold) if evidence.coupled else params.threshold
@@ -245,27 +245,27 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
     )
     beyond_doubt = bool(tests.likelihood[jet] > _AMBIGUOUS and explains)
     event, onset_s, alarms, begun_s = _NOTHING, 0.0, 0.0, evidence.time_s - params.period_s
-    adaptation = left_alone(0, False)
+    adaptation = passive_adaptation(0, False)
     if not alarm:
-        state = _unconfirmed(state, params)
+        state = _end_without_alarm(state, params)
     if (alarm or beyond_doubt) and state.variance[jet] > 0.0:
         # whatever else could explain it, its force is not what it was
         adaptation = _correction(coefficients[jet], tests, jet, params)
-        state, event = _corrected_force(state, tests, jet, params)
+        state, event = _correct_known_force(state, tests, jet, params)
         onset_s, alarms = begun_s, 1.0
     elif alarm:
         adaptation = _correction(coefficients[jet], tests, jet, params)
-        state = _counted(state, isolation, float(tests.magnitude[jet]) * coefficients[jet], inverse, begun_s)
+        state = _count_alarm(state, isolation, float(tests.magnitude[jet]) * coefficients[jet], inverse, begun_s)
         onset_s, alarms = state.onset_s, state.alarms
-        state, event, jet = _declared(state, tests, isolation, params)
+        state, event, jet = _declare_failure(state, tests, isolation, params)
     elif beyond_doubt:  # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
-        adaptation = left_alone(_REJECT, False)
+        adaptation = passive_adaptation(_REJECT, False)
     elif evidence.firing and _rotation_nis(evidence) > _JUMP_NIS:
         # without a commanded impulse mass properties do not show
         event, onset_s, alarms = _JUMP, begun_s, 1.0
-        adaptation = left_alone(0, True)
+        adaptation = passive_adaptation(0, True)
     else:
-        state = _followed(state, coefficients, evidence, params)
+        state = _update_known_forces(state, coefficients, evidence, params)
     finding = CglrFinding(
         True,
         alarm,
@@ -282,7 +282,7 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
 
 
 @kernel
-def _tested(
+def _test_jets(
     state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
 ) -> tuple[Array, JetTests, Isolation]:
     """Tests every jet, suspicious ones again with uncertain signatures; returns signatures, tests and isolation."""
@@ -310,10 +310,12 @@ def _tested(
 
 
 @kernel
-def _untested(state: DetectorState) -> DetectorCycle:
+def _skip_sample(state: DetectorState) -> DetectorCycle:
     blank = np.full(state.force.size, np.nan)
     nothing = CglrFinding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
-    return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), nothing, left_alone(0, False))
+    return DetectorCycle(
+        _age_suspicion(state), JetTests(blank, blank, blank, blank), nothing, passive_adaptation(0, False)
+    )
 
 
 @kernel
@@ -323,7 +325,7 @@ def _rotation_nis(evidence: Evidence) -> float:
 
 
 @kernel
-def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
+def _with_suspicion(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
     """Replaces the suspicion in the detector's state: cluster, alarms in a row, and samples since the last."""
     return DetectorState(
         cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
@@ -331,7 +333,7 @@ def _suspecting(state: DetectorState, cluster: float, alarms: float, since: floa
 
 
 @kernel
-def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorState:
+def _with_known_forces(state: DetectorState, force: Array, variance: Array) -> DetectorState:
     """Replaces the known forces of failed jets, and their variances, in the detector's state."""
     return DetectorState(
         state.cluster,
@@ -347,20 +349,20 @@ def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorSta
 
 
 @kernel
-def _aged(state: DetectorState) -> DetectorState:
+def _age_suspicion(state: DetectorState) -> DetectorState:
     """Ages a suspicion by a cycle; drops it when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
-        return _suspecting(state, _QUIET, 0.0, 0.0)
-    return _suspecting(state, state.cluster, state.alarms, state.since + 1.0)
+        return _with_suspicion(state, _QUIET, 0.0, 0.0)
+    return _with_suspicion(state, state.cluster, state.alarms, state.since + 1.0)
 
 
 @kernel
-def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
+def _end_without_alarm(state: DetectorState, params: CglrParams) -> DetectorState:
     """Drops the suspicion after a sample without an alarm, when any further alarm would come too late."""
     if state.cluster != _QUIET and state.since >= params.alarm_gap:
-        return _suspecting(state, _QUIET, 0.0, 0.0)
+        return _with_suspicion(state, _QUIET, 0.0, 0.0)
     return state
 
 
@@ -373,7 +375,7 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
 
 
 @kernel
-def _counted(
+def _count_alarm(
     state: DetectorState, isolation: Isolation, effect: Array, inverse: Array, begun_s: float
 ) -> DetectorState:
     """Counts an alarm; starts a new count for another cluster, or a force in the opposite direction."""
@@ -385,7 +387,7 @@ def _counted(
 
 
 @kernel
-def _declared(
+def _declare_failure(
     state: DetectorState, tests: JetTests, isolation: Isolation, params: CglrParams
 ) -> tuple[DetectorState, int, int]:
     """Declares a failure when there are enough alarms in a row; returns the state, the event and the jet."""
@@ -401,22 +403,24 @@ def _declared(
     alike = (params.clusters == isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - params.margin)
     missing = alike & (tests.magnitude < 0.0)
     if tests.magnitude[jet] > 0.0 and missing.any():
-        jet = int(either(missing, tests.likelihood, -1.0).argmax())
+        jet = int(select_where(missing, tests.likelihood, -1.0).argmax())
     manifold = params.manifolds[jet]
     if manifold >= 0:
         alike = alike | (params.manifolds == manifold)
-        closed = either(params.manifolds == manifold, 1.0, closed)
+        closed = select_where(params.manifolds == manifold, 1.0, closed)
     if tests.magnitude[jet] > 0.0 and manifold < 0:
         force, variance = force.copy(), variance.copy()
         force[jet] = tests.magnitude[jet]
         variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
-    removed = either(alike, 1.0, removed)
+    removed = select_where(alike, 1.0, removed)
     after = DetectorState(_QUIET, 0.0, 0.0, state.onset_s, state.effect, force, variance, removed, closed)
     return after, _DECLARED, jet
 
 
 @kernel
-def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: CglrParams) -> tuple[DetectorState, int]:
+def _correct_known_force(
+    state: DetectorState, tests: JetTests, jet: int, params: CglrParams
+) -> tuple[DetectorState, int]:
     """Corrects a known force after an alarm, withdraws it when nothing is left; returns the state and the event."""
     force, variance = state.force.copy(), state.variance.copy()
     force[jet] += tests.magnitude[jet]
@@ -425,13 +429,15 @@ def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: Cg
     if not abs(force[jet]) > 3.0 * math.sqrt(variance[jet]):
         force[jet] = variance[jet] = 0.0
         event = _WITHDRAWN
-    return _knowing(state, force, variance), event
+    return _with_known_forces(state, force, variance), event
 
 
 @kernel
-def _followed(state: DetectorState, coefficients: Array, evidence: Evidence, params: CglrParams) -> DetectorState:
+def _update_known_forces(
+    state: DetectorState, coefficients: Array, evidence: Evidence, params: CglrParams
+) -> DetectorState:
     """Updates the filter of each known force with a sample without an alarm."""
-    if not nonzero(state.variance):
+    if not has_nonzero(state.variance):
         return state
     jets = np.flatnonzero(state.variance)
     force, variance = state.force.copy(), state.variance.copy()
@@ -451,7 +457,7 @@ def _followed(state: DetectorState, coefficients: Array, evidence: Evidence, par
             projection += float(weighted @ evidence.innovation[begin : begin + 3]) / share
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, params.force_variance_floor)
-    return _knowing(state, force, variance)
+    return _with_known_forces(state, force, variance)
 
 
 @kernel
@@ -482,7 +488,7 @@ def status(result: DetectorCycle) -> Any:
 
 
 def _judge(state: DetectorState, evidence: Evidence, params: CglrParams) -> Judgment:
-    result = judged(state, evidence, params)
+    result = run_cycle(state, evidence, params)
     return Judgment(result.state, result.adaptation, status(result), result.tests.likelihood, result.tests.magnitude)
 
 

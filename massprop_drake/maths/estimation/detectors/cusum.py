@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action
 from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
-from massprop_drake.maths.estimation.detectors.jet_tests import information_of, isolate, jet_tests, signatures
+from massprop_drake.maths.estimation.detectors.jet_tests import information_if_testable, isolate, jet_tests, signatures
 from massprop_drake.maths.estimation.detectors.known_forces import known_force
 from massprop_drake.maths.linear_algebra import Array
 
@@ -101,11 +101,11 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    information = information_of(evidence, params.limits)
+    information = information_if_testable(evidence, params.limits)
     if information is None:
         blank = np.full(params.clusters.size, np.nan)
         return Judgment(state, NO_ADAPTATION, STATUS.make(tested=0.0, alarm=0.0, detector_event=0.0), blank, blank)
-    state = gathered(state, evidence, information, params)
+    state = add_sample(state, evidence, information, params)
     likelihood = state.sums.max(axis=0)
     sides = state.sums.argmax(axis=0)
     every = np.arange(params.clusters.size)
@@ -132,12 +132,12 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
     )
     if not alarm:
         return Judgment(state, NO_ADAPTATION, status, likelihood, magnitude)
-    state = _declared(state, alike, jet, float(magnitude[jet]), status.suspected_magnitude_std**2)
+    state = _declare_failure(state, alike, jet, float(magnitude[jet]), status.suspected_magnitude_std**2)
     adaptation = NO_ADAPTATION._replace(action=Action.REJECT)
     return Judgment(state, adaptation, status, likelihood, magnitude)
 
 
-def gathered(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
+def add_sample(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
     """Adds a sample to the cumulative sums; a sum that falls to zero restarts at the sample's end."""
     never = np.zeros(params.clusters.size, dtype=bool)
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
@@ -158,7 +158,9 @@ def gathered(state: CusumState, evidence: Evidence, information: Array, params: 
     )
 
 
-def _declared(state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float) -> CusumState:
+def _declare_failure(
+    state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float
+) -> CusumState:
     """Declares a failure: resets all sums, takes suspected jets out of use, keeps excess thrust as a known force."""
     anew = initial_state(alike.size)
     known, spread = state.force.copy(), state.variance.copy()

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import Evidence
 from massprop_drake.maths.estimation.filters.rate_increments import rate_increment_jacobians
-from massprop_drake.maths.kernels import either, idiom, kernel, numbers, picked
+from massprop_drake.maths.kernels import idiom, kernel, numbers, select_where, take_elements
 from massprop_drake.maths.linear_algebra import (
     Array,
     NotPositiveDefiniteError,
@@ -54,7 +54,7 @@ from massprop_drake.maths.linear_algebra import (
     stack_times_vectors,
     times_stack,
 )
-from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
+from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, is_converged
 
 _WHAT = "the detector's innovation covariance"
 
@@ -75,7 +75,7 @@ class JetTests(NamedTuple):
     unexplained: Array
 
 
-def information_of(evidence: Evidence, limits: Array) -> Array | None:
+def information_if_testable(evidence: Evidence, limits: Array) -> Array | None:
     """Computes the inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
 
     A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
@@ -83,23 +83,23 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
 
     Args:
         evidence: of the sample.
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if not testable(evidence, limits):
+    if not is_testable(evidence, limits):
         return None
     return information(evidence.covariance, evidence.coupled)
 
 
 @kernel
-def testable(evidence: Evidence, limits: Array) -> bool:
-    """Tests whether a sample can be tested for failed jets; arguments as `information_of`."""
+def is_testable(evidence: Evidence, limits: Array) -> bool:
+    """Tests whether a sample can be tested for failed jets; arguments as `information_if_testable`."""
     innovation = evidence.innovation
     if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
         return False
-    return converged(deviations(evidence.estimate_covariance), evidence.estimate, limits)
+    return is_converged(deviations(evidence.estimate_covariance), evidence.estimate, limits)
 
 
 @kernel
@@ -121,11 +121,11 @@ def information(covariance: Array, coupled: bool) -> Array:
     return inverse
 
 
-def _inverted(covariance):  # type: ignore[no-untyped-def] # compiled alone
+def _plain_inverse(covariance):  # type: ignore[no-untyped-def] # compiled alone
     return np.linalg.inv(covariance)
 
 
-@idiom(_inverted)
+@idiom(_plain_inverse)
 def _inverse(covariance: Array) -> Array:
     """Inverts a covariance of any size, scaled to a unit diagonal on the way."""
     scale = np.sqrt(covariance.diagonal())
@@ -154,7 +154,7 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
     x, y, z = numbers(mass_properties[6:9] * period_s, 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x] dt
     torque = unit_wrenches[:, :3] * period_s - np.dot(directions, arm)
-    result[:, 3:] = np.dot(torque, picked(mass_properties, ELEMENT))
+    result[:, 3:] = np.dot(torque, take_elements(mass_properties, ELEMENT))
     return result
 
 
@@ -226,7 +226,7 @@ def uncertain_jet_tests(
         covariance: Y, shape (6, 6).
     """
     impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
-    under = failed_covariance(tests.magnitude, covariance, signatures)
+    under = covariances_given_failure(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = deviations(covariance)
     under /= scale[:, None] * scale
@@ -243,11 +243,11 @@ def uncertain_jet_tests(
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
-    return JetTests(magnitude, 1.0 / strength, likelihood, either(ruled_out, total, unexplained))
+    return JetTests(magnitude, 1.0 / strength, likelihood, select_where(ruled_out, total, unexplained))
 
 
 @kernel
-def failed_covariance(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
+def covariances_given_failure(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
     """Computes Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
 
     Args:
@@ -292,7 +292,7 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     largest = float(likelihood[jet])
     same = clusters == clusters[jet]
     elsewhere = likelihood[~same]
-    beside = either(same, likelihood, 0.0)
+    beside = select_where(same, likelihood, 0.0)
     beside[jet] = 0.0
     elsewhere_most = float(elsewhere.max()) if elsewhere.size else 0.0
     return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(beside.max()))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, ROTATION, TRANSLATION, KnownForce
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
-from massprop_drake.maths.kernels import either, kernel
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.kernels import kernel, select_where
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 
 
 def known_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
@@ -22,7 +22,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
         command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
         params: of the detector, with `period_s`, `unit_wrenches` and `thrusts` as in `detector.KnownJets`.
     """
-    if not nonzero(state.variance):
+    if not has_nonzero(state.variance):
         return NO_KNOWN_FORCE
     return acting_force(state, mass_properties, command, params)
 
@@ -53,4 +53,4 @@ def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any
     """
     stuck = state.force[jets] > 0.5 * params.thrusts[jets]
     told = command[jets]
-    return either(stuck, 1.0 - either(np.isnan(told), 0.0, told), 1.0)
+    return select_where(stuck, 1.0 - select_where(np.isnan(told), 0.0, told), 1.0)

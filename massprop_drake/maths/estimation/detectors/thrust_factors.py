@@ -61,7 +61,7 @@ def make_params(jets: KnownJets, options: Any, filter_params: PoseFilterParams) 
     return FactorParams(filter_params.pose, jets.thrusts, rules)
 
 
-def initial(params: FactorParams) -> ThrustFactorsState:
+def initial_state(params: FactorParams) -> ThrustFactorsState:
     """Returns the state before the first sample."""
     none = np.zeros(params.thrusts.size)
     return ThrustFactorsState(np.zeros(1 + 2 * none.size), none, none, none, none)
@@ -72,12 +72,12 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     jets = params.thrusts.size
     if not evidence.tested:
         nothing = np.full(jets, np.nan)
-        own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=0.0, **_silent(jets))
+        own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=0.0, **_empty_report(jets))
         return Judgment(state, NO_ADAPTATION, _status(None, None, 0.0, params), nothing, nothing, own=own)
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
-    tried, found = delays.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
-    ahead = pose_hypotheses.ahead(tried, params.rules)
+    tried, found = delays.name_failure_over_delays(evidence.tried, evidence.time_s, params.rules, params.pose)
+    ahead = pose_hypotheses.leading_hypothesis(tried, params.rules)
     if found is not None:
         members = np.zeros(1 + 2 * jets)
         members[list(found.members)] = 1.0
@@ -91,11 +91,11 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
         removed[found.members[0] % jets] = 1.0
         state = state._replace(removed=removed)
     likeliest = int(np.argmax(odds)) if np.isfinite(odds).any() else None
-    row = _silent(jets)
+    row = _empty_report(jets)
     if found is not None and pushed:
-        row["unexplained_since"] = np.array(_in_cycles(found.onset_s, evidence))
+        row["unexplained_since"] = np.array(_to_cycle_clock(found.onset_s, evidence))
     elif found is not None:
-        row = _said(found, evidence, params)
+        row = _declaration_report(found, evidence, params)
     lead = float(leads.max()) if np.isfinite(leads).any() else math.nan
     racing = float(lead > params.rules.lead_nothing)
     own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=racing, lead=lead if racing else math.nan, **row)
@@ -111,7 +111,7 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     )
 
 
-def _silent(jets: int) -> dict[str, Array]:
+def _empty_report(jets: int) -> dict[str, Array]:
     """Returns the rows of `HYPOTHESIS_REPORT` when nothing is declared."""
     zero = {name: np.zeros(jets) for name in ("verdict", "verdict_group", "verdict_place")}
     names = ("verdict_magnitude", "verdict_std", "verdict_onset", "verdict_apart_by", "verdict_apart_after")
@@ -119,10 +119,10 @@ def _silent(jets: int) -> dict[str, Array]:
     return zero | unknown | {name: np.full(3, np.nan) for name in ("jump_position", "jump_position_std")}
 
 
-def _said(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
+def _declaration_report(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
     jets = params.thrusts.size
-    row, alone = _silent(jets), len(found.members) == 1
-    onset = _in_cycles(found.onset_s, evidence)
+    row, alone = _empty_report(jets), len(found.members) == 1
+    onset = _to_cycle_clock(found.onset_s, evidence)
     order = list(dict.fromkeys(member % jets for member in found.members))
     leader = found.members[0]
     sign = -1.0 if leader < jets else 1.0
@@ -136,7 +136,7 @@ def _said(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> d
     return row
 
 
-def _in_cycles(time_s: float, evidence: PoseEvidence) -> float:
+def _to_cycle_clock(time_s: float, evidence: PoseEvidence) -> float:
     """Converts a time of the record to the clock of the cycles."""
     return evidence.cycle_s - (evidence.time_s - time_s)
 
@@ -165,13 +165,13 @@ def _status(found: PoseOutcome | None, likeliest: int | None, racing: float, par
     )
 
 
-def saved(state: ThrustFactorsState, _params: FactorParams) -> Array:
+def save_state(state: ThrustFactorsState, _params: FactorParams) -> Array:
     """Packs the state into a vector."""
     return np.concatenate((state.grouped, state.removed))
 
 
-def restored(vector: Array, params: FactorParams) -> ThrustFactorsState:
-    """Unpacks a state: the inverse of `saved`.
+def restore_state(vector: Array, params: FactorParams) -> ThrustFactorsState:
+    """Unpacks a state: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the detector cannot leave.
@@ -179,17 +179,17 @@ def restored(vector: Array, params: FactorParams) -> ThrustFactorsState:
     jets = params.thrusts.size
     if not np.isin(vector, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: must be 0 or 1")
-    return initial(params)._replace(grouped=vector[: 1 + 2 * jets].copy(), removed=vector[1 + 2 * jets :].copy())
+    return initial_state(params)._replace(grouped=vector[: 1 + 2 * jets].copy(), removed=vector[1 + 2 * jets :].copy())
 
 
 DETECTOR = Detector(
     made_for="pose",
     params=make_params,
-    initial=initial,
+    initial=initial_state,
     known_force=lambda *_: NO_KNOWN_FORCE,
     judge=judge,
-    saved=saved,
-    restored=restored,
+    saved=save_state,
+    restored=restore_state,
     group=GROUP,
     report=HYPOTHESIS_REPORT,
 )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.fault_events import Event, Hypothesis, gone_on
+from massprop_drake.maths.estimation.faults.fault_events import Event, Hypothesis, record_cycle
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
@@ -95,7 +95,9 @@ class Watch(NamedTuple):
     statistic: float = 0.0
 
 
-def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool) -> Hypothesis:
+def advance_watch(
+    each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
+) -> Hypothesis:
     """Advances the bank of onsets and the alarm of a hypothesis whose filter has made a plain cycle.
 
     Args:
@@ -109,11 +111,11 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     run, sample = each.run, evidence.sample
     score = run.score.plus(told(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
-    if not _is_judged(evidence, params) or each.push > 0.0:
-        return gone_on(each, done, params)._replace(watch=None)
+    if not _is_testable(evidence, params) or each.push > 0.0:
+        return record_cycle(each, done, params)._replace(watch=None)
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
-    seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
+    seen = _add_walk_noise(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
     over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
     record, statistic = WatchedCycle(sample, over, score), 0.0
     records = (*watch.records, record)
@@ -125,16 +127,16 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     if found is not None and banks.alarming(statistic, float(found.total.max())):
         index = banks.onset_of(found.total, _SHARE)
         if alarm is None or (likely and watch.bank.cycles[index] > alarm.cycle):  # something new
-            alarm = _alarm(watch.bank, records, index, cycle, params)
+            alarm = _make_alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     course = evidence.report.course
     assert course is not None, "the first sample is no cycle"
     tested = tested and not is_anything(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
-    return gone_on(each, done, params)._replace(watch=watch)
+    return record_cycle(each, done, params)._replace(watch=watch)
 
 
-def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
+def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
     """Tests whether a state's covariance covers the errors of its predicted readings: of all, or of the rates."""
     after, report = evidence.after, evidence.report
     assert report.course is not None, "the first sample is no cycle"
@@ -142,7 +144,7 @@ def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
     return after.guarded or (report.rotation_known and knows_rotation(after, params, acting))
 
 
-def loss(each: Hypothesis) -> float:
+def likelihood_loss(each: Hypothesis) -> float:
     """Computes how far the newest sample's log likelihood falls below its expectation, over the usual shortfall, nats.
 
     Each as it is expected, since not every sample has a reading of every sensor.
@@ -155,17 +157,17 @@ def loss(each: Hypothesis) -> float:
     return newest - last - usual
 
 
-def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
+def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
     """Raises an alarm at the last onset but one of a watched hypothesis that has none."""
     watch = each.watch
     if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
     bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
-    alarm = _alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
+    alarm = _make_alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
     return each._replace(watch=watch._replace(alarm=alarm))
 
 
-def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
+def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
     """Adds the noise of forces that walk to the first-order effects of errors over an interval."""
     noise = seen.noise
     for slot in np.flatnonzero(walks):
@@ -181,7 +183,7 @@ def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
     return linked(traces(evidence.before, evidence.report, evidence.sample), params)
 
 
-def _alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
     """Makes an alarm with a screen from two onsets before the likeliest one on, brought to the newest sample."""
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
+from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_feasible_force
 from massprop_drake.maths.estimation.joint.bank import OLDEST
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
@@ -65,7 +65,7 @@ class Hypothesis(NamedTuple):
         root_until_s: time until which it is kept, whatever its weight.
         origin: see `proposals.Origin`; None: of the tree's beginning.
         review: see `review.Review`; None: it is not reviewed.
-        weight: see `weighed`.
+        weight: see `update_weight`.
         before: that before the newest sample.
         trail: log likelihood after each of its newest cycles.
     """
@@ -123,7 +123,7 @@ class Hypothesis(NamedTuple):
         return frozenset(way for event in self.events for way in event.cause.failures)
 
 
-def begun(state: JointState, cycle: int, params: JointParams) -> Hypothesis:
+def no_fault_hypothesis(state: JointState, cycle: int, params: JointParams) -> Hypothesis:
     """Makes the hypothesis that no fault has happened, from a filter state."""
     n = params.places.n_force
     return Hypothesis(Runner(NOTHING, cycle, (), cycle, state, NO_SCORE), (), 0.0, np.full(n, np.nan), np.zeros(n))
@@ -135,7 +135,7 @@ def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, 
     return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
 
 
-def weighed(each: Hypothesis, params: Params) -> Hypothesis:
+def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
     """Updates the log weight of a hypothesis: likelihood, priors of events and lags, and correction for its forces."""
     state = each.run.state
     total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
@@ -144,7 +144,7 @@ def weighed(each: Hypothesis, params: Params) -> Hypothesis:
             force, sigma = force_of(state, slot, params.joint)
             thrust, about = float(params.joint.thrusts[int(state.slot_jet[slot])]), float(each.opened_at[slot])
             if each.walks[slot] > 0.0:
-                total += log_possible(force, sigma, thrust)
+                total += log_feasible_force(force, sigma, thrust)
                 continue
             total += force_correction(
                 force,
@@ -157,13 +157,13 @@ def weighed(each: Hypothesis, params: Params) -> Hypothesis:
     return each._replace(weight=total)
 
 
-def special(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
+def needs_special_cycle(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
     """Tests whether the next cycle needs more than the plain filter: an onset, or a reading that is left out."""
     run = each.run
     return run.lying or (run.cause.kind == Kind.JETS and kicks_at(run, duration_s, params) is not None)
 
 
-def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
+def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> JointState:
     """Adds the noise of walking forces and unknown pushes over the next interval to the filter state.
 
     Args:
@@ -171,23 +171,23 @@ def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
         over: an interval like the next.
         params: see `JointParams`.
     """
-    state = restless(each.run.state, shares(each, over.duration_s), params)
+    state = restless(each.run.state, force_change_shares(each, over.duration_s), params)
     return pushed(state, each.push, over, params)
 
 
-def shares(each: Hypothesis, duration_s: float) -> Array:
+def force_change_shares(each: Hypothesis, duration_s: float) -> Array:
     """Computes 1-sigmas of the forces' walks over an interval, in full thrusts, at most 1, shape (n_force,)."""
     walks: Array = np.minimum(each.walks * duration_s, 1.0)
     return walks
 
 
-def gone_on(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
+def record_cycle(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
     """Records a filter cycle: replaces the filter of a hypothesis, and appends its log likelihood to the trail."""
     kept = OLDEST * params.rates.steps
     return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
 
 
-def behind(each: Hypothesis, other: Hypothesis) -> float:
+def log_weight_deficit(each: Hypothesis, other: Hypothesis) -> float:
     """Computes the log-weight deficit against another hypothesis, at the cycle of the first, nats; 0: not known."""
     since = other.run.cycle - each.run.cycle
     if each.run.age <= 0 or not 0 <= since < len(other.trail):
@@ -195,7 +195,9 @@ def behind(each: Hypothesis, other: Hypothesis) -> float:
     return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
 
 
-def moved(each: Hypothesis, sample: JointSample, over: Link, params: JointParams, *, starting: bool) -> Hypothesis:
+def advance_hypothesis(
+    each: Hypothesis, sample: JointSample, over: Link, params: JointParams, *, starting: bool
+) -> Hypothesis:
     """Advances a hypothesis by one cycle.
 
     Args:
@@ -208,11 +210,11 @@ def moved(each: Hypothesis, sample: JointSample, over: Link, params: JointParams
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
-    run = stepped(each.run, sample, over, shares(each, over.duration_s), each.push, params)
-    return gone_on(each, run._replace(state=unguarded(run.state)) if starting else run, params)
+    run = stepped(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
+    return record_cycle(each, run._replace(state=unguarded(run.state)) if starting else run, params)
 
 
-def split(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
+def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
     """Splits a hypothesis in two when a jet that gives too much thrust is first commanded after its failure.
 
     In the one the force comes on top of the command, in the other it is in its place; both are as likely.
@@ -233,8 +235,8 @@ def split(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
     return (each,)
 
 
-def regained(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
+def restart_hypothesis(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
     """Restarts the filter of a hypothesis after a gap, an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
-    begun_anew = gone_on(each, each.run._replace(state=after, cycle=cycle), params)
+    begun_anew = record_cycle(each, each.run._replace(state=after, cycle=cycle), params)
     return begun_anew._replace(watch=None, origin=None, review=None)

@@ -98,13 +98,13 @@ class Odds(NamedTuple):
 
 
 @cache
-def certain(n_jets: int) -> Odds:
+def no_fault_odds(n_jets: int) -> Odds:
     """Returns the odds while nothing has failed and no alternative is considered; shared, do not modify."""
     nothing, unknown = np.zeros(n_jets), np.full(n_jets, np.nan)
     return Odds(1, 1.0, 0.0, nothing, nothing, unknown, unknown)
 
 
-def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
+def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
     """Makes the fields of `HYPOTHESIS_REPORT` after a sample.
 
     Args:
@@ -112,7 +112,7 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
         odds: see `Odds`.
         history: None: the likeliest history is the one that was reported.
     """
-    told = _told(said, odds.jets.size) if said else _nothing_told(odds.jets.size)
+    told = _declaration_row(said, odds.jets.size) if said else _empty_declaration_row(odds.jets.size)
     of_jets = {"fault_probability": odds.jets, "fault_mode": odds.modes}
     of_jets |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
     row = {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
@@ -125,14 +125,14 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
 
 
 @cache
-def _nothing_told(n_jets: int) -> Any:
+def _empty_declaration_row(n_jets: int) -> Any:
     """Returns the log row of a sample without declarations; its arrays are shared, do not modify."""
-    return _told((), n_jets)
+    return _declaration_row((), n_jets)
 
 
-def nothing_said(n_jets: int) -> Any:
+def quiet_report_row(n_jets: int) -> Any:
     """Makes the fields of `HYPOTHESIS_REPORT` after a cycle in which nothing happens."""
-    return own_row((), certain(n_jets))
+    return hypothesis_report_row((), no_fault_odds(n_jets))
 
 
 def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
@@ -150,7 +150,7 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     alarm = odds.jets[suspected] > 0.5
     if said:
         first = said[0]
-        event = _event(first)
+        event = _verdict_of(first)
         row |= {"onset": first.onset_s, "alarms": 1.0}
         if isinstance(first, JetsDeclared):
             row["suspected_jet"] = float(first.jets[0])
@@ -164,13 +164,13 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
-def _event(one: Declaration) -> Verdict:
+def _verdict_of(one: Declaration) -> Verdict:
     if isinstance(one, JetsDeclared):
         return _EVENTS.get(one.word, Verdict.OTHER)
     return Verdict.JUMP if isinstance(one, JumpDeclared) and not one.measured else Verdict.OTHER
 
 
-def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
+def _declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
     """Makes the log row of the declarations at a sample."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
@@ -204,7 +204,7 @@ def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
     return HYPOTHESIS_REPORT.make(**row, **of_jets)
 
 
-def named(group: Array, place: Array) -> list[list[int]]:
+def jets_by_declaration(group: Array, place: Array) -> list[list[int]]:
     """Returns the indices of the jets of each declaration at a sample, the likeliest first.
 
     Args:

@@ -14,12 +14,17 @@ import numpy as np
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Judgment, KnownJets
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, certain, own_row, status_row
+from massprop_drake.maths.estimation.faults.fault_report import (
+    HYPOTHESIS_REPORT,
+    hypothesis_report_row,
+    no_fault_odds,
+    status_row,
+)
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
-from massprop_drake.maths.estimation.faults.saved import restored, saved
-from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, followed
-from massprop_drake.maths.estimation.faults.tree import Tree, advance, begun_with
-from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
+from massprop_drake.maths.estimation.faults.saved import pack_tree, unpack_tree
+from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, advance_search
+from massprop_drake.maths.estimation.faults.tree import Tree, advance, tree_from_search
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, fault_probabilities, update_verdicts
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
@@ -77,17 +82,19 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     joint = params.joint
-    search, found = _searched(state.search, evidence, params)
-    tree = begun_with(found, state.tree, params) if found else advance(state.tree, evidence, params)
+    search, found = _advance_start_search(state.search, evidence, params)
+    tree = tree_from_search(found, state.tree, params) if found else advance(state.tree, evidence, params)
     verdicts, said = state.verdicts, tuple[Declaration, ...]()
     if not search.contradicted:  # else what it finds would change what is declared
-        verdicts, said = judged(state.verdicts, tree, params)
-    probable = odds(tree, joint)
-    force, variance = _declared(verdicts, tree, joint)
-    kept = HypothesisFilterState(tree, verdicts, search, force, variance, _removed(state.removed, said), state.closed)
+        verdicts, said = update_verdicts(state.verdicts, tree, params)
+    probable = fault_probabilities(tree, joint)
+    force, variance = _declared_forces(verdicts, tree, joint)
+    kept = HypothesisFilterState(
+        tree, verdicts, search, force, variance, _update_removed_jets(state.removed, said), state.closed
+    )
     watch, now = tree.leader.watch, tree.next_state(params)
     tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
-    own = own_row(said, probable, tree.history)
+    own = hypothesis_report_row(said, probable, tree.history)
     return Judgment(
         state=kept,
         adaptation=NO_ADAPTATION,
@@ -99,7 +106,7 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
     )
 
 
-def _searched(
+def _advance_start_search(
     search: StartSearch, evidence: JointEvidence, params: Params
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Advances the search for failures in the start by a cycle; returns it, and the hypotheses that it has found."""
@@ -108,10 +115,10 @@ def _searched(
         return BEGUN, ()
     if not (search.under_way and (report.starting or report.contradicted or search.contradicted)):
         return search, ()
-    return followed(search, evidence.before, report, evidence.sample, params.priors, params.joint)
+    return advance_search(search, evidence.before, report, evidence.sample, params.priors, params.joint)
 
 
-def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
+def _declared_forces(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
     """Returns force and variance of each declared jet that fires uncommanded, shape (n_jets,) each."""
     force, variance = np.zeros(params.places.jets), np.zeros(params.places.jets)
     state = tree.leader.run.state
@@ -122,14 +129,20 @@ def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Arra
     return force, variance
 
 
-def unremarkable(state: HypothesisFilterState) -> tuple[Any, ...]:
+def quiet_log_rows(state: HypothesisFilterState) -> tuple[Any, ...]:
     """Returns the detector's log rows for a cycle in which nothing happens: `STATUS`, and those of each jet."""
     n = state.force.size
     nothing = np.full(n, np.nan)
-    return (*status_row((), certain(n), tested=False, statistic=0.0), nothing, nothing, state.force, state.variance)
+    return (
+        *status_row((), no_fault_odds(n), tested=False, statistic=0.0),
+        nothing,
+        nothing,
+        state.force,
+        state.variance,
+    )
 
 
-def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
+def _update_removed_jets(removed: Array, said: tuple[Declaration, ...]) -> Array:
     """Updates the flags of jets out of use, 1: removed, with the declarations at a sample, shape (n_jets,)."""
     for one in said:
         if isinstance(one, JetsDeclared) and len(one.jets) == 1:
@@ -138,14 +151,14 @@ def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
     return removed
 
 
-def kept(state: HypothesisFilterState, params: Params) -> Array:
+def pack_state(state: HypothesisFilterState, params: Params) -> Array:
     """Packs the state into a vector, see `faults.saved`."""
-    own = saved(state.tree, state.verdicts, params.joint.places)
+    own = pack_tree(state.tree, state.verdicts, params.joint.places)
     return np.concatenate((state.force, state.variance, state.removed, own))
 
 
-def taken_up(vector: Array, params: Params) -> HypothesisFilterState:
-    """Unpacks a state: the inverse of `kept`.
+def unpack_state(vector: Array, params: Params) -> HypothesisFilterState:
+    """Unpacks a state: the inverse of `pack_state`.
 
     Raises:
         ValueError: when the detector cannot have left such a state.
@@ -158,7 +171,7 @@ def taken_up(vector: Array, params: Params) -> HypothesisFilterState:
         raise ValueError(f"{GROUP}: forces must be finite, and their variances zero or positive")
     if not np.isin(removed, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: removed must be 0 or 1 for each jet")
-    tree, verdicts = restored(vector[3 * n :], params.joint.places)
+    tree, verdicts = unpack_tree(vector[3 * n :], params.joint.places)
     return HypothesisFilterState(tree, verdicts, BEGUN, force, variance, removed, np.zeros(n))
 
 
@@ -168,8 +181,8 @@ DETECTOR = Detector(
     initial=initial,
     known_force=lambda *_: NO_KNOWN_FORCE,
     judge=judge,
-    saved=kept,
-    restored=taken_up,
+    saved=pack_state,
+    restored=unpack_state,
     group=GROUP,
     report=HYPOTHESIS_REPORT,
 )

@@ -86,13 +86,13 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
 
 def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Begins the next Gauss-Newton pass, linearized about the end of the last."""
-    contender = fit.contender._replace(cause=_cause(fit, params), force=_forces(fit, params)[0])
+    contender = fit.contender._replace(cause=_cause_by_force(fit, params), force=_failed_jet_forces(fit, params)[0])
     begins = begun_as(entry, fit.state, params)
-    again = begin_fit(contender, fit.log_prior, linearization(fit.state, entry, params), begins, params)
+    again = begin_fit(contender, fit.log_prior, linearization_point(fit.state, entry, params), begins, params)
     return again._replace(earlier=fit.scores, passes=fit.passes + 1)
 
 
-def linearization(state: JointState, entry: JointState, params: JointParams) -> Array:
+def linearization_point(state: JointState, entry: JointState, params: JointParams) -> Array:
     """Returns the next linearization point x*: a state's estimate, with the forces known at entry, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
@@ -112,7 +112,7 @@ def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            state, score = _stepped(fit, kept, params)
+            state, score = _filter_sample(fit, kept, params)
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             return None
     if not (np.isfinite(state.mean).all() and np.isfinite(state.root).all()):
@@ -120,7 +120,7 @@ def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
     return fit._replace(state=state, scores=(*fit.scores, score))
 
 
-def _stepped(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
+def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
     """Filters the next kept sample, linearized about x*; returns the state after it, and the score until then."""
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
@@ -144,7 +144,7 @@ def _stepped(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState,
 def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Ends a pass over all samples: marks the fit as arrived, or begins another pass where it may still converge."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
-    stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
+    stays_so = stays(fit.state, fit.about, params.places) and _cause_by_force(fit, params) == fit.contender.cause
     if wanders or fit.passes >= MOST or stays_so:
         return fit._replace(arrived=True)
     return begin_pass(fit, entry, params)
@@ -155,20 +155,20 @@ def has_moved(fit: PassFit, params: JointParams) -> bool:
     return fit.passes < _LATE and not stays(fit.state, fit.about, params.places, _CLOSE)
 
 
-def follow_up(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
+def begin_last_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Begins a last pass if newer samples have moved the end of the one before; else returns the fit as it is."""
     return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
-def _cause(fit: PassFit, params: JointParams) -> Cause:
+def _cause_by_force(fit: PassFit, params: JointParams) -> Cause:
     """Returns the cause with each jet taken as leaking or stuck on, by its estimated force."""
     cause = fit.contender.cause
-    shares = np.array(_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
+    shares = np.array(_failed_jet_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
     on_top = (int(sign > 0 and share < screens.LEAK) for sign, share in zip(cause.signs, shares.tolist(), strict=True))
     return cause._replace(on_top=tuple(on_top))
 
 
-def _forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _failed_jet_forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Returns estimates and 1-sigmas of the failed jets' forces, lbf or N; empty without a failed jet."""
     cause = fit.contender.cause
     rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
@@ -178,7 +178,7 @@ def _forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple
 
 def log_weight(fit: PassFit, priors: Priors, params: JointParams) -> float:
     """Computes log likelihood plus log prior, the correction for the force included, nats."""
-    cause, forces = fit.contender.cause, zip(*_forces(fit, params), strict=True)
+    cause, forces = fit.contender.cause, zip(*_failed_jet_forces(fit, params), strict=True)
     return (
         fit.score.likelihood
         + fit.log_prior

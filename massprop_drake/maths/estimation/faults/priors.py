@@ -83,12 +83,12 @@ class Params(NamedTuple):
     rates: Array
 
 
-def log_rate(per_hour: float, seconds: float) -> float:
+def log_event_probability(per_hour: float, seconds: float) -> float:
     """Computes the log probability of an event of a rate within some time, nats."""
     return math.log(per_hour * seconds / _HOUR_S)
 
 
-def log_surprise(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
+def log_failure_probability(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
     """Computes the log probability that a jet fails within some time by a force, once this is known fairly well, nats.
 
     It comes on top of what a force N(0, T^2) is worth.
@@ -100,12 +100,12 @@ def log_surprise(force: float, thrust: float, seconds: float, priors: Priors, *,
         missing: whether the force is missing, and not too much.
     """
     known = force_correction(force, _FAIRLY * force, thrust, priors, missing=missing)
-    return log_rate(priors.jet_per_hour, seconds) + known
+    return log_event_probability(priors.jet_per_hour, seconds) + known
 
 
-def log_jump(seconds: float, priors: Priors) -> float:
+def log_jump_probability(seconds: float, priors: Priors) -> float:
     """Computes the log probability that the mass properties jump by one of the sizes within some time, nats."""
-    return log_rate(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
+    return log_event_probability(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
 
 
 def force_correction(
@@ -128,38 +128,38 @@ def force_correction(
         spread = np.log(_MOST / LEAST_LEAK)
         uniform, log_uniform = 1.0 / (_MOST - LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
         density = np.where(inside, uniform if missing else log_uniform, 0.0)
-        total = (1.0 - priors.full_thrust) * _mean(density, opened)
+        total = (1.0 - priors.full_thrust) * _mean_ratio(density, opened)
         peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
     else:
         density = np.where((shares > 0.0) & (shares < _MOST), 1.0 / _MOST, 0.0)
-        total = _mean(density, opened) / 3.0
+        total = _mean_ratio(density, opened) / 3.0
         peaks = ((1.0, 1.0 / 3.0), (0.0, 1.0 / 3.0))
     for at, share in peaks:
-        total += share * _at(at, opened_at, force / thrust, sigma / thrust)
+        total += share * _peak_ratio(at, opened_at, force / thrust, sigma / thrust)
     return math.log(total) if total > 0.0 else -math.inf
 
 
-def log_possible(force: float, sigma: float, thrust: float) -> float:
+def log_feasible_force(force: float, sigma: float, thrust: float) -> float:
     """Computes the log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
     low, high = force / sigma, (_MOST * thrust - force) / sigma
-    return _log_tail(low) + _log_tail(high)
+    return _log_normal_cdf(low) + _log_normal_cdf(high)
 
 
-def _log_tail(z: float) -> float:
+def _log_normal_cdf(z: float) -> float:
     """Computes the log probability that a standard normal variable is below z."""
     if z > -_FAR:
         return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
     return -0.5 * z**2 - _LOG_ROOT_2_PI - math.log(-z)
 
 
-def _at(at: float, opened_at: float, share: float, width: float) -> float:
+def _peak_ratio(at: float, opened_at: float, share: float, width: float) -> float:
     """Computes the mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), but for the denominator."""
     spread = math.hypot(width, _FULL_SPREAD)
     there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
     return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
 
 
-def _mean(density: Array, opened: Array) -> float:
+def _mean_ratio(density: Array, opened: Array) -> float:
     """Computes the mean of density / exp(opened) over the posterior."""
     weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
     return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))

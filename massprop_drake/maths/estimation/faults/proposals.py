@@ -14,7 +14,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.alarms import UNTOLD, Alarm, Leads, Rest
 from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis
-from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_jump, log_rate
+from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_event_probability, log_jump_probability
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
@@ -97,7 +97,9 @@ class Origin(NamedTuple):
     read: Array
 
 
-def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:
+def draw_proposals(
+    each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params
+) -> tuple[list[Birth], Rest | None]:
     """Draws proposals from a hypothesis with an alarm; returns them, and the sum of those not followed; None: no more.
 
     Args:
@@ -110,20 +112,20 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
     since = each.watch.records[-1].score.without(alarm.scores[0])
     explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
     level = explained + each.prior - 0.5 * alarm.screen.misfit
-    births, left = ranked(each, alarm, level, among, params, off=_OFF)
+    births, left = rank_proposals(each, alarm, level, among, params, off=_OFF)
     best = max(other.weight for other in among)
-    births += _jumps(each, alarm, level - best, params)
+    births += _propose_jumps(each, alarm, level - best, params)
     for push in _PUSHES:
-        child = _pushed(each, push, alarm, params)
+        child = _make_pushed_child(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, explained - best + child.prior - spent, None, _NEAR))
-    births += _false(each, alarm, explained - best, cycle, params)
+    births += _propose_component_faults(each, alarm, explained - best, cycle, params)
     if cycle - alarm.cycle >= _LATER:
-        births += _wandering(each, alarm, explained - best, cycle, params)
+        births += _propose_disturbances(each, alarm, explained - best, cycle, params)
     return births, left
 
 
-def ranked(
+def rank_proposals(
     each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
 ) -> tuple[list[Birth], Rest | None]:
     """Ranks the proposals of an alarm to first order; returns those to follow, and the sum of the rest; None: no rest.
@@ -158,13 +160,13 @@ def ranked(
     best = max(other.weight for other in among)
     entry, than = level - best, None
     causes = [found[index].cause for index in order]
-    known_one = _known_one(each, causes, alarm.states[0].time_s, among)
+    known_one = _find_known_proposal(each, causes, alarm.states[0].time_s, among)
     if off * top > _HOPELESS:  # what first orders neglect is more than what matters
         if known_one is not None:
             return [], UNTOLD
-        if alike := _alike(each, causes, alarm, among):
+        if alike := _find_shared_proposal(each, causes, alarm, among):
             place, other, ahead = alike
-            children = _children(each, found[order[place]], priors[order[place]], alarm, params)
+            children = _make_children(each, found[order[place]], priors[order[place]], alarm, params)
             return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], UNTOLD
     if off > 0.0 and off * top < _NEARER:  # what first orders neglect is little
         known_one = None
@@ -181,10 +183,10 @@ def ranked(
     births = [
         Birth(child, entry + worth[index] + less - behind, than, doubt)
         for index in chosen
-        for child, less in _children(each, found[index], priors[index], alarm, params)
+        for child, less in _make_children(each, found[index], priors[index], alarm, params)
     ]
     for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
-        child = _drifting(each, found[index], alarm, params)
+        child = _make_drifting_child(each, found[index], alarm, params)
         ahead = entry + worth[index] + child.prior - each.prior - priors[index] - behind
         births.append(Birth(child, ahead, than, doubt))
     opened = {id(found[index].cause) for index in chosen}
@@ -196,7 +198,7 @@ def ranked(
     return births, Rest(math.log(left) - behind, than) if left > 0.0 else None
 
 
-def _known_one(
+def _find_known_proposal(
     each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
     """Finds a proposal that is a likely hypothesis already: its index, and the likeliest such one; None: none is."""
@@ -210,19 +212,19 @@ def _known_one(
         cause, onset_s, _ = other.events[n]
         if onset_s < since_s:
             continue
-        if (place := _place_of(cause, causes)) is not None:
+        if (place := _find_same_failures(cause, causes)) is not None:
             found.append((place, other))
     return max(found, key=lambda one: one[1].weight, default=None)
 
 
-def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
+def _find_same_failures(cause: Cause, causes: list[Cause]) -> int | None:
     """Finds the index of the first cause with the same failures as another, whatever its forces; None: none."""
     return next(
         (at for at, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures), None
     )
 
 
-def _alike(
+def _find_shared_proposal(
     each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
     """Finds a proposal that is a likely child of another parent: its index, that child, and its lead, nats; or None.
@@ -236,14 +238,14 @@ def _alike(
             continue
         parent: Hypothesis = other.origin.parent
         since, cause = parent.run.cycle - first, other.events[-1].cause
-        place = _place_of(cause, causes)
+        place = _find_same_failures(cause, causes)
         if place is not None and 0 <= since < len(parent.trail):
             before = alarm.scores[0].likelihood + each.prior
             return place, other, before - parent.trail[-1 - since] - parent.prior
     return None
 
 
-def born_key(child: Hypothesis) -> object:
+def proposal_key(child: Hypothesis) -> object:
     """Returns the key that equal proposals share: their history, and the kind of their newest event."""
     cause = child.run.cause
     return (
@@ -258,7 +260,7 @@ def born_key(child: Hypothesis) -> object:
     )
 
 
-def _seconds(alarm: Alarm, place: int) -> float:
+def _onset_span_s(alarm: Alarm, place: int) -> float:
     """Returns the length of the time span that one onset of the screen represents, s."""
     states = alarm.states
     if place > 0:
@@ -270,21 +272,21 @@ def _seconds(alarm: Alarm, place: int) -> float:
 def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
     """Computes the log prior of a proposed event, but for the size of its forces, nats."""
     priors, cause = params.priors, one.cause
-    seconds = _seconds(alarm, alarm.screen.onsets.index(one.onset))
+    seconds = _onset_span_s(alarm, alarm.screen.onsets.index(one.onset))
     if cause.kind == Kind.LIES:
-        return log_rate(priors.reading_per_hour, seconds)
+        return log_event_probability(priors.reading_per_hour, seconds)
     new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in each.ways]
     total = math.log(priors.together) * max(len(new) - 1, 0)
     if new:
-        total += log_rate(priors.jet_per_hour * float(np.mean(params.rates[new])), seconds)
+        total += log_event_probability(priors.jet_per_hour * float(np.mean(params.rates[new])), seconds)
         total += math.log1p(-priors.drifting)
     for way in zip(cause.jets, cause.signs, strict=True):
         if way in each.ways:
-            total += _log_change(way, each, seconds, priors)
+            total += _log_change_probability(way, each, seconds, priors)
     return total
 
 
-def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
+def _log_change_probability(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
     """Computes the log probability that a known force changes within some time: rarely, or often if it is intermittent.
 
     That it is intermittent is the likelier the more often it has changed.
@@ -298,7 +300,7 @@ def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: 
     return math.log(min((share * often + (1.0 - share) * rare) * seconds, 0.5))
 
 
-def _children(
+def _make_children(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
 ) -> list[tuple[Hypothesis, float]]:
     """Makes the hypotheses of a proposal at every likely onset, each with its deficit against the likeliest, nats.
@@ -313,12 +315,14 @@ def _children(
         apart = screen.gaps[place] if place > 0 and screen.gaps[place] <= _FINEST else 1
         each_prior = prior - math.log(apart)
         for cycle in range(onset - apart + 1, onset + 1):
-            child = _child(each, one, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params)
+            child = _make_child(
+                each, one, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params
+            )
             found.append((child, lead - one.lead - math.log(apart)))
     return found
 
 
-def _child(
+def _make_child(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
 ) -> Hypothesis:
     """Makes the child of a proposal at an onset; ``at``: its index in the screen, its cycle, and cycles in its span."""
@@ -327,7 +331,7 @@ def _child(
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
     lies = one.cause.kind == Kind.LIES
     run = Runner(one.cause, onset, kicks, begins, state, score, lies)
-    child = _born(each, run, prior, params.joint, origin_of(each, alarm))
+    child = _branch_hypothesis(each, run, prior, params.joint, origin_of(each, alarm))
     if onset == begins:
         return child
     later_s = (alarm.states[place + 1].time_s - state.time_s) * (onset - begins) / apart
@@ -342,7 +346,9 @@ def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
     return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
 
 
-def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None) -> Hypothesis:
+def _branch_hypothesis(
+    each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None
+) -> Hypothesis:
     """Branches a child hypothesis off at the onset of its new event."""
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
@@ -380,44 +386,44 @@ def _may_drift(one: Contender, known: Array, params: Params) -> bool:
     return bool(known[column] == 0.0 and params.priors.drifting > 0.0)
 
 
-def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
+def _make_drifting_child(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
     """Makes the child in which the failed jet of a proposal drifts: its force grows slowly from nothing."""
     priors, place = params.priors, alarm.screen.onsets.index(one.onset)
-    seconds = _seconds(alarm, place)
+    seconds = _onset_span_s(alarm, place)
     rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
-    prior = log_rate(rate, seconds) + math.log(priors.drifting)
+    prior = log_event_probability(rate, seconds) + math.log(priors.drifting)
     start = DRIFT * seconds * float(params.joint.thrusts[one.cause.jets[0]])
     onset = alarm.screen.onsets[place]
     run = Runner(one.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
-    child = _born(each, run, prior, params.joint)
+    child = _branch_hypothesis(each, run, prior, params.joint)
     walks = child.walks.copy()
     walks[slot_of(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
     return child._replace(walks=walks)
 
 
-def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
+def _make_pushed_child(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
     """Makes the hypothesis that something unknown pushes from the screen's first onset on."""
     onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
-    prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
+    prior = log_event_probability(params.priors.unknown_per_hour, _onset_span_s(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
-    return _born(each, run, prior, params.joint)._replace(push=push)
+    return _branch_hypothesis(each, run, prior, params.joint)._replace(push=push)
 
 
-def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
     """Proposes unstated disturbances, stronger than those already in the hypothesis.
 
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
     s << 1, and s of it for s >> 1 (Kalata 1984, the tracking index).
 
-    Args: as of `_false`.
+    Args: as of `_propose_component_faults`.
     """
     joint, seconds = params.joint, each.watch.records[-1].link.duration_s
     unit = np.sqrt(np.sum(joint.unstated**2, axis=1)) * seconds / reading_sigmas(joint)
     prior = math.log(params.priors.disturbed / len(STIRS))
     now, found = each.run.state, list[Birth]()
-    by_now = _followed(now.stir, now.stir_s, unit, seconds)
-    sudden = log_rate(_JUMPS_PER_HOUR, _seconds(alarm, 0))
+    by_now = _following_cost(now.stir, now.stir_s, unit, seconds)
+    sudden = log_event_probability(_JUMPS_PER_HOUR, _onset_span_s(alarm, 0))
     begins = [(alarm.screen.onsets[0], alarm.states[0], alarm.scores[0], 1.0)]
     if cycle - alarm.cycle >= 2 * _LATER:
         bank = each.watch.bank
@@ -425,24 +431,24 @@ def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params:
         onset = int(bank.cycles[place])
         begins.append((onset, bank.states[place], each.watch.records[onset - cycle - 1].score, 0.0))
     for stir in stirs_beyond(now, joint):
-        each_sample = _followed(*STIRS[stir], unit, seconds) - by_now
+        each_sample = _following_cost(*STIRS[stir], unit, seconds) - by_now
         for since, state, score, jumps in begins:
             same = STIRS[stir] == (now.stir, now.stir_s)
             if same if jumps == 0.0 else not same and stir // 2 % 2 > 0:  # what begins at once, level by decade
                 continue
             run = Runner(Cause(Kind.WANDER, component=stir), since, (), since, state, score, share=jumps)
-            child = _born(each, run, prior + (sudden if jumps > 0.0 else 0.0), joint)
+            child = _branch_hypothesis(each, run, prior + (sudden if jumps > 0.0 else 0.0), joint)
             found.append(Birth(child, entry + child.prior - each_sample * (cycle - since), None, _NEARER))
     return found
 
 
-def _followed(level: float, constant_s: float, unit: Array, seconds: float) -> float:
+def _following_cost(level: float, constant_s: float, unit: Array, seconds: float) -> float:
     """Computes the log-likelihood cost of estimating an acceleration that walks, nats a sample."""
     walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 
 
-def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
+def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
     """Proposes jumps of the mass properties, by much or little, at each onset of the screen.
 
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
@@ -453,14 +459,14 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
         if lead < least:
             continue
         for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
-            prior = log_jump(_seconds(alarm, place), params.priors)
+            prior = log_jump_probability(_onset_span_s(alarm, place), params.priors)
             run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
-            child = _born(each, run, prior, params.joint)
+            child = _branch_hypothesis(each, run, prior, params.joint)
             found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))
     return found
 
 
-def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+def _propose_component_faults(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
     """Proposes false speeds of wheels, jumps of the tracker's attitude, and failures of engines.
 
     Of several trackers one that jumps contradicts the others, and lies.
@@ -477,18 +483,18 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
         wide = TURNED / math.sqrt(float(joint.trackers.variances[0]))
         causes.append((Cause(Kind.TURN, component=places.outputs + places.wheels), rare, 3.0 * math.log1p(wide), 0.0))
     rate = params.priors.jet_per_hour
-    causes += [(cause, rate, spent, 0.0) for cause, spent in _of_engines(each, finest, joint)]
+    causes += [(cause, rate, spent, 0.0) for cause, spent in _propose_engine_faults(each, finest, joint)]
     for cause, per_hour, at_once, by_sample in causes:
         for place, onset in enumerate(alarm.screen.onsets):
             state, score = alarm.states[place], alarm.scores[place]
-            prior = log_rate(per_hour, _seconds(alarm, place))
-            child = _born(each, Runner(cause, onset, (), onset, state, score), prior, joint)
+            prior = log_event_probability(per_hour, _onset_span_s(alarm, place))
+            child = _branch_hypothesis(each, Runner(cause, onset, (), onset, state, score), prior, joint)
             spent = at_once + by_sample * (cycle - onset)
             found.append(Birth(child, entry + child.prior - spent, None, _NEAR))
     return found
 
 
-def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
+def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
     """Lists failures of the engines that burn, each with its cost in log likelihood, nats."""
     burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
     inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
@@ -508,8 +514,8 @@ def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tu
     return found
 
 
-def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
+def end_push(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
     """Makes the hypothesis that an unknown push has ceased with the newest sample."""
     run = each.run
     fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
-    return _born(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)
+    return _branch_hypothesis(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)

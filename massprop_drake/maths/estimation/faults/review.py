@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults.alarms import Alarm, Rest
-from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, shares
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, force_change_shares
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, ranked
+from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, rank_proposals
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
 from massprop_drake.maths.estimation.joint.joint_cycle import step
@@ -47,12 +47,12 @@ class Review(NamedTuple):
     rest: Rest | None = None
 
 
-def may_be(each: Hypothesis) -> bool:
+def is_reviewable(each: Hypothesis) -> bool:
     """Tests whether a hypothesis can be reviewed: its newest event is of jets, with forces that stay."""
     return each.origin is not None and each.run.cause.kind == Kind.JETS and each.run.age > 0 and not each.walks.any()
 
 
-def begun(each: Hypothesis, params: JointParams) -> Review:
+def begin_review(each: Hypothesis, params: JointParams) -> Review:
     """Begins the review of a hypothesis, before its first cycle."""
     origin: Origin = each.origin
     run = each.run
@@ -65,7 +65,7 @@ def begun(each: Hypothesis, params: JointParams) -> Review:
     )
 
 
-def followed(review: Review, each: Hypothesis, sample: JointSample, over: Link, params: JointParams) -> Review:
+def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: Link, params: JointParams) -> Review:
     """Advances the review by one cycle.
 
     Args:
@@ -79,7 +79,7 @@ def followed(review: Review, each: Hypothesis, sample: JointSample, over: Link, 
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     run = review.run
-    before, likelihood = prepared(run, sample, over, shares(each, over.duration_s), 0.0, params)
+    before, likelihood = prepared(run, sample, over, force_change_shares(each, over.duration_s), 0.0, params)
     before = before._replace(
         slot_on_top=np.where(before.slot_jet == each.run.state.slot_jet, each.run.state.slot_on_top, before.slot_on_top)
     )
@@ -89,16 +89,16 @@ def followed(review: Review, each: Hypothesis, sample: JointSample, over: Link, 
     return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
 
 
-def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
+def is_force_significant(review: Review, each: Hypothesis, params: JointParams) -> bool:
     """Tests whether the forces of the newest event differ significantly from those before it.
 
     Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
     """
-    _, posterior = _before(review, each, params)
+    _, posterior = _event_force_density(review, each, params)
     return posterior < -_NEAR
 
 
-def drawn(
+def draw_alternatives(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
     """Draws alternatives to the newest event; returns the review, the proposals, and the sum of those not followed.
@@ -114,20 +114,22 @@ def drawn(
     now = (review.run.score.likelihood, review.screen.misfit)
     if likely:
         review = review._replace(calm=now)
-    screen, posterior = _instead(review, each, params.joint)
+    screen, posterior = _reset_event_forces(review, each, params.joint)
     level = review.calm[0] - 0.5 * (review.screen.misfit - review.calm[1]) + posterior
     alarm = Alarm(origin.cycle, origin.states, origin.scores, screen, origin.read)
-    births, rest = ranked(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
+    births, rest = rank_proposals(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
     return review, births, rest
 
 
-def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
+def _reset_event_forces(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
     """Resets the newest event's forces in the screen; returns it, and the change in log likelihood, nats."""
-    (rows, away, covariance), posterior = _before(review, each, params)
+    (rows, away, covariance), posterior = _event_force_density(review, each, params)
     return screens.constrained(review.screen, rows, away, covariance), posterior
 
 
-def _before(review: Review, each: Hypothesis, params: JointParams) -> tuple[tuple[np.ndarray, Array, Array], float]:
+def _event_force_density(
+    review: Review, each: Hypothesis, params: JointParams
+) -> tuple[tuple[np.ndarray, Array, Array], float]:
     """Computes rows, deviation and covariance of the newest event's forces, and log posterior over prior density.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.

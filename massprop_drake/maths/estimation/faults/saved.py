@@ -123,8 +123,8 @@ class _Reader:
         return self._at == self._vector.size
 
 
-def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
-    """Packs hypotheses and declarations into one vector, see `restored`."""
+def pack_tree(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
+    """Packs hypotheses and declarations into one vector, see `unpack_tree`."""
     to = _Writer(places)
     possible = [each for each in tree.hypotheses if math.isfinite(each.weight)]  # others are kept for their banks alone
     to.put(tree.cycle, len(possible))
@@ -157,15 +157,15 @@ def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
     return np.concatenate(to.numbers)
 
 
-def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
-    """Unpacks hypotheses and declarations: the inverse of `saved`.
+def unpack_tree(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
+    """Unpacks hypotheses and declarations: the inverse of `pack_tree`.
 
     Raises:
         ValueError: when no run can have left such a vector.
     """
     of = _Reader(vector, places)
     cycle = of.index(0, _LATEST)
-    hypotheses = tuple(_hypothesis(of, cycle, places) for _ in range(of.count()))
+    hypotheses = tuple(_read_hypothesis(of, cycle, places) for _ in range(of.count()))
     jets = tuple(
         Declared((of.index(0, places.jets - 1), of.index(-1, 1)), of.number(), of.number(), of.count())
         for _ in range(of.count())
@@ -183,7 +183,7 @@ def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
     return Tree(cycle, hypotheses), verdicts
 
 
-def _hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
+def _read_hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
     prior, push, weight = of.take(3).tolist()
     onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
     share, lie = of.take(2).tolist()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
+from massprop_drake.maths.estimation.faults.priors import Priors, log_event_probability
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
@@ -86,7 +86,7 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
     return screening._replace(state=state, screen=screen)
 
 
-def refine(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
+def refine_onsets(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
     """Begins a screening with finer onsets about the likeliest; None: they are fine, or no jet is found."""
     found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
     if not found or gap <= _FINE:
@@ -114,4 +114,4 @@ def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...]
     gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
     among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]
     count = sum(gap * math.exp(min(less, 0.0)) for gap, less in among)
-    return log_rate(priors.jet_per_hour, interval_s * min(max(count, 1.0), len(kept)))
+    return log_event_probability(priors.jet_per_hour, interval_s * min(max(count, 1.0), len(kept)))

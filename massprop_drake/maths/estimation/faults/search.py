@@ -126,7 +126,7 @@ class SearchOutcome(NamedTuple):
 BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 
 
-def followed(
+def advance_search(
     search: StartSearch, before: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Keeps a sample of the start, and advances the search if something has contradicted it.
@@ -149,7 +149,7 @@ def followed(
         return OVER, ()
     if report.rotation_known and not (search.rotation_known or search.contradicted):
         search = BEGUN._replace(rotation_known=True)
-    search = _with_sample(search, before, Kept(sample, report.course is None), params)
+    search = _add_sample(search, before, Kept(sample, report.course is None), params)
     if not search.contradicted and (report.contradicted or report.incremented):
         wide = compressed(incremented_root(search.beginning.root, params), params.places.thrust)
         entry = search.beginning._replace(root=wide)
@@ -157,20 +157,20 @@ def followed(
     if search.until == 0:
         if sample.time_s < search.due_s:
             return search, ()
-        search = _begun(search, priors, params)
+        search = _begin_search(search, priors, params)
     try:
-        search = _gone_on(search, priors, params)
+        search = _run_search_steps(search, priors, params)
     except (NotPositiveDefiniteError, np.linalg.LinAlgError):
-        search = _given_up(search)
+        search = _postpone_search(search)
     if not (search.final and all(map(search.is_done, search.fits))):
         return search, ()
-    near = _near(search, priors, params)
+    near = _fits_near_likeliest(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
-        return _anew(search, sample.time_s), ()
-    return BEGUN, tuple(_found(each, search, params) for each in near)
+        return _restart_search(search, sample.time_s), ()
+    return BEGUN, tuple(_make_outcome(each, search, params) for each in near)
 
 
-def _with_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
+def _add_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
     """Adds a sample to those kept; forgets older ones while nothing acts."""
     entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
     acted = search.acted or acts(latest.sample, params)
@@ -179,38 +179,38 @@ def _with_sample(search: StartSearch, before: JointState, latest: Kept, params: 
     return search._replace(entry=entry, kept=kept, acted=acted)
 
 
-def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+def _begin_search(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """Begins a search over the kept samples with the hypothesis that no jet has failed."""
     entry = search.beginning
-    about = passes.linearization(entry, entry, params)
+    about = passes.linearization_point(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
     return search._replace(entry=entry, until=len(search.kept), rounds=0, screening=None, fits=(nothing,))
 
 
-def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
+def _begin_disturbance_fits(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
     """Makes the hypotheses of an unstated slow disturbance since before the first kept sample, level by decade.
 
     They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
     """
-    near, entry = _near(search, priors, params), search.beginning
-    about = passes.linearization(near[0].state if near else entry, entry, params)
+    near, entry = _fits_near_likeliest(search, priors, params), search.beginning
+    about = passes.linearization_point(near[0].state if near else entry, entry, params)
     prior = math.log(priors.disturbed / len(STIRS))
     causes = (Cause(Kind.WANDER, component=stir) for stir in stirs_beyond(entry, params) if stir % 4 == 1)
     fits = (passes.begin_fit(_NOTHING._replace(cause=one), prior, about, entry, params) for one in causes)
     return tuple(one._replace(passes=passes.MOST) for one in fits)
 
 
-def _given_up(search: StartSearch) -> StartSearch:
+def _postpone_search(search: StartSearch) -> StartSearch:
     """Postpones a search that has found nothing until twice as many samples are kept."""
-    return _anew(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
+    return _restart_search(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
 
 
-def _anew(search: StartSearch, due_s: float) -> StartSearch:
+def _restart_search(search: StartSearch, due_s: float) -> StartSearch:
     """Restarts the search with all kept samples, due at some time, s."""
     return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
 
 
-def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+def _run_search_steps(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """Advances the search by the filter steps that one cycle may spend."""
     left = STEPS
     while left > 0 and search.until > 0:
@@ -219,53 +219,53 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
             left, kept = left - _SCREENING, search.kept[screening.screen.cycle]
             search = search._replace(screening=screenings.step_screening(screening, kept, params))
         elif screening is not None:
-            finer = screenings.refine(screening, search.kept[: search.until], params)
-            search = search._replace(screening=finer) if finer else _proposed(search, screening, priors, params)
+            finer = screenings.refine_onsets(screening, search.kept[: search.until], params)
+            search = search._replace(screening=finer) if finer else _begin_jet_passes(search, screening, priors, params)
         elif not all(map(search.is_done, search.fits)):
             ahead = (each for each in search.fits if not search.is_done(each))
-            search, left = _passed(search, min(ahead, key=_turn), params), left - 1
+            search, left = _step_one_fit(search, min(ahead, key=_pass_order), params), left - 1
         elif not search.final:
-            search = _turned(search, priors, params)
+            search = _begin_next_round(search, priors, params)
         elif any(passes.has_moved(each, params) for each in search.fits):
-            again = (passes.follow_up(each, search.beginning, params) for each in search.fits)
+            again = (passes.begin_last_pass(each, search.beginning, params) for each in search.fits)
             search = search._replace(fits=tuple(again))
         else:
             break
     return search
 
 
-def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
+def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
     """Begins passes of the likely jets of a screening; if none is new, extends all fits to the newest sample."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
-    told = _near(_undisturbed(search), priors, params)
+    told = _fits_near_likeliest(_without_disturbances(search), priors, params)
     sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
     best = max((each.lead for each in found), default=0.0)
     reach = max(_NEAR, (_AT_THE_END if sure else _FIRST_ORDER) * best)
-    near = [each for each in found if each.lead > best - reach and _tried(each, sure) not in search.tried][:_JETS]
+    near = [each for each in found if each.lead > best - reach and _tried_key(each, sure) not in search.tried][:_JETS]
     with_priors = [(each, screenings.log_prior(each, screening, search.kept, priors)) for each in near]
     fits = tuple(passes.begin_fit(each, prior, about, entry, params) for each, prior in with_priors)
-    tried = search.tried | {_tried(each, known) for each in near for known in (False, True)}
+    tried = search.tried | {_tried_key(each, known) for each in near for known in (False, True)}
     final = not fits and search.rounds > 1
     search = search._replace(screening=None, fits=search.fits + fits, tried=tried)
-    return _brought_forward(search, priors, params) if final else search
+    return _extend_to_newest(search, priors, params) if final else search
 
 
-def _tried(contender: Contender, sure: bool) -> object:
+def _tried_key(contender: Contender, sure: bool) -> object:
     """Returns the key of a contender that has had passes: its jet, and its onset if nothing explains the readings."""
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
-def _turn(fit: PassFit) -> tuple[bool, bool, float]:
+def _pass_order(fit: PassFit) -> tuple[bool, bool, float]:
     """Returns the sort key of fits to advance: arrived ones, then first passes, then the largest log likelihood."""
     return not fit.arrived, fit.passes > 1, -fit.reached
 
 
-def _passed(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
+def _step_one_fit(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
     """Advances a fit by one filter step, and drops it if it is far behind."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
         after = passes.end_pass(after, search.beginning, params)
-    told = () if search.final else _undisturbed(search).fits
+    told = () if search.final else _without_disturbances(search).fits
     explain = [each for each in told if each.arrived and each.score.misfit < _MISFIT]
     best = max(explain, key=lambda each: each.score.likelihood, default=None)
     if after is not None and best is not None:
@@ -275,14 +275,18 @@ def _passed(search: StartSearch, fit: PassFit, params: JointParams) -> StartSear
     return search._replace(fits=tuple(each for each in fits if each is not None))
 
 
-def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """Begins another screening about the likeliest once all passes have ended, or extends these to the newest sample.
 
     Where nothing that has failed explains the readings, screenings begin at the end of its passes.
     """
     if Kind.WANDER in search.tried or (search.rounds > 0 and (not search.fits or search.rounds >= _ROUNDS)):
-        return _brought_forward(search, priors, params)
-    entry, kept, near = search.beginning, search.kept[: search.until], _near(_undisturbed(search), priors, params)
+        return _extend_to_newest(search, priors, params)
+    entry, kept, near = (
+        search.beginning,
+        search.kept[: search.until],
+        _fits_near_likeliest(_without_disturbances(search), priors, params),
+    )
     around, rounds, end = None, search.rounds + 1, near[0].state if near else entry
     if search.rounds > 0:
         around = (near[0].contender.onset, 1)
@@ -290,31 +294,31 @@ def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSe
         rounds = 2
     else:
         end = entry
-    about, begins = passes.linearization(end, entry, params), begun_as(entry, end, params)
+    about, begins = passes.linearization_point(end, entry, params), begun_as(entry, end, params)
     screening = screenings.begin_screening(begins, about, kept, around, params)
     return search._replace(rounds=rounds, screening=screening)
 
 
-def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+def _extend_to_newest(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """Extends the fits near the likeliest to the newest sample; postpones the search if none explains the readings.
 
     Before that it has those of what acts unstated.
     """
     if Kind.WANDER not in search.tried:
-        fits = search.fits + _disturbed(search, priors, params)
+        fits = search.fits + _begin_disturbance_fits(search, priors, params)
         return search._replace(fits=fits, tried=search.tried | {Kind.WANDER})
-    near = _near(search, priors, params)
+    near = _fits_near_likeliest(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
-        return _given_up(search)
+        return _postpone_search(search)
     return search._replace(fits=tuple(each._replace(passes=1) for each in near), final=True)
 
 
-def _undisturbed(search: StartSearch) -> StartSearch:
+def _without_disturbances(search: StartSearch) -> StartSearch:
     """Removes hypotheses of an unstated disturbance, which explain any other event as well."""
     return search._replace(fits=tuple(each for each in search.fits if each.contender.cause.kind != Kind.WANDER))
 
 
-def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
+def _fits_near_likeliest(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
     """Returns the fits near the likeliest, one for each jet, likeliest first."""
     weighed = sorted(
         ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
@@ -326,7 +330,7 @@ def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Pas
     return tuple(near.values())
 
 
-def _found(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
+def _make_outcome(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
     """Makes the outcome of a fit: its state, cause, onset, score and prior."""
     onset, state = fit.contender.onset, guarded(fit.state, acts(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s

@@ -15,24 +15,32 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.alarms import UNTOLD, Alarm, Leads, loss, newest_link, surprised, watched
+from massprop_drake.maths.estimation.faults.alarms import (
+    UNTOLD,
+    Alarm,
+    Leads,
+    advance_watch,
+    likelihood_loss,
+    newest_link,
+    raise_alarm,
+)
 from massprop_drake.maths.estimation.faults.fault_events import (
     Event,
     Hypothesis,
-    begun,
-    behind,
-    gone_on,
-    moved,
-    readied,
-    regained,
-    shares,
-    special,
-    split,
-    weighed,
+    add_interval_noise,
+    advance_hypothesis,
+    force_change_shares,
+    log_weight_deficit,
+    needs_special_cycle,
+    no_fault_hypothesis,
+    record_cycle,
+    restart_hypothesis,
+    split_on_command,
+    update_weight,
 )
 from massprop_drake.maths.estimation.faults.fault_report import History
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import Birth, born_key, drawn, released
+from massprop_drake.maths.estimation.faults.proposals import Birth, draw_proposals, end_push, proposal_key
 from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.guard import unguarded
@@ -83,7 +91,11 @@ class Tree(NamedTuple):
 
     def next_state(self, params: Params) -> JointState:
         """Returns the state from which the filter makes the next cycle."""
-        return readied(self.leader, self.samples[-1][1], params.joint) if self.samples else self.leader.run.state
+        return (
+            add_interval_noise(self.leader, self.samples[-1][1], params.joint)
+            if self.samples
+            else self.leader.run.state
+        )
 
 
 def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
@@ -96,13 +108,15 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     """
     cycle, report = tree.cycle + 1, evidence.report
     if not tree.hypotheses:
-        return Tree(cycle, (begun(evidence.after, cycle, params.joint),))
+        return Tree(cycle, (no_fault_hypothesis(evidence.after, cycle, params.joint),))
     leader = tree.leader
     if report.course is None or (report.incremented and not leader.events):
-        begins = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle), params.joint)
+        begins = record_cycle(leader, leader.run._replace(state=evidence.after, cycle=cycle), params.joint)
         begins = begins._replace(watch=None)
         others = tree.hypotheses[1:] if report.course is None else ()
-        return Tree(cycle, (begins, *(regained(each, evidence.sample, cycle, params.joint) for each in others)))
+        return Tree(
+            cycle, (begins, *(restart_hypothesis(each, evidence.sample, cycle, params.joint) for each in others))
+        )
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
@@ -110,14 +124,14 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
-    stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
-    tree = tree._replace(hypotheses=tuple(_surprised(stepped, before.weight, cycle, params)))
-    tree = _reviewed(_proposed(tree, params), params)
-    tree = _replayed(tree, params, starting=report.starting)
-    return _forked(_pruned(tree, evidence.sample.time_s, params), before)
+    stepped = _step_hypotheses(tree.hypotheses, evidence, cycle, params, over)
+    tree = tree._replace(hypotheses=tuple(_raise_alarms(stepped, before.weight, cycle, params)))
+    tree = _advance_reviews(_draw_due_proposals(tree, params), params)
+    tree = _replay_proposals(tree, params, starting=report.starting)
+    return _record_history(_prune_hypotheses(tree, evidence.sample.time_s, params), before)
 
 
-def begun_with(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
+def tree_from_search(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
     """Makes the tree of the hypotheses that a search over the start has found.
 
     Args:
@@ -130,14 +144,14 @@ def begun_with(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tr
     for one in found:
         run = Runner(one.cause, 0, (), cycle, one.state, one.score)
         events = () if one.cause.kind == Kind.NOTHING else (Event(one.cause, one.onset_s, NO_SCORE),)
-        start = begun(one.state, cycle, params.joint)
-        hypotheses.append(weighed(start._replace(run=run, events=events, prior=one.log_prior), params))
+        start = no_fault_hypothesis(one.state, cycle, params.joint)
+        hypotheses.append(update_weight(start._replace(run=run, events=events, prior=one.log_prior), params))
     ordered = sorted(zip(hypotheses, found, strict=True), key=lambda pair: -pair[0].weight)
     _, likeliest = ordered[0]
     return Tree(cycle, tuple(each for each, _ in ordered), history=History(likeliest.since_s, likeliest.score))
 
 
-def _stepped(
+def _step_hypotheses(
     hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
 ) -> list[Hypothesis]:
     """Advances every hypothesis by one sample; the leader takes the filter's own cycle, unless its cycle is special."""
@@ -145,102 +159,106 @@ def _stepped(
     best = hypotheses[0].weight
     for place, whole in enumerate(hypotheses):
         likely = whole.weight > best - _LIKELY
-        for each in split(whole, sample):
+        for each in split_on_command(whole, sample):
             try:
-                if special(each, over.duration_s, joint):
+                if needs_special_cycle(each, over.duration_s, joint):
                     if each.run.lying or each.run.age == 0:
-                        found.append(moved(each, sample, over, joint, starting=starting)._replace(watch=None))
+                        found.append(
+                            advance_hypothesis(each, sample, over, joint, starting=starting)._replace(watch=None)
+                        )
                     else:
-                        found.append(_kicked(each, evidence, cycle, over, joint, likely=likely))
+                        found.append(_advance_with_kick(each, evidence, cycle, over, joint, likely=likely))
                 elif place == 0 and each.run.state is whole.run.state:
-                    found.append(watched(each, evidence, cycle, joint, likely=likely))
+                    found.append(advance_watch(each, evidence, cycle, joint, likely=likely))
                 elif each.watch is not None or (place < _WATCHED and likely):
-                    before = readied(each, over, joint)
-                    found.append(_watched_from(before, each, evidence, cycle, joint, likely=likely))
+                    before = add_interval_noise(each, over, joint)
+                    found.append(_advance_from_state(before, each, evidence, cycle, joint, likely=likely))
                 else:
-                    found.append(moved(each, sample, over, joint, starting=starting))
+                    found.append(advance_hypothesis(each, sample, over, joint, starting=starting))
             except NotPositiveDefiniteError:
                 if place == 0:
                     raise
-    found = [weighed(each._replace(before=each.weight), params) for each in found]
+    found = [update_weight(each._replace(before=each.weight), params) for each in found]
     if all(each.weight == -math.inf for each in found):  # something more has happened, of which forces tell nothing
         return [each._replace(weight=each.run.score.likelihood + each.prior) for each in found]
     return found
 
 
-def _kicked(
+def _advance_with_kick(
     each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """Advances a hypothesis and its watch while its newest failure may still give a further impulse.
 
     What else fails meanwhile is proposed from its own state.
     """
-    erratic = shares(each, over.duration_s)
+    erratic = force_change_shares(each, over.duration_s)
     before, likelihood = prepared(each.run, evidence.sample, over, erratic, each.push, params)
     run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
-    return _watched_from(before, each._replace(run=run), evidence, cycle, params, likely=likely)
+    return _advance_from_state(before, each._replace(run=run), evidence, cycle, params, likely=likely)
 
 
-def _watched_from(
+def _advance_from_state(
     before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """Advances a hypothesis and its watch by a cycle of its own filter from a given state."""
     after, report = step(before, evidence.sample, params)
     after = unguarded(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
-    return watched(each, JointEvidence(before, after, report, evidence.sample, False), cycle, params, likely=likely)
+    return advance_watch(
+        each, JointEvidence(before, after, report, evidence.sample, False), cycle, params, likely=likely
+    )
 
 
-def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
+def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
     """Raises alarms for hypotheses that were likely until the newest sample and are no longer."""
     now = max(each.weight for each in hypotheses)
     return [
-        surprised(each, cycle, params.joint)
-        if each.before > best - _LIKELY and (each.weight < now - SURPRISE or loss(each) > SURPRISE)
+        raise_alarm(each, cycle, params.joint)
+        if each.before > best - _LIKELY and (each.weight < now - SURPRISE or likelihood_loss(each) > SURPRISE)
         else each
         for each in hypotheses
     ]
 
 
-def _proposed(tree: Tree, params: Params) -> Tree:
+def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
     """Draws proposals from every alarm that is due, and from pushes that may have ended."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, over = tree.samples[-1]
     now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
     for each in tree.hypotheses:
         age = each.run.age
-        if each.push > 0.0 and age > 0 and _due(age, age - 1):
-            more.append(weighed(released(each, over.duration_s, params.joint), params))
+        if each.push > 0.0 and age > 0 and _is_draw_due(age, age - 1):
+            more.append(update_weight(end_push(each, over.duration_s, params.joint), params))
         alarm = each.watch.alarm if each.watch is not None else None
         if alarm is None:
             hypotheses.append(each)
             continue
         age, until_s, origin = tree.cycle - alarm.cycle, each.root_until_s, (each.key, alarm.cycle)
         reviewed = _is_reviewed(each, tree)
-        if each.weight < leader.weight - _BEHIND and (reviewed or _is_told(alarm, leader, tree)):
-            births = births if not reviewed and alarm.rest == UNTOLD else _without(births, origin)
+        if each.weight < leader.weight - _BEHIND and (reviewed or _is_alarm_exhausted(alarm, leader, tree)):
+            births = births if not reviewed and alarm.rest == UNTOLD else _remove_draw(births, origin)
             hypotheses.append(each._replace(watch=None, root_until_s=-math.inf))
             continue
         if alarm.drawn < 0:
             until_s = max(until_s, now_s + _ROOT_S)
         if reviewed:
-            births, alarm = _without(births, origin), alarm._replace(rest=None)
-        elif left > 0 and _due(age, alarm.drawn):
+            births, alarm = _remove_draw(births, origin), alarm._replace(rest=None)
+        elif left > 0 and _is_draw_due(age, alarm.drawn):
             left -= 1
-            there = _there(tree, tree.hypotheses, births)
-            fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
-            births = _redrawn(births if rest == UNTOLD else _without(births, origin), fresh, origin, there)
+            there = _map_known_proposals(tree, tree.hypotheses, births)
+            fresh, rest = draw_proposals(each, tree.cycle, tree.hypotheses, params)
+            births = _join_new_draw(births if rest == UNTOLD else _remove_draw(births, origin), fresh, origin, there)
             alarm = alarm._replace(drawn=age, rest=rest)
         if now_s > until_s:
-            births, alarm = _without(births, origin), None
+            births, alarm = _remove_draw(births, origin), None
         hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
 
 
-def _is_told(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
+def _is_alarm_exhausted(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
     """Tests whether further draws of an alarm are useless: first orders tell nothing, or a review looks further."""
-    untold = alarm.rest == UNTOLD and not reviews.may_be(leader)
-    return alarm.drawn >= 0 and (untold or _is_calm(leader, tree))
+    untold = alarm.rest == UNTOLD and not reviews.is_reviewable(leader)
+    return alarm.drawn >= 0 and (untold or _is_leader_reviewed(leader, tree))
 
 
 def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
@@ -262,17 +280,17 @@ def _alarm_age(each: Hypothesis, tree: Tree) -> int:
     return -1 if alarm is None else tree.cycle - alarm.cycle
 
 
-def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
+def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
     """Tests whether the likeliest hypothesis explains its readings, and its own review has drawn alternatives."""
     return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
 
 
-def _due(age: int, drawn: int) -> bool:
+def _is_draw_due(age: int, drawn: int) -> bool:
     """Tests whether a draw is due at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time."""
     return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
 
 
-def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
+def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
     """Returns hypotheses whose draws may leave proposals out; those far behind a reviewed leader do not count."""
     leader = tree.leader
     if leader.review is None or leader.review.drawn < 0:
@@ -285,7 +303,7 @@ def is_likely(each: Hypothesis, tree: Tree) -> bool:
     return each.weight > tree.leader.weight - _LIKELY
 
 
-def leads_of(tree: Tree) -> Leads:
+def relative_log_weights(tree: Tree) -> Leads:
     """Computes the log weight of each hypothesis over that of the likeliest, by its events, nats."""
     best = max(each.weight for each in tree.hypotheses)
     found: dict[tuple[Event, ...], float] = {}
@@ -294,39 +312,44 @@ def leads_of(tree: Tree) -> Leads:
     return found
 
 
-def _reviewed(tree: Tree, params: Params) -> Tree:
+def _advance_reviews(tree: Tree, params: Params) -> Tree:
     """Advances the reviews of the likeliest hypotheses, and adds what they propose."""
     births, hypotheses, left = list(tree.births), list(tree.hypotheses), _DRAWS
     best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
-    calm = _is_calm(max(hypotheses, key=lambda each: each.weight), tree)
+    calm = _is_leader_reviewed(max(hypotheses, key=lambda each: each.weight), tree)
     likely = [
         place
         for place, each in enumerate(hypotheses)
         if (each.weight > best - _LIKELY or (not calm and _alarm_age(each, tree) >= 0))
-        and reviews.may_be(each)
+        and reviews.is_reviewable(each)
         and now_s - each.events[-1].onset_s < _ROOT_S
     ]
     for place in sorted(likely, key=lambda place: -hypotheses[place].weight)[:_REVIEWED]:
         each = hypotheses[place]
-        review = each.review or reviews.begun(each, params.joint)
+        review = each.review or reviews.begin_review(each, params.joint)
         if tree.cycle - review.run.cycle > len(tree.samples):
             continue
         for _ in range(min(tree.cycle - review.run.cycle, _CATCH_UP)):
             sample, over = tree.samples[review.run.cycle - tree.cycle]
-            review = reviews.followed(review, each, sample, over, params.joint)
+            review = reviews.advance_review(review, each, sample, over, params.joint)
         age, alarmed = each.run.age, _alarm_age(each, tree)
-        due = _due(age, review.drawn) or _due(alarmed, review.drawn - age + alarmed)
-        if left > 0 and review.run.cycle == tree.cycle and due and reviews.tells(review, each, params.joint):
+        due = _is_draw_due(age, review.drawn) or _is_draw_due(alarmed, review.drawn - age + alarmed)
+        if (
+            left > 0
+            and review.run.cycle == tree.cycle
+            and due
+            and reviews.is_force_significant(review, each, params.joint)
+        ):
             left -= 1
-            origin, there = ("review", each.key), _there(tree, hypotheses, births)
-            review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
+            origin, there = ("review", each.key), _map_known_proposals(tree, hypotheses, births)
+            review, fresh, rest = reviews.draw_alternatives(review, each, hypotheses, params)
             if each.weight == best:
                 births = [birth for birth in births if not _is_rival(birth, each)]
-            births = _redrawn(_without(births, origin), fresh, origin, there)
+            births = _join_new_draw(_remove_draw(births, origin), fresh, origin, there)
             review = review._replace(drawn=age, rest=rest)
         hypotheses[place] = each._replace(review=review)
     tree = tree._replace(hypotheses=tuple(hypotheses))
-    return tree._replace(births=_in_turn(births, leads_of(tree)))
+    return tree._replace(births=_interleave_proposals(births, relative_log_weights(tree)))
 
 
 def _is_rival(birth: Birth, each: Hypothesis) -> bool:
@@ -338,7 +361,7 @@ def _is_rival(birth: Birth, each: Hypothesis) -> bool:
     return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
 
 
-def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
+def _interleave_proposals(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
     """Orders proposals for their replay: the best of each draw, then the second of each, and so on.
 
     What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
@@ -354,29 +377,31 @@ def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
     return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 
-def _there(tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
+def _map_known_proposals(
+    tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]
+) -> dict[object, Birth | None]:
     """Maps keys of hypotheses that exist or have existed to None, and of waiting proposals to these."""
-    there: dict[object, Birth | None] = {_born_as(birth.child): birth for birth in births}
-    return there | dict.fromkeys(map(_born_as, hypotheses)) | dict.fromkeys(tree.tried)
+    there: dict[object, Birth | None] = {_proposal_onset_key(birth.child): birth for birth in births}
+    return there | dict.fromkeys(map(_proposal_onset_key, hypotheses)) | dict.fromkeys(tree.tried)
 
 
-def _born_as(child: Hypothesis) -> tuple[object, int]:
-    return born_key(child), child.run.onset
+def _proposal_onset_key(child: Hypothesis) -> tuple[object, int]:
+    return proposal_key(child), child.run.onset
 
 
-def _without(births: Sequence[Birth], origin: object) -> list[Birth]:
+def _remove_draw(births: Sequence[Birth], origin: object) -> list[Birth]:
     """Removes the proposals of one draw, given by its origin."""
     return [birth for birth in births if birth.origin != origin]
 
 
-def _redrawn(
+def _join_new_draw(
     others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
 ) -> list[Birth]:
     """Joins waiting proposals with a new draw; the new ones keep the progress that equal ones have made."""
     kept = list(others)
-    waiting = {_born_as(birth.child) for birth in kept}
+    waiting = {_proposal_onset_key(birth.child) for birth in kept}
     for birth in fresh:
-        same = _born_as(birth.child)
+        same = _proposal_onset_key(birth.child)
         if same in waiting or (same in there and there[same] is None):
             continue
         known = there.get(same)
@@ -385,7 +410,7 @@ def _redrawn(
     return kept
 
 
-def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
+def _replay_proposals(tree: Tree, params: Params, *, starting: bool) -> Tree:
     """Replays proposals to the newest sample within the step budget; those that arrive become hypotheses.
 
     One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
@@ -399,27 +424,27 @@ def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
         if tree.cycle - child.run.cycle > len(tree.samples):  # too old to be heard any more
             continue
         try:
-            while left > 0 and child.run.cycle < tree.cycle and behind(child, best) < _BEHIND:
+            while left > 0 and child.run.cycle < tree.cycle and log_weight_deficit(child, best) < _BEHIND:
                 sample, over = tree.samples[child.run.cycle - tree.cycle]
                 if child.run.age > 0:
-                    child, *twins = split(child, sample)
+                    child, *twins = split_on_command(child, sample)
                     queue[:0] = [birth._replace(child=twin) for twin in twins]
-                child = moved(child, sample, over, params.joint, starting=starting)
+                child = advance_hypothesis(child, sample, over, params.joint, starting=starting)
                 left -= 1
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             continue
-        if behind(child, best) >= _BEHIND:
-            tried.add(_born_as(child))
+        if log_weight_deficit(child, best) >= _BEHIND:
+            tried.add(_proposal_onset_key(child))
         elif child.run.cycle == tree.cycle:
-            arrived.append(weighed(child, params))
-            tried.add(_born_as(child))
+            arrived.append(update_weight(child, params))
+            tried.add(_proposal_onset_key(child))
         else:
             waiting.append(birth._replace(child=child))
     kept = frozenset(one for one in tried if one[1] >= tree.cycle - len(tree.samples))
     return tree._replace(hypotheses=tuple(arrived), births=tuple(waiting), tried=kept)
 
 
-def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
+def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
     """Prunes hypotheses that are far behind, sorts the rest, likeliest first, and merges equal ones.
 
     Those for which there is no room wait where they are, as proposals.
@@ -445,11 +470,11 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         if now_s > each.root_until_s
     )
     tree = tree._replace(hypotheses=(*order[:_MOST], *roots), births=(*tree.births, *waits))
-    births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
+    births, leads = [_detach_reference(birth, tree) for birth in tree.births], relative_log_weights(tree)
     return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
 
 
-def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
+def _detach_reference(birth: Birth, tree: Tree) -> Birth | None:
     """Detaches a proposal from a reference hypothesis that is far behind; None: the leader continues that one.
 
     What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
@@ -464,7 +489,7 @@ def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
     return birth._replace(ahead=birth.ahead + max(lead, -_LIKELY), than=None)
 
 
-def _forked(tree: Tree, before: Hypothesis) -> Tree:
+def _record_history(tree: Tree, before: Hypothesis) -> Tree:
     """Records how the likeliest history explains readings that another one was reported for."""
     known, now = before.events, tree.leader.events
     if now == known:

@@ -18,11 +18,17 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, Part, Way, special
-from massprop_drake.maths.estimation.faults.fault_report import Odds, certain
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, Part, Way, needs_special_cycle
+from massprop_drake.maths.estimation.faults.fault_report import Odds, no_fault_odds
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
-from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, is_likely, leads_of, probabilities
+from massprop_drake.maths.estimation.faults.tree import (
+    Tree,
+    hypotheses_with_draws,
+    is_likely,
+    probabilities,
+    relative_log_weights,
+)
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, size_of_unstated, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
@@ -72,7 +78,7 @@ class Verdicts(NamedTuple):
         return frozenset(one.way for one in self.jets)
 
 
-def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
+def probability_above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
     """Computes the probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
 
     One whose force comes and goes has failed, whatever it gives now.
@@ -85,16 +91,16 @@ def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
     return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
 
 
-def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
+def jet_fault_probabilities(tree: Tree, params: JointParams) -> dict[Way, float]:
     """Computes the posterior probability of each jet failure, by jet and sign."""
     found: dict[Way, float] = {}
     for each, share in probabilities(tree):
         for way in each.ways if each.run.age > 0 else ():
-            found[way] = found.get(way, 0.0) + share * above_floor(way, each, params)
+            found[way] = found.get(way, 0.0) + share * probability_above_floor(way, each, params)
     return found
 
 
-def of_others(tree: Tree) -> dict[Part, float]:
+def other_part_probabilities(tree: Tree) -> dict[Part, float]:
     """Computes the posterior probability of all events but jet failures, by kind, component and earlier occurrences."""
     found: dict[Part, float] = {}
     for each, share in probabilities(tree):
@@ -104,11 +110,11 @@ def of_others(tree: Tree) -> dict[Part, float]:
     return found
 
 
-def odds(tree: Tree, params: JointParams) -> Odds:
+def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
     """Computes posterior probabilities of faults after a sample."""
     n = params.places.jets
     if len(tree.hypotheses) == 1 and not tree.leader.events:
-        return certain(n)
+        return no_fault_odds(n)
     healthy, modes = np.ones(n), np.zeros(n)
     forces, sigmas, best = np.full(n, np.nan), np.full(n, np.nan), np.full(n, -np.inf)
     none = unknown = 0.0
@@ -118,7 +124,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
         unknown += share * float(any(event.cause.kind in _PUSHING for event in each.events))
         for way in each.ways if each.run.age > 0 else ():
             jet, sign = way
-            failed[jet] += share * above_floor(way, each, params)
+            failed[jet] += share * probability_above_floor(way, each, params)
             if share > best[jet]:
                 best[jet], modes[jet] = share, float(mode_of(way, each, params))
                 force, sigmas[jet] = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
@@ -141,7 +147,7 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
     return Mode.STUCK_OFF if share > _STUCK_OFF else Mode.LOSS
 
 
-def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
+def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
     """Updates the verdicts with a sample; returns them, and the new declarations.
 
     Args:
@@ -152,52 +158,52 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
     if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
         return Verdicts(others=verdicts.others), ()
     joint, now_s = params.joint, tree.leader.run.state.time_s
-    jets, others = of_jets(tree, joint), of_others(tree)
-    verdicts, said = _withdrawn(verdicts, jets, tree)
+    jets, others = jet_fault_probabilities(tree, joint), other_part_probabilities(tree)
+    verdicts, said = _withdraw_unlikely(verdicts, jets, tree)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
     new = open_to | {part: share for part, share in others.items() if part not in verdicts.others}
     for part, share in new.items():
-        enough = _enough(part, params.priors)
-        if share >= enough and share * (1.0 - unheard(part, tree)) >= enough:
-            verdicts, more = _declared(part, verdicts, tree, joint)
+        enough = _declaration_threshold(part, params.priors)
+        if share >= enough and share * (1.0 - pending_probability(part, tree)) >= enough:
+            verdicts, more = _declare_part(part, verdicts, tree, joint)
             said += more
-    verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
+    verdicts, more = _declare_group(verdicts, open_to, (tree, now_s), params)
     said += more
     if _is_settled(tree, joint):
-        verdicts, more = _known_now(verdicts, tree, joint)
+        verdicts, more = _declare_updates(verdicts, tree, joint)
         said += more
     return verdicts, tuple(said)
 
 
-def _enough(part: Part, priors: Priors) -> float:
+def _declaration_threshold(part: Part, priors: Priors) -> float:
     """Returns the probability at which a part is declared: larger for events more common than a failed jet."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
     rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
     return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
-def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
+def pending_probability(part: Part | frozenset[Way], tree: Tree) -> float:
     """Bounds, to first order, the probability of proposals not yet followed that lack a part about to be declared.
 
     Args:
         part: a part; or jets, of which one is enough.
         tree: see `Tree`.
     """
-    total, leads = _waiting(tree, lambda child: not _has(part, child)), leads_of(tree)
-    for each in draws_that_count(tree):
+    total, leads = _waiting_odds(tree, lambda child: not _has_part(part, child)), relative_log_weights(tree)
+    for each in hypotheses_with_draws(tree):
         draws = (each.watch.alarm if each.watch else None, each.review if is_likely(each, tree) else None)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
         total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
     return total / (1.0 + total)
 
 
-def _waiting(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
+def _waiting_odds(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
     """Computes the first-order odds of waiting proposals whose hypothesis passes a test."""
-    leads = leads_of(tree)
+    leads = relative_log_weights(tree)
     return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
 
 
-def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
+def _has_part(part: Part | frozenset[Way], each: Hypothesis) -> bool:
     """Tests whether a hypothesis has an event as a part of its history, or one of several jet failures."""
     if isinstance(part, frozenset):
         return bool(part & each.ways)
@@ -210,12 +216,12 @@ def _is_settled(tree: Tree, params: JointParams) -> bool:
     if watch is None or watch.alarm is not None or tree.births or not tree.samples:
         return False
     _, over = tree.samples[-1]
-    return not special(tree.leader, over.duration_s, params)
+    return not needs_special_cycle(tree.leader, over.duration_s, params)
 
 
-def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
+def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
     """Withdraws declarations that have become unlikely, even if all waiting proposals come true."""
-    gone = [one for one in verdicts.jets if _at_most(one.way, jets.get(one.way, 0.0), tree) < 0.5]
+    gone = [one for one in verdicts.jets if _bound_probability(one.way, jets.get(one.way, 0.0), tree) < 0.5]
     now_s = tree.leader.run.state.time_s
     said: list[Declaration] = [
         JetsDeclared(Word.WITHDRAWN, (one.way[0],), (one.way[1],), (0.0,), (one.sigma,), now_s) for one in gone
@@ -223,13 +229,15 @@ def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[
     return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), said
 
 
-def _at_most(way: Way, share: float, tree: Tree) -> float:
+def _bound_probability(way: Way, share: float, tree: Tree) -> float:
     """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true."""
-    waiting = _waiting(tree, lambda child: _has(way, child)) if share < 0.5 else 0.0
+    waiting = _waiting_odds(tree, lambda child: _has_part(way, child)) if share < 0.5 else 0.0
     return (share + waiting) / (1.0 + waiting)
 
 
-def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+def _declare_part(
+    part: Part, verdicts: Verdicts, tree: Tree, params: JointParams
+) -> tuple[Verdicts, list[Declaration]]:
     """Makes the declaration of a part of a history."""
     holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
     if not isinstance(part[0], Kind):
@@ -258,7 +266,7 @@ def _event_of(part: Part, holder: Hypothesis) -> Event:
     return same[part[2]]
 
 
-def _grouped(
+def _declare_group(
     verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float], params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
     """Declares the smallest set of jets one of which has almost surely failed."""
@@ -268,12 +276,12 @@ def _grouped(
     for count in range(2, len(likely) + 1):
         among = frozenset(likely[:count])
         some = sum(
-            share * max(above_floor(way, each, params.joint) for way in among & each.ways)
+            share * max(probability_above_floor(way, each, params.joint) for way in among & each.ways)
             for each, share in probabilities(tree)
             if among & each.ways and each.run.age > 0
         )
-        enough = _enough(likely[0], params.priors)
-        if open_to[likely[0]] < enough <= some * (1.0 - unheard(among, tree)):
+        enough = _declaration_threshold(likely[0], params.priors)
+        if open_to[likely[0]] < enough <= some * (1.0 - pending_probability(among, tree)):
             group = among
             break
     if not group or any(group <= other or other <= group for other in verdicts.groups):
@@ -289,7 +297,7 @@ def _grouped(
         for way, each in zip(ways, holders, strict=True)
     ]
     event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
-    apart = _apart(ways, [force for force, _ in forces], tree, params.joint)
+    apart = _find_separation(ways, [force for force, _ in forces], tree, params.joint)
     jets, signs = zip(*ways, strict=True)
     said = JetsDeclared(
         Word.GROUP, jets, signs, tuple(one for one, _ in forces), tuple(one for _, one in forces), event.onset_s, apart
@@ -297,7 +305,7 @@ def _grouped(
     return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [said]
 
 
-def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
+def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
     """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
     alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
     if alarm is None:
@@ -306,7 +314,7 @@ def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams
     return told_apart(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
 
 
-def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
     """Declares forces that have changed, and the size of a jump once it is measured."""
     leader, said = tree.leader, list[Declaration]()
     now = leader.run.state
@@ -318,7 +326,7 @@ def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Ver
             earlier = None
     kept = []
     for one in verdicts.jets:
-        after, word = _again(one, leader, params)
+        after, word = _update_declared(one, leader, params)
         kept.append(after)
         if word is not None:
             event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)
@@ -326,7 +334,7 @@ def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Ver
     return verdicts._replace(jets=tuple(kept), earlier=earlier), said
 
 
-def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
+def _update_declared(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
     """Updates a declared failure with the present estimate; returns it, and the declaration if it has changed."""
     if one.way not in leader.ways:
         return one, None

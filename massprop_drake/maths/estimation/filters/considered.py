@@ -19,7 +19,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 @kernel
-def plus(noise: Array, extra: Array | None) -> Array:
+def add_noise(noise: Array, extra: Array | None) -> Array:
     """Adds a further noise covariance to a noise covariance; None: the first is returned as it is."""
     if extra is None:
         return noise
@@ -27,7 +27,7 @@ def plus(noise: Array, extra: Array | None) -> Array:
 
 
 @kernel
-def with_effects(covariance: Array, effects: Array | None) -> Array:
+def add_effect_covariance(covariance: Array, effects: Array | None) -> Array:
     """Adds L L^T, the innovation covariance by thrust errors, to a covariance; L of None: they are not considered."""
     if effects is None:
         return covariance
@@ -35,7 +35,7 @@ def with_effects(covariance: Array, effects: Array | None) -> Array:
 
 
 @kernel
-def less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
+def update_sensitivity(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
     """Updates the sensitivity by a measurement, Psi - K L; Psi itself where thrust errors are not considered."""
     if effects is None or sensitivity is None:
         return sensitivity

@@ -28,9 +28,9 @@ from massprop_drake.maths.estimation.filter import (
     RotationReport,
     Setup,
     Told,
-    telling,
+    replace_estimates,
 )
-from massprop_drake.maths.estimation.filters.kept_joint_states import refusals
+from massprop_drake.maths.estimation.filters.kept_joint_states import check_state_rules
 from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
@@ -60,8 +60,8 @@ from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels
-from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask
+from massprop_drake.maths.vehicle.on_times import Place, command_onsets, split_sample
 
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
@@ -138,14 +138,14 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     packages = (gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
     modes = setup.modes
     uncertain_parts = modes.sigmas.shape[0] if modes.sigmas.any() else 0
-    thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
+    thrust_sigmas = _override_sigmas(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
-    lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
-    of_thrust, thrust_prior = _scaled(thrust_sigmas)
-    of_lag, lag_prior = _scaled(lag_sigmas)
-    of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
-    of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
-    of_wheels, wheel_prior = _scaled(setup.wheel_uncertainty)
+    lag_sigmas = np.where(lagging, _override_sigmas(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
+    of_thrust, thrust_prior = _normalize_sigmas(thrust_sigmas)
+    of_lag, lag_prior = _normalize_sigmas(lag_sigmas)
+    of_gyros, gyro_prior = _normalize_sigmas(np.repeat(gyros.bias_std, 3))
+    of_accelerometers, acceleration_prior = _normalize_sigmas(np.repeat(accelerometers.bias_std, 3))
+    of_wheels, wheel_prior = _normalize_sigmas(setup.wheel_uncertainty)
     flow_prior = np.ones(setup.tanks.fill.size if setup.tanks.flow_sigma.any() else 0)
     uncertain = tuple(prior.shape[0] > 0 for prior in (gyro_prior, acceleration_prior, wheel_prior, flow_prior))
     detects = options.detector.kind == "hypotheses"
@@ -196,14 +196,16 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         arm=thrust.arm,
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.concatenate((np.repeat(variances, 3), of_attitudes)),
-        quanta=np.append(np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3), of_trackers),
+        quanta=np.append(
+            np.repeat(np.concatenate((_undithered_quanta(gyros), _undithered_quanta(accelerometers))), 3), of_trackers
+        ),
         cells=np.append(cells, of_trackers),
         floors=np.append(noises**2 + (FLOOR * cells) ** 2, of_attitudes),
         dithered=np.append((noises > DITHER * cells).astype(np.float64), of_trackers + 1.0),
         trackers=setup.trackers,
         disturbance=setup.disturbance,
         start=setup.estimate,
-        start_root=_root(setup.covariance),
+        start_root=_covariance_root(setup.covariance),
         increment_sigma=setup.widest,
         nominal=np.ascontiguousarray(setup.nominal),
         thresholds=np.array([chi_square_limit(block.increment_rate / steps, 1 + n) for n in range(3 * counts[1])]),
@@ -227,23 +229,23 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     return JointFilterParams(joint, setup.period_s, at_stamps, setup.opens_at)
 
 
-def _chosen(one: float | None, each: Array) -> Array:
+def _override_sigmas(one: float | None, each: Array) -> Array:
     """Replaces all stated sigmas, shape (n,), by one value where the scenario gives it."""
     return each if one is None else np.full_like(each, one)
 
 
-def _scaled(sigmas: Array) -> tuple[float, Array]:
+def _normalize_sigmas(sigmas: Array) -> tuple[float, Array]:
     """Returns the largest of some sigmas, and each divided by it, shape (n,); 0 and shape (0,) where all are zero."""
     largest = float(sigmas.max(initial=0.0))
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 
 
-def _steps(packages: Instruments) -> Array:
+def _undithered_quanta(packages: Instruments) -> Array:
     """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
     return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
 
 
-def _root(covariance: Array) -> Array:
+def _covariance_root(covariance: Array) -> Array:
     """Computes the lower triangular root of a covariance that may have zeros on its diagonal."""
     sigmas = np.sqrt(np.diag(covariance))
     scale = np.where(sigmas > 0.0, sigmas, 1.0)
@@ -252,20 +254,20 @@ def _root(covariance: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r")).T)
 
 
-def initial(params: JointFilterParams) -> JointFilterState:
+def initial_state(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    begun = _reporting(beginning.initial(params.joint), clock, params)
+    begun = _make_filter_state(beginning.initial(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
-def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
+def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
     """Makes the filter's state with its reported estimate and covariance from the joint state and the clock."""
     estimate, rows = reported(joint, params.joint)
-    return _with_report(joint, clock, estimate, rows @ rows.T, params)
+    return _make_state_of_estimate(joint, clock, estimate, rows @ rows.T, params)
 
 
-def _with_report(
+def _make_state_of_estimate(
     joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
 ) -> JointFilterState:
     if params.joint.places.accelerometers == 0:
@@ -275,7 +277,7 @@ def _with_report(
     return JointFilterState(joint, clock, estimate, covariance)
 
 
-def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
+def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
     """Returns estimates of a disturbance's components per stated 1-sigma, and their 1-sigma, shape (n,) each."""
     places = params.joint.places
     slow = slice(places.slow, places.unstated)
@@ -303,28 +305,28 @@ def step(
     acting = told.command != 0.0  # or not known
     if state.start.rotation and knows_rotation(before, params.joint, acting):  # what contradicts is for the detector
         steady = params._replace(joint=without_increments(params.joint))
-    made = _made(state, (rates, velocities), told, steady)
+    made = _run_cycle(state, (rates, velocities), told, steady)
     if before.guarded and np.isnan(told.command).any():
-        likely = _bridged(state.clock, told, steady)
+        likely = _fill_missing_commands(state.clock, told, steady)
         if not np.array_equal(likely.command, told.command, equal_nan=True):
-            other = _made(state, (rates, velocities), likely, steady)
+            other = _run_cycle(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
     (clock, sample, anew, kept), own, report = made
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
     if after.mean is own.mean:
-        known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
+        known = _make_state_of_estimate(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
-        known = _reporting(after, clock, params)
+        known = _make_filter_state(after, clock, params)
     return JointMeasurement(
         known._replace(start=start, frame=sample.frames[1], speeds=kept[0], setting=kept[1]), evidence
     )
 
 
-def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
+def _split_tracked_columns(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
     """Returns quaternions of trackers (s, 4), speeds of wheels, rad/s, and level and angles of engines (s, 3), rad."""
-    places, has = params.places, channels(params.engines)
+    places, has = params.places, channel_mask(params.engines)
     poses, engines = 7 * places.trackers, int(has.sum())
     read = np.full(poses + places.wheels + engines, np.nan) if told.tracked is None else told.tracked
     of_engines, burn = read.size - engines, np.zeros(has.shape)
@@ -332,7 +334,7 @@ def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]
     return read[:poses].reshape(-1, 7)[:, 3:], read[of_engines - places.wheels : of_engines], burn
 
 
-def _attitudes(
+def _measure_attitudes(
     state: JointFilterState, over: Elapsed, read: tuple[Array, Array], params: JointParams
 ) -> tuple[Array, Array]:
     """Returns the trackers' readings, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
@@ -373,22 +375,22 @@ class Cycle(NamedTuple):
     report: joint_cycle.Report
 
 
-def _made(
+def _run_cycle(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
-    taken = sampled(state, readings, told, params)
+    taken = make_sample(state, readings, told, params)
     made = joint_cycle.restart if taken.anew else joint_cycle.step
     return Cycle(taken, *made(state.joint, taken.sample, params.joint))
 
 
-def sampled(
+def make_sample(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Sampled:
     """Makes a sample of commands and readings: rates and velocities, NaN where missing, shape (s, 3) each."""
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
-    now = _commanded(told.command, told.onset_s, params)
+    now = _command_with_onsets(told.command, told.onset_s, params)
     if before.started:
-        coming = None if told.coming is None else _commanded(told.coming, told.coming_onset_s, params)
+        coming = None if told.coming is None else _command_with_onsets(told.coming, told.coming_onset_s, params)
         clock, interval = ticks.elapsed(state.clock, told.stamp_s, (now, coming), pace)
         needed = readings[:1] if params.joint.rates.period_s > 0.0 else readings  # others are read at their own times
         if np.isnan(interval.commands).all(axis=1).any() and not _all_read(needed):
@@ -396,12 +398,12 @@ def sampled(
     else:
         clock = ticks.begun(told.stamp_s, now)
         interval = ticks.Elapsed(
-            *pieces(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.on_ticks(), anew=False
+            *split_sample(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.on_ticks(), anew=False
         )
     duration_s = float(interval.durations_s.sum())
     outside = told.outside_wrench * duration_s
-    attitudes, read, engines = _read_besides(told, params.joint)
-    seen = _attitudes(state, interval, (readings[0], attitudes), params.joint)
+    attitudes, read, engines = _split_tracked_columns(told, params.joint)
+    seen = _measure_attitudes(state, interval, (readings[0], attitudes), params.joint)
     speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
     burn, setting = burnt(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
@@ -409,15 +411,15 @@ def sampled(
     return Sampled(clock, sample, interval.anew, (last, setting))
 
 
-def _commanded(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
-    return Commanded(command, told_onsets(command, onset_s, params.opens_at, params.period_s))
+def _command_with_onsets(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
+    return Commanded(command, command_onsets(command, onset_s, params.opens_at, params.period_s))
 
 
 def _all_read(readings: tuple[np.ndarray, ...]) -> bool:
     return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
 
 
-def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
+def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) -> Told:
     """Fills in missing commands with those before and after, where these two are equal."""
     pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
     if onset_s is not None and told.coming_onset_s is not None:
@@ -446,11 +448,11 @@ def finish(
     _adaptation: Adaptation,
     params: JointFilterParams,
 ) -> FilterStep:
-    """Returns the cycle's filter step as `measure` made it; a detector changes its state by `replaced`."""
-    return done(measurement, params)
+    """Returns the cycle's filter step as `measure` made it; a detector changes its state by `replace_state`."""
+    return make_filter_step(measurement, params)
 
 
-def done(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep:
+def make_filter_step(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep:
     """Makes the filter step of a cycle: its state and its log rows."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
@@ -459,7 +461,7 @@ def done(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep
     own = JOINT_REPORT.make(
         gyro_components=report.gyro_degrees,
         accelerometer_components=report.accelerometer_degrees,
-        settled=_settled(after, params),
+        settled=_initialized_flag(after, params),
     )
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
@@ -491,7 +493,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
         np.sqrt(np.diag(covariance))[:N_ROTATION],
         seen.innovation[:3],
         seen.innovation_std[:3],
-        _per_three(seen.gyro_nis, seen.gyro_degrees),
+        _scale_to_three_components(seen.gyro_nis, seen.gyro_degrees),
         bool(used.any()) and seen.gyro_degrees > 0.0,
         seen.incremented,
         seen.coupled,
@@ -507,41 +509,41 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, acce
         float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
         seen.innovation[gyros : gyros + 3],
         seen.innovation_std[gyros : gyros + 3],
-        _per_three(seen.accelerometer_nis, seen.accelerometer_degrees),
+        _scale_to_three_components(seen.accelerometer_nis, seen.accelerometer_degrees),
         bool(used.any()) and seen.accelerometer_degrees > 0.0,
         False,
     )
 
 
-def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+def replace_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """Replaces the filter's state after a cycle, and the estimates reported of it; the innovations stay."""
     before = step.state
     kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
-    after = _reporting(joint, before.clock, params)._replace(**kept)
+    after = _make_filter_state(joint, before.clock, params)._replace(**kept)
     if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
         after = after._replace(start=starts.BEGUN_KNOWN if step.state.start.rotation else starts.BEGUN)
-    return telling(step, after.estimate, after.covariance)._replace(
-        state=after, own=step.own._replace(settled=_settled(after, params))
+    return replace_estimates(step, after.estimate, after.covariance)._replace(
+        state=after, own=step.own._replace(settled=_initialized_flag(after, params))
     )
 
 
-def published(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+def publish_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """Replaces the reported estimates by those of another state; the filter keeps its own state."""
-    other = _reporting(joint, step.state.clock, params)
-    return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
+    other = _make_filter_state(joint, step.state.clock, params)
+    return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 @kernel
-def _per_three(nis: float, degrees: float) -> float:
+def _scale_to_three_components(nis: float, degrees: float) -> float:
     """Scales a NIS to three components, as other filters have it: of mean three; NaN where none counted."""
     return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
-def _settled(state: JointFilterState, params: JointFilterParams) -> float:
+def _initialized_flag(state: JointFilterState, params: JointFilterParams) -> float:
     return float(settled(state.joint, params.joint))
 
 
-def packed(state: JointFilterState, params: JointFilterParams) -> Array:
+def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Array:
     """Packs a state into one vector."""
     places = params.joint.places
     frame = state.frame if places.trackers > 0 else state.frame[:0]
@@ -550,31 +552,31 @@ def packed(state: JointFilterState, params: JointFilterParams) -> Array:
     return np.concatenate((pack(state.joint, places), clock, frame, state.speeds, setting))
 
 
-def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
-    """Unpacks a state: the inverse of `packed`."""
+def unpack_filter_state(vector: Array, params: JointFilterParams) -> JointFilterState:
+    """Unpacks a state: the inverse of `pack_filter_state`."""
     places = params.joint.places
     size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
     clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
     ends = rest.size - 3 * N_CHANNELS * places.engines
     frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
     of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
-    known = _reporting(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
+    known = _make_filter_state(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
     return known._replace(frame=frame) if places.trackers > 0 else known
 
 
-def saved(state: JointFilterState, params: JointFilterParams) -> Groups:
+def save_state(state: JointFilterState, params: JointFilterParams) -> Groups:
     """Packs a state into a dictionary of vectors, by the diagram's system that holds each."""
-    return {GROUP: packed(state, params)}
+    return {GROUP: pack_filter_state(state, params)}
 
 
-def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
-    """Unpacks a state: the inverse of `saved`.
+def restore_state(groups: Groups, params: JointFilterParams) -> JointFilterState:
+    """Unpacks a state: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.
     """
-    state = unpacked(groups[GROUP], params)
-    for broken, message in refusals(state.joint, state.clock, state.frame, params.joint.places):
+    state = unpack_filter_state(groups[GROUP], params)
+    for broken, message in check_state_rules(state.joint, state.clock, state.frame, params.joint.places):
         if broken:
             raise ValueError(f"{GROUP}: {message}")
     return state
@@ -582,15 +584,15 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
 
 FILTER = Filter(
     params=make_params,
-    initial=initial,
+    initial=initial_state,
     predicted=lambda state: state.estimate,
     measure=measure,
     evidence=evidence,
     finish=finish,
     covariance=lambda state: state.covariance,
-    saved=saved,
-    restored=restored,
-    replaced=replaced,
-    published=published,
+    saved=save_state,
+    restored=restore_state,
+    replaced=replace_state,
+    published=publish_state,
     report=JOINT_REPORT,
 )

@@ -15,34 +15,37 @@ _ROUNDING = 1e-9  # of a level
 _UNIT = 1e-6  # of the square of a quaternion's length
 
 
-def refusals(joint: JointState, clock: Clock, frame: Array, places: Places) -> Iterator[tuple[bool, str]]:
+def check_state_rules(joint: JointState, clock: Clock, frame: Array, places: Places) -> Iterator[tuple[bool, str]]:
     """Yields for each rule whether a saved state breaks it, and the message for that."""
     told = joint._replace(read=joint.read[~np.isnan(joint.read)], assumed=joint.assumed[~np.isnan(joint.assumed)])
     yield abs(float(frame @ frame) - 1.0) > _UNIT, "the shared attitude must be a unit quaternion"
     finite = all(np.isfinite(part).all() for part in (*told, *clock[:-2]))
     yield not finite, "only commands and readings may be missing"
     unread = (np.isnan(joint.read) & (joint.fresh > 0.0)).any()
-    yield not _are(joint.fresh, 0.0, 1.0) or bool(unread), "fresh must be 0 or 1, and 0 where no reading is kept"
+    yield (
+        not _are_all_one_of(joint.fresh, 0.0, 1.0) or bool(unread),
+        "fresh must be 0 or 1, and 0 where no reading is kept",
+    )
     rows = triangular_rows(in_order(joint.root, places.thrust))
     yield rows < joint.root.shape[0], "the covariance's root must be lower triangular, parameters first"
-    yield not _within(joint.level_std, 0.0, 1.0), "level_std must be between 0 and 1"
+    yield not _are_all_within(joint.level_std, 0.0, 1.0), "level_std must be between 0 and 1"
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
-    fractions = _within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)
+    fractions = _are_all_within(levels, 0.0, 1.0) and _are_all_within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)
     yield not fractions, "commands and levels must be fractions of 0 to 1"
     yield joint.firing_count < 0.0, "counts must be zero or positive"
-    yield not _are(joint.lag_open, 0.0, 1.0), "lag_open must be 0 or 1"
-    yield not _are(joint.slot_on_top, 0.0, 1.0), "slot_on_top must be 0 or 1"
+    yield not _are_all_one_of(joint.lag_open, 0.0, 1.0), "lag_open must be 0 or 1"
+    yield not _are_all_one_of(joint.slot_on_top, 0.0, 1.0), "slot_on_top must be 0 or 1"
     jets = joint.slot_jet
-    known = (jets == np.round(jets)).all() and _within(jets, -1.0, places.jets - 1.0)
-    signed = _are(joint.slot_sign, -1.0, 1.0) and bool(known)
+    known = (jets == np.round(jets)).all() and _are_all_within(jets, -1.0, places.jets - 1.0)
+    signed = _are_all_one_of(joint.slot_sign, -1.0, 1.0) and bool(known)
     yield not signed, "a slot of a failed jet must have a jet's index and a sign"
     whole = clock.number >= 0.0 and clock.number == round(clock.number)
     yield not whole, "the number of the clock's tick must be a whole one"
 
 
-def _are(values: Array, one: float, other: float) -> bool:
+def _are_all_one_of(values: Array, one: float, other: float) -> bool:
     return bool(np.isin(values, (one, other)).all())
 
 
-def _within(values: Array, low: float, high: float) -> bool:
+def _are_all_within(values: Array, low: float, high: float) -> bool:
     return bool(((values >= low - _ROUNDING) & (values <= high + _ROUNDING)).all())

@@ -34,9 +34,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
-from massprop_drake.maths.estimation.filters.considered import less_sensitive, plus, with_effects
+from massprop_drake.maths.estimation.filters.considered import add_effect_covariance, add_noise, update_sensitivity
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test, small_gain_growth
-from massprop_drake.maths.estimation.redundancy import Rule, combined
+from massprop_drake.maths.estimation.redundancy import Rule, combine_packages
 from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, congruence, inverse_positive_definite, quadratic_form, skew
 
@@ -107,7 +107,7 @@ class Rotation(NamedTuple):
 
 
 @kernel
-def compensated(
+def compensate_rotation(
     velocity_increment: Array, velocity_noise: Array, arm: Array, rotation: Rotation, params: MassParams
 ) -> tuple[Array, Array]:
     r"""Computes the velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
@@ -122,7 +122,7 @@ def compensated(
     """
     if params.compensation == Compensation.NONE:
         return velocity_increment, velocity_noise
-    mixing = _mixing(rotation, params)
+    mixing = _arm_jacobian(rotation, params)
     result = velocity_increment - np.dot(mixing, arm)
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantizer's is; the
@@ -139,7 +139,7 @@ def compensated(
 
 
 @kernel
-def _mixing(rotation: Rotation, params: MassParams) -> Array:
+def _arm_jacobian(rotation: Rotation, params: MassParams) -> Array:
     """Computes O + O' (3-41), (3-64), velocity increment per unit of an arm; O alone for TRANSVERSE, shape (3, 3)."""
     mixing = skew(rotation.increment)
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
@@ -155,7 +155,7 @@ def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: Mas
     """
     if params.compensation == Compensation.NONE or not params.compensation_covariance:
         return np.zeros((3, 3))
-    mixing = _mixing(rotation, params)
+    mixing = _arm_jacobian(rotation, params)
     moment = np.outer(*arms) + rotation.center_covariance
     shared = congruence(mixing, rotation.center_covariance)
     return shared + rotation.variance * (np.trace(moment) * _IDENTITY - moment.T)
@@ -179,7 +179,7 @@ class MassState(NamedTuple):
 
 
 @kernel
-def independent_of(variance: float, sensitivity: Array | None) -> float:
+def independent_variance(variance: float, sensitivity: Array | None) -> float:
     """Computes S_0, the part of a variance that is independent of thrust errors, S - Psi^T Psi."""
     if sensitivity is None:
         return variance
@@ -248,16 +248,20 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     """
     impulse = sample.linear_impulse
     innovation = sample.measured - impulse * state.mass_reciprocal
-    effects = _effects(impulse, state.sensitivity, sample.thrust_errors, state.mass_reciprocal)
-    innovation, noise = _considered(innovation, sample.noise, state.variance, state.sensitivity, sample.thrust_errors)
-    covariance = _innovation_covariance(independent_of(state.variance, state.sensitivity), impulse, effects, noise)
+    effects = _innovation_effects(impulse, state.sensitivity, sample.thrust_errors, state.mass_reciprocal)
+    innovation, noise = _add_thrust_errors(
+        innovation, sample.noise, state.variance, state.sensitivity, sample.thrust_errors
+    )
+    covariance = _innovation_covariance(
+        independent_variance(state.variance, state.sensitivity), impulse, effects, noise
+    )
     information = inverse_positive_definite(covariance, _WHAT)
     nis = quadratic_form(innovation, information)
     return MassInnovation(innovation, covariance, information, noise, effects, nis)
 
 
 @kernel
-def _considered(
+def _add_thrust_errors(
     innovation: Array, noise: Array, variance: float, sensitivity: Array | None, thrust_errors: Array | None
 ) -> tuple[Array, Array]:
     """Adds the products of thrust errors and the estimate's to innovation and noise, where some are considered."""
@@ -268,7 +272,7 @@ def _considered(
 
 
 @kernel
-def _effects(
+def _innovation_effects(
     impulse: Array, sensitivity: Array | None, thrust_errors: Array | None, mass_reciprocal: float
 ) -> Array | None:
     """Computes L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is known."""
@@ -280,7 +284,7 @@ def _effects(
 @kernel
 def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
     """Computes Y^zeta (3-87), considered thrust errors included."""
-    return with_effects(impulse[:, None] * (impulse * independent) + noise, effects)
+    return add_effect_covariance(impulse[:, None] * (impulse * independent) + noise, effects)
 
 
 def update(
@@ -298,11 +302,11 @@ def update(
     """
     if not each or adaptation.action == Action.REJECT:
         return update_once(state, sample, innovation, adaptation, params)
-    after, kept = _begun(state, adaptation, params), 1.0
+    after, kept = _clear_jump_window(state, adaptation, params), 1.0
     for part in each:
-        after, gain = _updated(after, part, innovate(after, part), adaptation)
+        after, gain = _apply_measurement(after, part, innovate(after, part), adaptation)
         kept *= 1.0 - float(gain @ part.linear_impulse)
-    return _tested(after, 1.0 - kept, (sample, innovation), adaptation, params)
+    return _test_jump(after, 1.0 - kept, (sample, innovation), adaptation, params)
 
 
 @kernel
@@ -311,14 +315,14 @@ def update_once(
 ) -> MassCycle:
     """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
-        return MassCycle(_later(state, params), False, False)
-    after, gain = _updated(_begun(state, adaptation, params), sample, innovation, adaptation)
+        return MassCycle(_propagate(state, params), False, False)
+    after, gain = _apply_measurement(_clear_jump_window(state, adaptation, params), sample, innovation, adaptation)
     kept = 1.0 - float(gain @ sample.linear_impulse)
-    return _tested(after, 1.0 - kept, (sample, innovation), adaptation, params)
+    return _test_jump(after, 1.0 - kept, (sample, innovation), adaptation, params)
 
 
 @kernel
-def _begun(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
+def _clear_jump_window(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
     """Clears the jump test's window where the sample's update is adapted to a jet's failure."""
     if adaptation.action == Action.NONE:
         return state
@@ -326,7 +330,7 @@ def _begun(state: MassState, adaptation: Adaptation, params: MassParams) -> Mass
 
 
 @kernel
-def _tested(
+def _test_jump(
     after: MassState,
     share: float,
     measured: tuple[MassSample, MassInnovation],
@@ -349,11 +353,11 @@ def _tested(
             reciprocal += test.correction
             variance += growth
             window = empty_window(params.jump_window)
-    return MassCycle(_later(MassState(reciprocal, variance, window, after.sensitivity), params), True, jumped)
+    return MassCycle(_propagate(MassState(reciprocal, variance, window, after.sensitivity), params), True, jumped)
 
 
 @kernel
-def _updated(
+def _apply_measurement(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation
 ) -> tuple[MassState, Array]:
     """Computes the state after one measurement, and the gain kappa, shape (3,)."""
@@ -367,11 +371,11 @@ def _updated(
         information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     first = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
     made_with = state, sample, (error, noise, innovation.noise, enlarged)
-    return _again(first, made_with, state.sensitivity, sample.thrust_errors, innovation.effects)
+    return _repeat_update(first, made_with, state.sensitivity, sample.thrust_errors, innovation.effects)
 
 
 @kernel
-def _again(
+def _repeat_update(
     first: tuple[MassState, Array],
     made_with: tuple[MassState, MassSample, tuple[Array, Array, Array, Array]],
     sensitivity: Array | None,
@@ -389,8 +393,8 @@ def _again(
         return first
     state, sample, (error, noise, measured, enlarged) = made_with
     impulse = sample.linear_impulse
-    again = _effects(impulse, sensitivity, thrust_errors, first[0].mass_reciprocal)
-    covariance = _innovation_covariance(independent_of(state.variance, sensitivity), impulse, again, measured)
+    again = _innovation_effects(impulse, sensitivity, thrust_errors, first[0].mass_reciprocal)
+    covariance = _innovation_covariance(independent_variance(state.variance, sensitivity), impulse, again, measured)
     information = inverse_positive_definite(covariance + enlarged, _WHAT)
     return _joseph_update(state, impulse, error, information, noise, again)
 
@@ -400,32 +404,32 @@ def _joseph_update(
     state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
     """Updates estimate (3-83), (3-86) and variance in Joseph's form; Schmidt-Kalman with effects."""
-    independent = independent_of(state.variance, state.sensitivity)
-    gain = information @ _shared(independent * impulse, state.sensitivity, effects)
+    independent = independent_variance(state.variance, state.sensitivity)
+    gain = information @ _cross_covariance(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
     variance = kept * kept * independent + quadratic_form(gain, noise)
-    sensitivity = less_sensitive(state.sensitivity, gain, effects)
-    variance = _with_sensitivity(variance, sensitivity, effects)
+    sensitivity = update_sensitivity(state.sensitivity, gain, effects)
+    variance = _total_variance(variance, sensitivity, effects)
     reciprocal = state.mass_reciprocal + float(gain @ error)
     return MassState(reciprocal, variance, state.window, sensitivity), gain
 
 
 @kernel
-def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
     if effects is None or sensitivity is None:
         return shared
     return shared + effects @ sensitivity
 
 
 @kernel
-def _with_sensitivity(variance: float, sensitivity: Array | None, effects: Array | None) -> float:
+def _total_variance(variance: float, sensitivity: Array | None, effects: Array | None) -> float:
     if effects is None or sensitivity is None:
         return variance
     return variance + float(sensitivity @ sensitivity)
 
 
 @kernel
-def _later(state: MassState, params: MassParams) -> MassState:
+def _propagate(state: MassState, params: MassParams) -> MassState:
     """Updates the variance in time (3-82), a random walk."""
     return MassState(state.mass_reciprocal, state.variance + params.process_noise, state.window, state.sensitivity)
 
@@ -458,7 +462,7 @@ class MassInterval(NamedTuple):
     thrust_errors: Array | None = None
 
 
-def counts_one(params: MassParams) -> bool:
+def uses_one_package(params: MassParams) -> bool:
     """Tests whether a measurement is of a single accelerometer, not a combination of several."""
     return params.rule == Rule.SINGLE or params.variances.size == 1
 
@@ -476,18 +480,18 @@ def measure(
     The velocities are readings of the accelerometers at the sample's two ends, in the order of the parameters'
     positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
     """
-    if counts_one(params):
+    if uses_one_package(params):
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     increments = velocities - velocities_before
-    turns = params.compensation == Compensation.NONE or _is_there(rotation.increment)
-    there = [index for index in range(len(increments)) if turns and _is_there(increments[index])]
+    turns = params.compensation == Compensation.NONE or _is_measured(rotation.increment)
+    there = [index for index in range(len(increments)) if turns and _is_measured(increments[index])]
     if len(there) < 2:
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
-    freed = [_freed(index, increments, rotation, params) for index in there]
-    disturbance = plus(params.disturbance_covariance, interval.extra_noise)
+    freed = [_compensate_package(index, increments, rotation, params) for index in there]
+    disturbance = add_noise(params.disturbance_covariance, interval.extra_noise)
     covariances = _stacked_covariance(freed, there, rotation, params)
     measurements = np.array([increment for increment, _ in freed])
-    measured, noise = combined(measurements, covariances, params.rule, correlated=params.correlated)
+    measured, noise = combine_packages(measurements, covariances, params.rule, correlated=params.correlated)
     # what disturbs the body is common to all packages: no average makes it less
     sample = MassSample(measured, noise + disturbance, interval.linear_impulse, interval.thrust_errors)
     each: tuple[MassSample, ...] = ()
@@ -502,11 +506,11 @@ def measure_one(
 ) -> tuple[MassSample, MassInnovation]:
     """Runs `measure` with the first accelerometer that reads; `velocities` are readings before and now."""
     increments = velocities[1] - velocities[0]
-    if params.compensation == Compensation.NONE or _is_there(rotation.increment):
+    if params.compensation == Compensation.NONE or _is_measured(rotation.increment):
         for index in range(increments.shape[0]):
-            if _is_there(increments[index]):
-                measured, own = _freed(index, increments, rotation, params)
-                noise = own + plus(params.disturbance_covariance, interval.extra_noise)
+            if _is_measured(increments[index]):
+                measured, own = _compensate_package(index, increments, rotation, params)
+                noise = own + add_noise(params.disturbance_covariance, interval.extra_noise)
                 sample = MassSample(measured, noise, interval.linear_impulse, interval.thrust_errors)
                 return sample, innovate(state, sample)
     nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -515,16 +519,16 @@ def measure_one(
 
 
 @kernel
-def _is_there(increment: Array) -> bool:
+def _is_measured(increment: Array) -> bool:
     x, y, z = numbers(increment, 3)
     return math.isfinite(x + y + z)
 
 
 @kernel
-def _freed(index: int, increments: Array, rotation: Rotation, params: MassParams) -> tuple[Array, Array]:
+def _compensate_package(index: int, increments: Array, rotation: Rotation, params: MassParams) -> tuple[Array, Array]:
     """Computes one package's increment, freed of rotation, and its covariance."""
     noise = 2.0 * params.variances[index] * _IDENTITY
-    return compensated(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
+    return compensate_rotation(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
 
 
 def _stacked_covariance(
@@ -558,10 +562,10 @@ def finish(
     sample, innovation, each = measurement
     there = not math.isnan(innovation.nis)
     if adaptation.mass_jumped:
-        state = _raised(state, params)
+        state = _raise_variance(state, params)
         innovation = innovate(state, sample) if there else innovation
     if not (there and usable and firing):
-        return MassCycle(_later(state, params), False, False)
+        return MassCycle(_propagate(state, params), False, False)
     return update(state, sample, innovation, adaptation, params, each)
 
 
@@ -578,15 +582,15 @@ def finish_one(
     usable, firing = interval
     there = not math.isnan(innovation.nis)
     if adaptation.mass_jumped:
-        state = _raised(state, params)
+        state = _raise_variance(state, params)
         if there:
             innovation = innovate(state, sample)
     if not (there and usable and firing):
-        return MassCycle(_later(state, params), False, False)
+        return MassCycle(_propagate(state, params), False, False)
     return update_once(state, sample, innovation, adaptation, params)
 
 
 @kernel
-def _raised(state: MassState, params: MassParams) -> MassState:
+def _raise_variance(state: MassState, params: MassParams) -> MassState:
     """Inflates the variance of 1/m after a jump of the mass properties that is beyond doubt."""
     return MassState(state.mass_reciprocal, state.variance + params.jump_variance, state.window, state.sensitivity)

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import either, kernel, numbers
+from massprop_drake.maths.kernels import kernel, numbers, select_where
 from massprop_drake.maths.linear_algebra import Array, quadratic_form
 
 
@@ -86,11 +86,11 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
     left = 1.0 - window[:, 0]
     used = window[:, 1] > 0.0
     used[-1] = True
-    window[:, 1] += either(used, left * left * strength, 0.0)
-    window[:, 2] += either(used, left * seen, 0.0)
-    window[:, 0] = either(used, (1.0 - share) * window[:, 0] + share, 0.0)
+    window[:, 1] += select_where(used, left * left * strength, 0.0)
+    window[:, 2] += select_where(used, left * seen, 0.0)
+    window[:, 0] = select_where(used, (1.0 - share) * window[:, 0] + share, 0.0)
     some = window[:, 1] > 0.0
-    likelihood = either(some, window[:, 2] ** 2 / either(some, window[:, 1], 1.0), 0.0)
+    likelihood = select_where(some, window[:, 2] ** 2 / select_where(some, window[:, 1], 1.0), 0.0)
     best = int(likelihood.argmax())
     f, c, d = numbers(window[best], 3)
     if c == 0.0:

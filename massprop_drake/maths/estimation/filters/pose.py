@@ -23,19 +23,19 @@ from massprop_drake.maths.estimation.filter import (
     RotationReport,
     Setup,
     Told,
-    telling,
+    replace_estimates,
 )
 from massprop_drake.maths.estimation.pose import delays, keeping, pose_hypotheses, pose_start
-from massprop_drake.maths.estimation.pose.outcome import outcome
+from massprop_drake.maths.estimation.pose.outcome import estimated_properties
 from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled
 from massprop_drake.maths.estimation.pose.pose_hypotheses import Tried
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.setting import known_parameters
 from massprop_drake.maths.estimation.pose.setting import make_params as params_of
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.linear_algebra import Array, has_nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
+from massprop_drake.maths.vehicle.on_times import Place, command_onsets, split_sample
 
 GROUP = "pose_estimator"  # its part of a saved state
 _ROUNDING = 1e-9  # of the largest variance, by which one may seem negative
@@ -144,22 +144,22 @@ def make_params(setup: Setup, options: Any) -> PoseFilterParams:
     )
 
 
-def initial(params: PoseFilterParams) -> PoseFilterState:
+def initial_state(params: PoseFilterParams) -> PoseFilterState:
     """Returns the state before the first sample."""
     made = params.pose
     jets = made.pushes.shape[0]
     bank = PoseBank(
         made.start[None], made.covariance[None], np.eye(3)[None], np.array([-1]), np.zeros((1, 3)), np.zeros((1, 3, 3))
     )
-    tried = pose_hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
+    tried = pose_hypotheses.make_single_filter(bank, np.zeros(1 + 2 * jets), 0.0)
     commands = Commands(np.zeros(0), np.zeros((0, jets)))
-    return _reporting(PoseFilterState(tried, commands, 0.0, False, np.zeros(10), np.zeros((10, 10))), params)
+    return _update_estimate(PoseFilterState(tried, commands, 0.0, False, np.zeros(10), np.zeros((10, 10))), params)
 
 
-def _reporting(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
-    bank, jets = delays.overall(state.tried, params.pose), params.pose.pushes.shape[0]
+def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
+    bank, jets = delays.merge_delays(state.tried, params.pose), params.pose.pushes.shape[0]
     healthy = state.tried.known[:jets] == 0.0
-    estimate, covariance = outcome(bank.mean[0], bank.covariance[0], healthy, params.pose)
+    estimate, covariance = estimated_properties(bank.mean[0], bank.covariance[0], healthy, params.pose)
     estimate[params.known] = params.nominal[params.known]
     covariance[params.known] = np.nan
     covariance[:, params.known] = np.nan
@@ -172,38 +172,40 @@ def measure(
     """Runs the whole cycle of the filter."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
-    readings = readings_of(told.tracked, rates, velocities, params)
+    readings = collect_readings(told.tracked, rates, velocities, params)
     now_s = told.stamp_s
     if not state.started:
-        if not pose_start.begins(readings, made):
+        if not pose_start.can_initialize(readings, made):
             return PoseMeasurement(state._replace(time_s=now_s), None, told)
-        first = pose_start.begun(readings, made)
-        tried = _fresh(first, now_s, params)
-        commands = _with(
+        first = pose_start.initialize_bank(readings, made)
+        tried = _make_first_filters(first, now_s, params)
+        commands = _add_command(
             Commands(np.zeros(0), state.commands.levels), now_s, (told.coming, told.coming_onset_s), params
         )
         return PoseMeasurement(
-            _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told
+            _update_estimate(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told
         )
-    kept = _with(state.commands, state.time_s, (told.command, told.onset_s), params)
-    acting = _with(kept, now_s, (told.coming, told.coming_onset_s), params)
-    if nonzero(told.outside_wrench):
+    kept = _add_command(state.commands, state.time_s, (told.command, told.onset_s), params)
+    acting = _add_command(kept, now_s, (told.coming, told.coming_onset_s), params)
+    if has_nonzero(told.outside_wrench):
         acting = acting._replace(outside=told.outside_wrench)
-    tried, done = delays.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
-    commands = _trimmed(acting, now_s - made.longest_s)
-    after = _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
+    tried, done = delays.advance_over_delays(state.tried, acting, (state.time_s, now_s), readings, made)
+    commands = _drop_expired_commands(acting, now_s - made.longest_s)
+    after = _update_estimate(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
     return PoseMeasurement(after, done, told)
 
 
-def _fresh(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
+def _make_first_filters(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
     """Makes the filter banks at the first sample: one for every possible delay, with all of a detector's hypotheses."""
-    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
+    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split_by_delay(first, params.pose)
     if params.hypotheses:
-        return delays.gathered([pose_hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
-    return delays.gathered([pose_hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
+        return delays.join_delays(
+            [pose_hypotheses.begin_hypotheses(bank, now_s, params.pose) for bank in banks], params.pose
+        )
+    return delays.join_delays([pose_hypotheses.make_single_filter(bank, none, now_s) for bank in banks], params.pose)
 
 
-def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
+def collect_readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
     """Collects the readings of all sensors; those of poses and velocities come from the columns `tracked`.
 
     Args:
@@ -219,13 +221,13 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
     return PoseReadings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
-def _before(commands: Commands, time_s: float) -> Commands:
+def _commands_before(commands: Commands, time_s: float) -> Commands:
     """Returns the part of a command history before a time."""
     until = int(np.searchsorted(commands.time_s, time_s))
     return Commands(commands.time_s[:until], commands.levels[:until])
 
 
-def _with(
+def _add_command(
     commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
     """Appends the commands given at a time to a command history; unchanged levels add no entry.
@@ -236,18 +238,18 @@ def _with(
         told: command, None: nothing is said, and its onsets, None: they are not told.
     """
     command, onset_s = told
-    commands = _before(commands, time_s)
+    commands = _commands_before(commands, time_s)
     if command is None:
         return commands
-    onset_s = told_onsets(command, onset_s, params.opens_at, params.period_s)
-    lengths_s, levels = pieces(command, onset_s, params.period_s, (0.0, params.period_s))
+    onset_s = command_onsets(command, onset_s, params.opens_at, params.period_s)
+    lengths_s, levels = split_sample(command, onset_s, params.period_s, (0.0, params.period_s))
     times_s = time_s + np.append(0.0, np.cumsum(lengths_s[:-1]))
     if commands.time_s.size and np.array_equal(commands.levels[-1], levels[0], equal_nan=True):
         times_s, levels = times_s[1:], levels[1:]
     return Commands(np.append(commands.time_s, times_s), np.vstack((commands.levels, levels)))
 
 
-def _trimmed(commands: Commands, since_s: float) -> Commands:
+def _drop_expired_commands(commands: Commands, since_s: float) -> Commands:
     """Drops commands that act no more after a time from a command history; the one in force then stays."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
@@ -267,7 +269,7 @@ def finish(
     _adaptation: Adaptation,
     params: PoseFilterParams,
 ) -> FilterStep:
-    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replaced`."""
+    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replace_state`."""
     state, done, nothing = measurement.state, measurement.done, np.full(3, np.nan)
     (turning, n_turning), (moving, n_moving) = np.zeros((2, 2)) if done is None else done.of_first
     deviation = np.sqrt(state.covariance.diagonal())
@@ -290,12 +292,12 @@ def finish(
         mass_used=bool(n_moving),
         mass_jump=False,
     )
-    return FilterStep(state, rotation, mass, _own(state, done, params))
+    return FilterStep(state, rotation, mass, _make_report_row(state, done, params))
 
 
-def _own(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterParams) -> Any:
+def _make_report_row(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterParams) -> Any:
     """Makes the log row that only this filter has, as `POSE_REPORT`."""
-    made, bank = params.pose, delays.overall(state.tried, params.pose)
+    made, bank = params.pose, delays.merge_delays(state.tried, params.pose)
     jets = made.pushes.shape[0]
     deviation = np.zeros(made.parts.size)
     deviation[made.free] = np.sqrt(bank.covariance[0].diagonal())
@@ -316,16 +318,16 @@ def _own(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterPara
     )
 
 
-def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+def replace_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
     """Replaces the filter's hypotheses after a cycle by the detector's, and the estimates reported."""
-    state = _reporting(step.state._replace(tried=tried), params)
-    return telling(step, state.estimate, state.covariance)._replace(state=state)
+    state = _update_estimate(step.state._replace(tried=tried), params)
+    return replace_estimates(step, state.estimate, state.covariance)._replace(state=state)
 
 
-def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+def publish_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
     """Replaces the reported estimates by those of other hypotheses; the filter keeps its own state."""
-    other = _reporting(step.state._replace(tried=tried), params)
-    return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
+    other = _update_estimate(step.state._replace(tried=tried), params)
+    return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 def _layout(params: PoseFilterParams) -> Layout:
@@ -343,22 +345,22 @@ def _layout(params: PoseFilterParams) -> Layout:
         level=jets,
         time_s=1,
         started=1,
-    )  # and then `keeping.packed`
+    )  # and then `keeping.pack_hypotheses`
 
 
-def saved(state: PoseFilterState, params: PoseFilterParams) -> Groups:
+def save_state(state: PoseFilterState, params: PoseFilterParams) -> Groups:
     """Packs the state: the first filter and the command in force; then commands that still act, and all hypotheses."""
     bank = state.tried.bank
     level = state.commands.levels[-1] if state.commands.levels.size else np.zeros(params.pose.pushes.shape[0])
     parts = [bank.mean[0], bank.covariance[0], bank.rotation[0], bank.opens[:1].astype(float), bank.reference[0]]
     parts += [bank.turned[0], state.tried.known, level, np.array([state.time_s]), np.array([float(state.started)])]
     if state.started:
-        parts.append(keeping.packed(state.tried, state.commands))
+        parts.append(keeping.pack_hypotheses(state.tried, state.commands))
     return {GROUP: np.concatenate([np.ravel(part) for part in parts])}
 
 
-def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
-    """Unpacks a state: the inverse of `saved`.
+def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
+    """Unpacks a state: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.
@@ -381,20 +383,23 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
         read.turned[None].copy(),
     )
     time_s, begun = float(read.time_s[0]), bool(read.started[0])
-    tried, commands = pose_hypotheses.alone(bank, read.known.copy(), time_s), Commands(np.zeros(0), np.zeros((0, jets)))
+    tried, commands = (
+        pose_hypotheses.make_single_filter(bank, read.known.copy(), time_s),
+        Commands(np.zeros(0), np.zeros((0, jets))),
+    )
     if begun:
         try:
-            tried, commands = keeping.unpacked(more, params.pose)
+            tried, commands = keeping.unpack_hypotheses(more, params.pose)
         except ValueError as error:
             raise ValueError(f"{GROUP}: {error}") from None
         first = (tried.bank.mean[0], tried.bank.covariance[0], tried.known)
         if not all(map(np.array_equal, first, (read.mean, read.covariance, read.known))):
             raise ValueError(f"{GROUP}: the first hypothesis must be the filter's own")
-    return _reporting(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
+    return _update_estimate(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
 
 
 def _require_possible(read: Any) -> None:
-    """Refuses parts of a state that no filter leaves, as `restored` says."""
+    """Refuses parts of a state that no filter leaves, as `restore_state` says."""
     spread = np.linalg.eigvalsh(read.covariance)
     if not np.array_equal(read.covariance, read.covariance.T) or spread[0] < -_ROUNDING * spread[-1]:
         raise ValueError(f"{GROUP}: the covariance must be symmetric, and no variance negative")
@@ -408,16 +413,16 @@ def _require_possible(read: Any) -> None:
 
 FILTER = Filter(
     params=make_params,
-    initial=initial,
+    initial=initial_state,
     predicted=lambda state: state.estimate,
     measure=measure,
     evidence=evidence,
     finish=finish,
     covariance=lambda state: state.covariance,
-    saved=saved,
-    restored=restored,
-    replaced=replaced,
-    published=published,
+    saved=save_state,
+    restored=restore_state,
+    replaced=replace_state,
+    published=publish_state,
     report=POSE_REPORT,
     growing=GROUP,
 )

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.kernels import kernel, numbers, picked
+from massprop_drake.maths.kernels import kernel, numbers, take_elements
 from massprop_drake.maths.linear_algebra import Array, congruence, cross, inverse_positive_definite, skew, times_stack
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 
@@ -49,7 +49,7 @@ def angular_block(vector: Array) -> Array:
 def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
     """Computes h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
-    increment: Array = np.dot(picked(estimate, ELEMENT), moment)
+    increment: Array = np.dot(take_elements(estimate, ELEMENT), moment)
     return increment
 
 
@@ -59,7 +59,7 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     jacobian = np.empty((3, N_ROTATION))
     jacobian[:, :6] = angular_block(moment)
-    jacobian[:, 6:] = np.dot(picked(estimate, ELEMENT), skew(linear_impulse))
+    jacobian[:, 6:] = np.dot(take_elements(estimate, ELEMENT), skew(linear_impulse))
     return jacobian
 
 
@@ -80,7 +80,7 @@ def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
     arms = np.zeros((impulses.shape[0], 3, 3))
     arms[:, 0, 1], arms[:, 0, 2], arms[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
     arms[:, 1, 0], arms[:, 2, 0], arms[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
-    jacobians[:, :, 6:] = times_stack(picked(estimate, ELEMENT), arms)
+    jacobians[:, :, 6:] = times_stack(take_elements(estimate, ELEMENT), arms)
     return jacobians
 
 
@@ -109,11 +109,11 @@ def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array,
     """Computes bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
     arm = skew(linear_impulse)
     spread = (covariance[:6, 6:] @ arm.T).ravel()
-    left = picked(spread, _LEFT)
+    left = take_elements(spread, _LEFT)
     bias = left[:, _DIAGONAL].sum(axis=1)
     force = congruence(arm, covariance[6:, 6:])
-    curvature = (picked(covariance.ravel(), _PRODUCT) @ force.ravel()).reshape(3, 3)
-    return bias, curvature + left @ picked(spread, _RIGHT).T
+    curvature = (take_elements(covariance.ravel(), _PRODUCT) @ force.ravel()).reshape(3, 3)
+    return bias, curvature + left @ take_elements(spread, _RIGHT).T
 
 
 @kernel

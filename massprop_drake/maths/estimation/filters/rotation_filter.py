@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
-from massprop_drake.maths.estimation.filters.considered import less_sensitive, plus, with_effects
+from massprop_drake.maths.estimation.filters.considered import add_effect_covariance, add_noise, update_sensitivity
 from massprop_drake.maths.estimation.filters.rate_increments import (
     coupling_increment,
     coupling_jacobian,
@@ -41,8 +41,8 @@ from massprop_drake.maths.estimation.filters.rate_increments import (
     second_order_terms,
     thrust_error_effects,
 )
-from massprop_drake.maths.estimation.redundancy import Rule, combined
-from massprop_drake.maths.kernels import kernel, numbers, picked, rows3
+from massprop_drake.maths.estimation.redundancy import Rule, combine_packages
+from massprop_drake.maths.kernels import kernel, numbers, rows3, take_elements
 from massprop_drake.maths.linear_algebra import (
     Array,
     congruence,
@@ -168,7 +168,7 @@ class RotationState(NamedTuple):
 
 
 @kernel
-def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
+def independent_covariance(covariance: Array, sensitivity: Array | None) -> Array:
     """Computes S_0, the part of a covariance that is independent of thrust errors, S - Psi Psi^T, shape (9, 9)."""
     if sensitivity is None:
         return covariance
@@ -211,7 +211,7 @@ def innovate(
     if sample.firing:
         jacobian = rate_increment_jacobian(estimate, sample.angular_impulse, sample.linear_impulse)
         if modeled:
-            jacobian += coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
+            jacobian += coupling_jacobian(take_elements(estimate, ELEMENT), sample.rate, params.period_s)
         innovation = sample.increment - rate_increment(estimate, sample.angular_impulse, sample.linear_impulse)
         if params.second_order:
             bias, curvature = second_order_terms(covariance, sample.linear_impulse)
@@ -219,23 +219,23 @@ def innovate(
                 innovation -= bias
             if params.curvature:
                 total_noise = noise + curvature
-        innovation, total_noise, effects = _considered(
+        innovation, total_noise, effects = _add_thrust_errors(
             (innovation, total_noise), jacobian, state, state.sensitivity, sample.thrust_errors
         )
-        apart = congruence(jacobian, independent_of(covariance, state.sensitivity)) + total_noise
-        innovation_covariance = with_effects(apart, effects)
+        apart = congruence(jacobian, independent_covariance(covariance, state.sensitivity)) + total_noise
+        innovation_covariance = add_effect_covariance(apart, effects)
         # a thrust that is off by a little is not what the subtraction waits for
         limit = params.coupling_limit * _largest_variance(noise)
         subtract_coupling = _largest_variance(apart) < limit
     else:
         jacobian, innovation_covariance = np.zeros((3, N_ROTATION)), noise
         if modeled:
-            jacobian = coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
+            jacobian = coupling_jacobian(take_elements(estimate, ELEMENT), sample.rate, params.period_s)
             innovation_covariance = congruence(jacobian, covariance) + noise
     if params.coupling != RotationCoupling.HYBRID:
         subtract_coupling = params.coupling == RotationCoupling.SUBTRACT or modeled
     if subtract_coupling:
-        inverse_inertia = picked(estimate, ELEMENT)
+        inverse_inertia = take_elements(estimate, ELEMENT)
         if is_positive_definite(inverse_inertia):
             innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
     information = inverse_positive_definite(innovation_covariance, _WHAT)
@@ -246,7 +246,7 @@ def innovate(
 
 
 @kernel
-def _considered(
+def _add_thrust_errors(
     before: tuple[Array, Array],
     jacobian: Array,
     state: RotationState,
@@ -276,7 +276,7 @@ def _knows_inertia(estimate: Array, covariance: Array) -> bool:
     """Tests whether the inverse inertia is positive definite and its diagonal known to half its size."""
     deviation = np.sqrt(np.diag(covariance)[:3])
     known = bool((deviation < 0.5 * estimate[:3]).all())
-    return known and is_positive_definite(picked(estimate, ELEMENT))
+    return known and is_positive_definite(take_elements(estimate, ELEMENT))
 
 
 @kernel
@@ -284,17 +284,17 @@ def _joseph_update(
     state: RotationState, innovation: Array, information: Array, jacobian: Array, noise: Array, effects: Array | None
 ) -> RotationState:
     """Updates estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects."""
-    independent = independent_of(state.covariance, state.sensitivity)
-    gain = _shared(independent @ jacobian.T, state.sensitivity, effects) @ information
+    independent = independent_covariance(state.covariance, state.sensitivity)
+    gain = _cross_covariance(independent @ jacobian.T, state.sensitivity, effects) @ information
     kept = _IDENTITY - gain @ jacobian
     covariance = congruence(kept, independent) + congruence(gain, noise)
-    sensitivity = less_sensitive(state.sensitivity, gain, effects)
-    covariance = _with_sensitivity(covariance, sensitivity, effects)
+    sensitivity = update_sensitivity(state.sensitivity, gain, effects)
+    covariance = _total_covariance(covariance, sensitivity, effects)
     return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
 
 
 @kernel
-def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
     """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its first term, shape (9, 3)."""
     if effects is None or sensitivity is None:
         return shared
@@ -302,7 +302,7 @@ def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> 
 
 
 @kernel
-def _with_sensitivity(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+def _total_covariance(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
     """Computes the whole covariance of the state, S_0 + Psi Psi^T, shape (9, 9)."""
     if effects is None or sensitivity is None:
         return covariance
@@ -328,11 +328,11 @@ def update(
     """
     if not each or adaptation.action == Action.REJECT:
         return update_once(state, sample, innovation, adaptation, params)
-    state, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
+    state, innovation, jumped = _inflate_after_jump(state, sample, innovation, adaptation, params)
     for part in each:
         own = innovate(state, part, innovation.subtract_coupling, params)
-        state = _updated(state, part, own, adaptation)
-    return RotationCycle(_later(state, params), True, jumped)
+        state = _apply_measurement(state, part, own, adaptation)
+    return RotationCycle(_propagate(state, params), True, jumped)
 
 
 @kernel
@@ -345,13 +345,13 @@ def update_once(
 ) -> RotationCycle:
     """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
-        return RotationCycle(_later(state, params), False, False)
-    before, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
-    return RotationCycle(_later(_updated(before, sample, innovation, adaptation), params), True, jumped)
+        return RotationCycle(_propagate(state, params), False, False)
+    before, innovation, jumped = _inflate_after_jump(state, sample, innovation, adaptation, params)
+    return RotationCycle(_propagate(_apply_measurement(before, sample, innovation, adaptation), params), True, jumped)
 
 
 @kernel
-def _after_jump(
+def _inflate_after_jump(
     state: RotationState,
     sample: RotationSample,
     innovation: RotationInnovation,
@@ -366,7 +366,7 @@ def _after_jump(
 
 
 @kernel
-def _updated(
+def _apply_measurement(
     state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
 ) -> RotationState:
     """Computes the state after one measurement."""
@@ -380,11 +380,11 @@ def _updated(
         information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     after = _joseph_update(state, error, information, innovation.jacobian, noise, innovation.effects)
     first = state, error, (noise, innovation.noise, enlarged)
-    return _again(after, first, innovation.jacobian, state.sensitivity, sample.thrust_errors)
+    return _repeat_update(after, first, innovation.jacobian, state.sensitivity, sample.thrust_errors)
 
 
 @kernel
-def _again(
+def _repeat_update(
     after: RotationState,
     first: tuple[RotationState, Array, tuple[Array, Array, Array]],
     jacobian: Array,
@@ -404,14 +404,17 @@ def _again(
     state, error, (noise, measured, enlarged) = first
     effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
     covariance = (
-        congruence(jacobian, independent_of(state.covariance, sensitivity)) + effects @ effects.T + measured + enlarged
+        congruence(jacobian, independent_covariance(state.covariance, sensitivity))
+        + effects @ effects.T
+        + measured
+        + enlarged
     )
     information = inverse_positive_definite(covariance, _WHAT)
     return _joseph_update(state, error, information, jacobian, noise, effects)
 
 
 @kernel
-def _later(state: RotationState, params: RotationParams) -> RotationState:
+def _propagate(state: RotationState, params: RotationParams) -> RotationState:
     """Updates the covariance in time (2-123), a random walk."""
     return RotationState(state.estimate, state.covariance + params.process_noise, state.sensitivity)
 
@@ -460,7 +463,7 @@ class RotationInterval(NamedTuple):
     thrust_errors: Array | None = None
 
 
-def counts_one(params: RotationParams) -> bool:
+def uses_one_package(params: RotationParams) -> bool:
     """Tests whether a measurement is of a single gyro, not a combination of several."""
     return params.rule == Rule.SINGLE or params.gyro_variances.size == 1
 
@@ -472,22 +475,23 @@ def measure(
 
     The readings `rates` are as in `RotationMemory`, shape (s, 3).
     """
-    if counts_one(params):
+    if uses_one_package(params):
         return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
-    there = [index for index in range(len(rates)) if _is_there(increments[index], means[index], params)]
+    there = [index for index in range(len(rates)) if _is_usable_increment(increments[index], means[index], params)]
     if len(there) < 2:
         return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
     covariances = np.zeros((len(there), len(there), 3, 3))
     covariances[np.arange(len(there)), np.arange(len(there))] = own
-    increment, noise = combined(increments[there], covariances, params.rule)
-    mean, _ = combined(means[there], covariances, params.rule)
-    sample = _sample(increment, mean, noise, interval)
+    increment, noise = combine_packages(increments[there], covariances, params.rule)
+    mean, _ = combine_packages(means[there], covariances, params.rule)
+    sample = _make_sample(increment, mean, noise, interval)
     each: tuple[RotationSample, ...] = ()
     if params.rule == Rule.SERIAL:
         each = tuple(
-            _sample(increments[index], means[index], noise, interval) for index, noise in zip(there, own, strict=True)
+            _make_sample(increments[index], means[index], noise, interval)
+            for index, noise in zip(there, own, strict=True)
         )
     return RotationMeasurement(sample, innovate(state, sample, memory.subtract_coupling, params), each)
 
@@ -499,19 +503,19 @@ def measure_one(
     """Runs `measure` with the first gyro that reads; returns its sample and innovation."""
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     for index in range(rates.shape[0]):
-        if _is_there(increments[index], means[index], params):
+        if _is_usable_increment(increments[index], means[index], params):
             noise = 2.0 * params.gyro_variances[index] * _UNIT
-            sample = _sample(increments[index], means[index], noise, interval)
+            sample = _make_sample(increments[index], means[index], noise, interval)
             return sample, innovate(state, sample, memory.subtract_coupling, params)
     nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
-    sample = _sample(nothing, nothing, unknown, interval)
+    sample = _make_sample(nothing, nothing, unknown, interval)
     coasting = np.zeros((3, N_ROTATION))
     blank = RotationInnovation(nothing, unknown, unknown, coasting, unknown, None, memory.subtract_coupling, math.nan)
     return sample, blank
 
 
 @kernel
-def _is_there(increment: Array, mean: Array, params: RotationParams) -> bool:
+def _is_usable_increment(increment: Array, mean: Array, params: RotationParams) -> bool:
     """Tests whether a gyro has both readings, and the vehicle does not turn too fast between them."""
     x, y, z = numbers(mean, 3)
     a, b, c = numbers(increment, 3)
@@ -520,11 +524,11 @@ def _is_there(increment: Array, mean: Array, params: RotationParams) -> bool:
 
 
 @kernel
-def _sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
+def _make_sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
     return RotationSample(
         increment,
         mean,
-        plus(noise, interval.extra_noise),
+        add_noise(noise, interval.extra_noise),
         float(noise[0, 0]),
         interval.angular_impulse,
         interval.linear_impulse,
@@ -543,7 +547,7 @@ def finish(
     """
     sample, innovation, each = measurement
     if math.isnan(innovation.nis) or not (usable and sample.firing):
-        return RotationCycle(_later(state, params), False, False)
+        return RotationCycle(_propagate(state, params), False, False)
     return update(state, sample, innovation, adaptation, params, each)
 
 
@@ -558,5 +562,5 @@ def finish_one(
     """Runs `finish` with one measurement."""
     sample, innovation = measured
     if math.isnan(innovation.nis) or not (usable and sample.firing):
-        return RotationCycle(_later(state, params), False, False)
+        return RotationCycle(_propagate(state, params), False, False)
     return update_once(state, sample, innovation, adaptation, params)

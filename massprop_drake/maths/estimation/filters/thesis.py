@@ -54,7 +54,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, deviations
-from massprop_drake.maths.mass_properties import N_ROTATION, all_ten
+from massprop_drake.maths.mass_properties import N_ROTATION, join_ten_parameters
 
 _ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
@@ -208,7 +208,7 @@ def linear_errors(thrust_errors: Array | None) -> Array | None:
 
 
 @kernel
-def turning_from(state: RotationState, sample: RotationSample, innovation: RotationInnovation) -> Turning:
+def make_turning(state: RotationState, sample: RotationSample, innovation: RotationInnovation) -> Turning:
     """Collects the parts of the rotation filter's measurement that the mass filter and the detector need."""
     return Turning(
         innovation.innovation,
@@ -230,11 +230,11 @@ def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | N
     if effects is None or sensitivity is None:
         shared: Array = np.dot(jacobian, covariance)
         return shared
-    return jacobian @ rotation_filter.independent_of(covariance, sensitivity) + effects @ sensitivity.T
+    return jacobian @ rotation_filter.independent_covariance(covariance, sensitivity) + effects @ sensitivity.T
 
 
 @kernel
-def rotation_of(turning: Turning) -> Rotation:
+def rotation_inputs(turning: Turning) -> Rotation:
     """Collects the mass filter's inputs from the rotation filter; the center of mass is the prediction (3-40)."""
     return Rotation(
         turning.increment,
@@ -246,30 +246,32 @@ def rotation_of(turning: Turning) -> Rotation:
 
 
 @kernel
-def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
+def join_innovations(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
     """Joins both filters' predictions and innovations, and their covariances, translation first."""
     impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = innovation.covariance
     covariance[3:, 3:] = turning.innovation_covariance
-    coupled = _couple(covariance, shared_covariance(innovation.effects, turning.effects))
+    coupled = _add_coupling(covariance, shared_covariance(innovation.effects, turning.effects))
     parameters = joint_covariance(turning.covariance, state.variance)
     cross = np.zeros((6, N_ROTATION + 1))
     cross[3:, :N_ROTATION] = turning.cross_covariance
-    cross[:3, N_ROTATION] = impulse * mass_filter.independent_of(state.variance, state.sensitivity)
-    _share((parameters, cross), turning.sensitivity, state.sensitivity, innovation.effects, turning.effects)
+    cross[:3, N_ROTATION] = impulse * mass_filter.independent_variance(state.variance, state.sensitivity)
+    _add_error_coupling(
+        (parameters, cross), turning.sensitivity, state.sensitivity, innovation.effects, turning.effects
+    )
     return Joint(
         np.concatenate((innovation.innovation, turning.innovation)),
         covariance,
         coupled,
-        all_ten(turning.estimate, state.mass_reciprocal),
+        join_ten_parameters(turning.estimate, state.mass_reciprocal),
         parameters,
         cross,
     )
 
 
 @kernel
-def _couple(covariance: Array, coupled: Array | None) -> bool:
+def _add_coupling(covariance: Array, coupled: Array | None) -> bool:
     """Writes the cross-covariance of translation and rotation into their covariance; returns whether there is any."""
     if coupled is None:
         return False
@@ -279,7 +281,7 @@ def _couple(covariance: Array, coupled: Array | None) -> bool:
 
 
 @kernel
-def _share(
+def _add_error_coupling(
     covariances: tuple[Array, Array],
     rotation: Array | None,
     translation: Array | None,
@@ -332,7 +334,7 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
 
 
 @kernel
-def report_of_rotation(before: RotationInnovation, cycle: RotationCycle) -> RotationReport:
+def rotation_report(before: RotationInnovation, cycle: RotationCycle) -> RotationReport:
     """Makes the log row of the rotation filter's cycle."""
     state = cycle.state
     return RotationReport(
@@ -348,7 +350,7 @@ def report_of_rotation(before: RotationInnovation, cycle: RotationCycle) -> Rota
 
 
 @kernel
-def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
+def mass_report(before: MassInnovation, cycle: MassCycle) -> MassReport:
     """Makes the log row of the mass filter's cycle."""
     state, deviation = cycle.state, deviations(before.covariance)
     return MassReport(
@@ -433,9 +435,9 @@ def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_er
     return MassState(mass_reciprocal, variance, empty_window(params.jump_window), sensitivity), readings
 
 
-def predicted(state: ThesisState) -> Array:
+def predicted_parameters(state: ThesisState) -> Array:
     """Returns the predicted ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
-    return all_ten(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
+    return join_ten_parameters(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
 
 
 def measure(
@@ -445,10 +447,10 @@ def measure(
     errors = params.thrust_errors
     turn = rotation_interval(interval, errors)
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
-    told, moving = turning_from(state.rotation, turning.sample, turning.innovation), None
+    told, moving = make_turning(state.rotation, turning.sample, turning.innovation), None
     if state.mass is not None and params.mass is not None:
         move = mass_interval(interval, linear_errors(errors))
-        moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation_of(told), params.mass)
+        moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation_inputs(told), params.mass)
     return ThesisMeasurement(turning, told, moving, rates, velocities)
 
 
@@ -457,7 +459,7 @@ def evidence(state: ThesisState, measurement: ThesisMeasurement, interval: Inter
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
     moving = measurement.moving
-    return joint_of(measurement.told, moving.sample, moving.innovation, state.mass)
+    return join_innovations(measurement.told, moving.sample, moving.innovation, state.mass)
 
 
 def finish(
@@ -467,7 +469,7 @@ def finish(
     impulses, learning = interval.impulses, is_learning(interval)
     turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
     memory = rotation_memory(measurement.turning, measurement.rates)
-    report = report_of_rotation(measurement.turning.innovation, turned)
+    report = rotation_report(measurement.turning.innovation, turned)
     moving = measurement.moving
     if moving is None or state.mass is None or params.mass is None:
         return FilterStep(ThesisState(turned.state, memory, None, state.velocities), report, None)
@@ -475,11 +477,11 @@ def finish(
     return FilterStep(
         ThesisState(turned.state, memory, weighed.state, measurement.velocities),
         report,
-        report_of_mass(moving.innovation, weighed),
+        mass_report(moving.innovation, weighed),
     )
 
 
-def covariance(state: ThesisState) -> Array:
+def parameter_covariance(state: ThesisState) -> Array:
     """Returns the covariance of the ten parameters, NaN for an unobserved mass reciprocal, shape (10, 10)."""
     return joint_covariance(state.rotation.covariance, math.nan if state.mass is None else state.mass.variance)
 
@@ -505,7 +507,7 @@ def pack_rotation(state: RotationState, memory: RotationMemory, layout: Layout) 
     return layout.pack((state.estimate, state.covariance, memory.subtract_coupling, memory.rates, sensitivity))
 
 
-def read_rotation(vector: Array, layout: Layout) -> tuple[RotationState, RotationMemory]:
+def unpack_rotation(vector: Array, layout: Layout) -> tuple[RotationState, RotationMemory]:
     """Unpacks the vector of `pack_rotation`; the result has views of it."""
     estimate, covariance, subtract_coupling, rates, sensitivity = layout.read(vector)
     state = RotationState(estimate, covariance, sensitivity if sensitivity.size else None)
@@ -518,13 +520,13 @@ def pack_mass(state: MassState, velocities: Array, layout: Layout) -> Array:
     return layout.pack((state.mass_reciprocal, state.variance, velocities, state.window, sensitivity))
 
 
-def read_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
+def unpack_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
     """Unpacks the vector of `pack_mass`: state and readings, views of it."""
     mass_reciprocal, variance, velocities, window, sensitivity = layout.read(vector)
     return MassState(mass_reciprocal, variance, window, sensitivity if sensitivity.size else None), velocities
 
 
-def saved(state: ThesisState, params: ThesisParams) -> Groups:
+def save_state(state: ThesisState, params: ThesisParams) -> Groups:
     """Packs both filters' states into a dictionary of vectors, by the diagram's system that holds each."""
     n_errors = _n_errors(params)
     layout = rotation_layout(params.rotation, n_errors)
@@ -535,20 +537,20 @@ def saved(state: ThesisState, params: ThesisParams) -> Groups:
     return groups
 
 
-def restored(groups: Groups, params: ThesisParams) -> ThesisState:
-    """Unpacks states: the inverse of `saved`.
+def restore_state(groups: Groups, params: ThesisParams) -> ThesisState:
+    """Unpacks states: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what no filter leaves.
     """
     n_errors = _n_errors(params)
-    rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
+    rotation, memory = unpack_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
     _require_finite("rotation_estimator", rotation)
     if rotation.sensitivity is not None:
         _require_within("rotation_estimator", rotation.sensitivity, rotation.covariance.diagonal())
     if params.mass is None:
         return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
-    mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params.mass, n_errors))
+    mass, velocities = unpack_mass(groups["mass_estimator"], mass_layout(params.mass, n_errors))
     _require_finite("mass_estimator", mass)
     if mass.sensitivity is not None:
         _require_within("mass_estimator", mass.sensitivity[None, :], np.array([mass.variance]))
@@ -569,11 +571,11 @@ def _require_within(name: str, sensitivity: Array, variance: Array) -> None:
 FILTER = Filter(
     params=make_params,
     initial=initial_state,
-    predicted=predicted,
+    predicted=predicted_parameters,
     measure=measure,
     evidence=evidence,
     finish=finish,
-    covariance=covariance,
-    saved=saved,
-    restored=restored,
+    covariance=parameter_covariance,
+    saved=save_state,
+    restored=restore_state,
 )

@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.joint.measurement import POOR, readings
 from massprop_drake.maths.estimation.joint.modes import spread_of
 from massprop_drake.maths.estimation.joint.wheels import first_spread
 from massprop_drake.maths.linear_algebra import Array, skew
-from massprop_drake.maths.vehicle.disturbance import kept_share
+from massprop_drake.maths.vehicle.disturbance import decay_factor
 
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
 
@@ -158,8 +158,8 @@ def _kept_of_slow(state: JointState, sample: JointSample, params: JointParams) -
     filled = places.n_slow - places.tanks
     others, unstated = filled - places.wheels, places.unstated - places.slow
     kept, spread, since_s = np.zeros(places.n_slow), np.ones(places.n_slow), max(sample.time_s - state.time_s, 0.0)
-    kept[:unstated] = kept_share(params.disturbance.time_constant_s, since_s)
-    kept[unstated:others], spread[unstated:others] = kept_share(state.stir_s, since_s), state.stir
+    kept[:unstated] = decay_factor(params.disturbance.time_constant_s, since_s)
+    kept[unstated:others], spread[unstated:others] = decay_factor(state.stir_s, since_s), state.stir
     spread[others:filled] = first_spread(sample.speeds.kept, params.wheels)
     kept[filled:] = 1.0
     return kept, spread

@@ -20,8 +20,8 @@ from massprop_drake.maths.vehicle.engine_thrust import (
     N_CHANNELS,
     N_ERRORS,
     EngineParams,
-    flow_at,
-    follow,
+    follow_command,
+    interpolate_flow,
     reading_std,
     thrust,
     wrenches_of,
@@ -76,7 +76,7 @@ def burnt(before: EngineSettings, read: Array, duration_s: float, engines: Engin
     measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
     shown = np.where(missing, before.told, read)
     shown[:, 0] = np.where(shown[:, 0] < engines.least, 0.0, shown[:, 0])
-    followed, mean = follow(before.now, before.told, duration_s, engines)
+    followed, mean = follow_command(before.now, before.told, duration_s, engines)
     end = np.where(measured, shown, followed)
     middle = np.where(measured, 0.5 * (before.now + end), 1.5 * mean - 0.25 * (before.now + end))
     going_on = np.where(before.since_s < 0.0, before.since_s, before.since_s + duration_s)
@@ -181,7 +181,7 @@ def pushes(
     derivatives = np.empty((N_ERRORS, points.shape[0] // 3, 6))
     for error in range(N_ERRORS):
         derivatives[error] = _over(by[error], duration_s)
-    flows = flow_at(level, engines.levels, engines.flows[which]).reshape(-1, 1)
+    flows = interpolate_flow(level, engines.levels, engines.flows[which]).reshape(-1, 1)
     used = _over(flows, duration_s).ravel()
     return _over(wrenches_of(given.place, acting), duration_s), derivatives, _over(full, duration_s), used
 

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.joint.forcing import Drive, slot_weight, wh
 from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, moments_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.rates import shortened
-from massprop_drake.maths.kernels import idiom, kernel, picked
+from massprop_drake.maths.kernels import idiom, kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -166,7 +166,7 @@ def _each_times(effects: Array, covariance: Array) -> Array:
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
     """Computes N_j, effect of the ten parameters' errors on w and c under wrenches for a second, shape (6, n, 10)."""
-    inverse = picked(mean, ELEMENT)
+    inverse = take_elements(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
     for row in range(3):

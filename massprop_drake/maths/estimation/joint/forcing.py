@@ -22,10 +22,10 @@ from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, directions
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.joint.wheels import momenta as of_wheels
-from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
-from massprop_drake.maths.vehicle.mounting import displaced
+from massprop_drake.maths.vehicle.mounting import displace_wrenches
 
 
 class Drive(NamedTuple):
@@ -130,7 +130,7 @@ def thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array
 def wrenches_of(mean: Array, params: JointParams) -> Array:
     """Computes torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
     places = params.places
-    return displaced(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
+    return displace_wrenches(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
 
 
 @kernel
@@ -141,7 +141,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
     """
     mean, places, firing = state.mean, params.places, acting.firing
-    inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
+    inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
     wrenches = wrenches_of(mean, params)
     rate_effect = moments_of(wrenches, mean) @ inverse
@@ -219,7 +219,7 @@ def impulse_rows(
     rate_rows, velocity_rows = error_rows(state, acting, params)
     linear, moment = impulse
     rate_rows[:, INERTIA] = angular_block(moment)
-    rate_rows[:, CENTER] = picked(state.mean, ELEMENT) @ skew(linear)
+    rate_rows[:, CENTER] = take_elements(state.mean, ELEMENT) @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + state.mean[MASS] * flow)
     return rate_rows, velocity_rows
 
@@ -262,7 +262,7 @@ def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params:
     """
     if exchange.shape[0] == 0:
         return rows
-    places, result, turns = params.places, rows.copy(), exchange @ picked(mean, ELEMENT)
+    places, result, turns = params.places, rows.copy(), exchange @ take_elements(mean, ELEMENT)
     if places.n_wheel > 0:
         result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * turns.T
     if places.n_scale > 0:

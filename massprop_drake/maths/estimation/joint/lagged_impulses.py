@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS
-from massprop_drake.maths.kernels import either, kernel, picked
+from massprop_drake.maths.kernels import kernel, select_where, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -93,7 +93,7 @@ def moments_of(wrenches: Array, mean: Array) -> Array:
 @kernel
 def effects_of(wrenches: Array, mean: Array) -> Array:
     """Computes the change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
-    return np.hstack((moments_of(wrenches, mean) @ picked(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
+    return np.hstack((moments_of(wrenches, mean) @ take_elements(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
 
 
 @kernel
@@ -122,11 +122,11 @@ def fire(
     for piece in range(durations_s.shape[0]):
         h = durations_s[piece]
         unknown = np.isnan(commands[piece])
-        u = either(unknown, UNKNOWN_LEVEL, commands[piece])
+        u = select_where(unknown, UNKNOWN_LEVEL, commands[piece])
         commanded = commanded or bool(np.any(u > 0.0))
         ratio = time_constants_s / h
         lagged = ratio > 0.0
-        remaining = np.exp(-1.0 / either(lagged, ratio, 1.0)) * lagged
+        remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
         mean = ratio * (1.0 - remaining)
         d = level - u
         parts = _parts(ratio, mean)
@@ -136,7 +136,7 @@ def fire(
             moments += _moments_of_piece(total, h, (amount, u, d), parts)
         amount += h * (u + d * mean)
         amount_slope += h * (d * (mean - remaining) + slope * mean)
-        remaining_slope = remaining / either(lagged, ratio, 1.0)
+        remaining_slope = remaining / select_where(lagged, ratio, 1.0)
         slope = slope * remaining + d * remaining_slope
         level = u + d * remaining
         if edges.shape[0] > 0:
@@ -147,7 +147,7 @@ def fire(
             level_by_tick = remaining * level_by_tick - longer * (d * remaining_slope / h)
         anything = anything | unknown
         deviation += h * mean * level_std
-        level_std = either(unknown, UNKNOWN_LEVEL, level_std * remaining)
+        level_std = select_where(unknown, UNKNOWN_LEVEL, level_std * remaining)
         total += h
     bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
     return Firing(
@@ -191,10 +191,10 @@ class Lingering(NamedTuple):
 def lingering(ratio: Array) -> Lingering:
     """Computes the decay for time constants over the interval's length, shape (n_jets,); zero: no lag."""
     lagged = ratio > 0.0
-    remaining = np.exp(-1.0 / either(lagged, ratio, 1.0)) * lagged
+    remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)
     bow = _bow_of_piece(np.ones_like(ratio), _parts(ratio, mean), mean)
-    return Lingering(remaining, remaining / either(lagged, ratio, 1.0), mean, bow)
+    return Lingering(remaining, remaining / select_where(lagged, ratio, 1.0), mean, bow)
 
 
 @kernel

@@ -24,7 +24,7 @@ from massprop_drake.maths.attitude import (
     conjugate,
     from_rotation_vector,
     multiply,
-    propagated,
+    propagate_attitude,
     rotation_matrix,
     to_rotation_vector,
 )
@@ -67,7 +67,7 @@ def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -
         duration_s: of the interval.
         read: quaternions, NaN where missing, shape (n, 4).
     """
-    after, told = propagated(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)
+    after, told = propagate_attitude(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)
     first = True
     for place in range(read.shape[0]):
         if np.isnan(read[place]).any():

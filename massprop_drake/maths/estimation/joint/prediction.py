@@ -56,7 +56,7 @@ from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swun
 from massprop_drake.maths.estimation.joint.tanks import TankChange, drawn
 from massprop_drake.maths.estimation.joint.unknown import indifferent
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, believed, exchanged
-from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -123,7 +123,7 @@ def predict(
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
     speeds = believed(around[1], state.assumed[: places.wheels], duration, params.wheels)
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
-    inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
+    inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
     known, momenta, scale = known_impulse(mean, acting, speeds, params)
     impulse = seconds @ wrenches_of(mean, params) + known
@@ -245,7 +245,7 @@ def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) ->
     """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
-    return 0.5 * (picked(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
+    return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
 
 
 @kernel
@@ -316,7 +316,7 @@ def _with_attitude(
         return after, np.zeros((2, 0, 3))
     mean, (frames, bow, coupled) = state.mean, over
     if not coupled:
-        bow = (bows_of_thrust(state, acting, params) @ picked(mean, ELEMENT))[0]
+        bow = (bows_of_thrust(state, acting, params) @ take_elements(mean, ELEMENT))[0]
     own = slice(params.places.attitude, params.places.attitude + 3)
     rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
     result[own], by_rates = turned(mean[own], frames, rates, bow, acting.firing.duration_s)

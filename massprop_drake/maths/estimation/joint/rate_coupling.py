@@ -17,7 +17,7 @@ import numpy as np
 from massprop_drake.maths.estimation.filters.rate_increments import angular_block
 from massprop_drake.maths.estimation.joint.forcing import Drive, bows_of_thrust
 from massprop_drake.maths.estimation.joint.layout import INERTIA, N_PROPERTIES, RATE, JointParams, JointState
-from massprop_drake.maths.kernels import kernel, numbers, picked
+from massprop_drake.maths.kernels import kernel, numbers, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -62,7 +62,7 @@ def turning_back_of(state: JointState, duration_s: float) -> Array:
     """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
     if not knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
-    inverse, rate = picked(state.mean, ELEMENT), state.mean[RATE]
+    inverse, rate = take_elements(state.mean, ELEMENT), state.mean[RATE]
     return inverse @ cross(inverse_positive_definite(inverse, "inverse inertia") @ rate, rate) * duration_s
 
 
@@ -86,7 +86,7 @@ def coupled_rate(
         momenta: h at the start and the end, shape (2, 3).
     """
     mean, duration = state.mean, acting.firing.duration_s
-    inverse, start, none = picked(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
+    inverse, start, none = take_elements(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
     counts = knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
     if not (counts or params.places.wheels + params.places.n_swing > 0):
         return (
@@ -264,4 +264,4 @@ def knows_inertia(mean: Array, covariance: Array) -> bool:
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
             return False
-    return is_positive_definite(picked(mean, ELEMENT))
+    return is_positive_definite(take_elements(mean, ELEMENT))

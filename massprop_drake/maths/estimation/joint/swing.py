@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.joint.modes import (
     swinging,
     tuned,
 )
-from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -203,7 +203,7 @@ def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: f
     modes, (scale, by_coupling) = params.modes, about
     n = modes.frequencies.shape[0]
     rate, turned = mean[RATE], moved.rate + by_coupling
-    rigid = Rigid(scale * picked(mean, ELEMENT), scale * mean[MASS], mean[CENTER])
+    rigid = Rigid(scale * take_elements(mean, ELEMENT), scale * mean[MASS], mean[CENTER])
     factors = tuned(mean[params.moving : params.moving + params.n_moving], modes)
     swing = swinging(rigid, factors, duration_s, modes)
     begun = mean[params.swing : params.swing + 2 * n]

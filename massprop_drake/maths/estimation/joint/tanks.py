@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, parallel_axis
 
@@ -87,7 +87,7 @@ def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: Tank
     """
     n = used.shape[0]
     change, by_used, by_state = np.zeros(_N + n), np.zeros((_N + n, n)), np.zeros((_N + n, _N + n))
-    inverse, center, reciprocal = picked(properties, ELEMENT), properties[_CENTER:_MASS], properties[_MASS]
+    inverse, center, reciprocal = take_elements(properties, ELEMENT), properties[_CENTER:_MASS], properties[_MASS]
     for tank in range(n):
         q, column = used[tank], tanks.columns[tank]
         height = min(max(fill[tank] - 0.5 * scale * q, 0.0), tanks.capacities[tank])

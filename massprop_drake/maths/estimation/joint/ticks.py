@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.joint.covariance import updated
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, releveled
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import levels_alone, pieces
+from massprop_drake.maths.vehicle.on_times import level_onsets, split_sample
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _NEAR = 0.05  # of the period: by so much a reading may be off so many periods after the one before
@@ -154,7 +154,7 @@ def started(stamp_s: float, command: Array) -> Clock:
         stamp_s: of the reading.
         command: up to it, shape (n_jets,).
     """
-    level, none = levels_alone(command.size), np.zeros(2)
+    level, none = level_onsets(command.size), np.zeros(2)
     covariance = np.zeros((2, 2))
     return Clock(
         stamp_s, stamp_s, 0.0, False, none, covariance, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command, level
@@ -207,14 +207,14 @@ def elapsed(
     length = stamp_s - clock.stamp_s
     short = length <= LONGEST * period_s
     if on_time(clock, stamp_s, period_s):
-        whole = pieces(*told, period_s, (0.0, period_s))
+        whole = split_sample(*told, period_s, (0.0, period_s))
         return begun(stamp_s, told), Elapsed(*whole, on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
     near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
     if at_stamps or not (short and near):
         after = begun(stamp_s, told)._replace(lost=not short)
-        return after, Elapsed(*pieces(*told, period_s, (0.0, length)), on_ticks(), clock.lost or not short)
+        return after, Elapsed(*split_sample(*told, period_s, (0.0, length)), on_ticks(), clock.lost or not short)
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
     jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)
@@ -298,7 +298,7 @@ def _pieces(
     lengths, levels, edges = [], [], [rows[:1]]
     for place, (command, since_s, _) in enumerate(acting):
         begin, end = times_s[place] - since_s, times_s[place + 1] - since_s
-        own_s, own_levels = pieces(*command, period_s, (begin, end))
+        own_s, own_levels = split_sample(*command, period_s, (begin, end))
         own_s[0] += times_s[place + 1] - times_s[place] - own_s.sum()  # to the last digit
         within = np.zeros((own_s.size - 1, rows.shape[1]))
         within[:, 2 + place] = 1.0

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.disturbance_states import Wander, prolonged
-from massprop_drake.maths.kernels import either, kernel
+from massprop_drake.maths.kernels import kernel, select_where
 from massprop_drake.maths.linear_algebra import Array, cross
 
 _ACTS = 4.0  # a probability, in 1-sigmas of a change of speed: errors of readings alone exceed it 6 times in 100 000
@@ -75,9 +75,9 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
     """
     missing = np.isnan(read)
     last = np.where(missing, before, read)
-    end = either(np.isnan(last), 0.0, last)
+    end = select_where(np.isnan(last), 0.0, last)
     start = np.where(np.isnan(before), end, before)  # z_k is as wide as what nobody has read
-    drawn = either(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
+    drawn = select_where(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
     return Spun(start, end, missing.astype(np.float64), drawn), last
 
 

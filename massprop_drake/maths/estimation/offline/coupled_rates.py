@@ -9,7 +9,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.layout import CENTER
 from massprop_drake.maths.estimation.joint.rate_coupling import PARABOLA
 from massprop_drake.maths.estimation.offline.thrust_course import Lengths, common_length
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
 
 CROSS = np.zeros((3, 3, 3))  # component i of a cross b is CROSS[i, j, k] a_j b_k
@@ -66,7 +66,7 @@ def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: 
         Of shape (3, 3, m - 1).
     """
     momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate + held
-    own = np.diff(crosses(rate.T, momentum.T).T) * (period_s / 12.0)
+    own = np.diff(cross_products(rate.T, momentum.T).T) * (period_s / 12.0)
     bows = moments_about(sums.bow, at[CENTER])
     bows[0] += own
     bows[2] += PARABOLA * own
@@ -92,7 +92,7 @@ def _coupling(inverse: Array) -> _Coupling:
     return _Coupling(straight, CROSS + straight.transpose(0, 2, 1) @ inverse, inverse @ CROSS)
 
 
-def _coupling_by(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
+def _coupling_derivatives(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
     """Computes derivatives of the coupling by the inverse inertia in some directions, shape (e, 3, 3)."""
     inertia = np.linalg.inv(inverse)
     straight = CROSS @ (-inertia @ elements @ inertia)[:, None]
@@ -143,11 +143,11 @@ def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Len
     if sums.late is not None:
         result[_PULLED] += moments_about(sums.late, at[CENTER])
         result[_SHIFTING][:3] += sums.late[3:]
-    result[_PULLED] -= common_length(period_s) * (_flat(coupling) @ result[_PRODUCTS])
+    result[_PULLED] -= common_length(period_s) * (_flatten_coupling(coupling) @ result[_PRODUCTS])
     return GainedRate(result, coupling, inverse @ result[_PULLED])
 
 
-def _flat(coupling: _Coupling) -> Array:
+def _flatten_coupling(coupling: _Coupling) -> Array:
     """Arranges a coupling as it multiplies all products, shape (..., 3, 27)."""
     return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
 
@@ -162,7 +162,7 @@ def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[
     """
     inverse, (straight, bent, bowed), sums = at[:6][ELEMENT], gained.coupling, gained.sums
     coupled = -common_length(period_s) * inverse
-    of_element = _flat(_coupling_by(_ELEMENTS, inverse, gained.coupling))
+    of_element = _flatten_coupling(_coupling_derivatives(_ELEMENTS, inverse, gained.coupling))
     by_elements = np.concatenate((_ELEMENTS, coupled @ of_element), axis=-1)
     both, ways = bowed + bowed.transpose(0, 2, 1), CROSS[:, None]
     by_bows = [(part @ ways).reshape(3, 3, 9) for part in (bent, both)]
@@ -191,19 +191,19 @@ def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Le
     return np.asarray(turning)
 
 
-def accumulated(gained: Array) -> Array:
+def cumulative_sums(gained: Array) -> Array:
     """Sums gains over intervals, shape (..., m - 1), from the beginning to each row, shape (..., m)."""
     sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
     np.cumsum(gained, axis=-1, out=sums[..., 1:])
     return sums
 
 
-def crossing(vectors: Array) -> Array:
+def cross_product_matrices(vectors: Array) -> Array:
     """Computes matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
     return np.asarray(np.tensordot(CROSS, vectors, ((1,), (0,))))
 
 
-def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
+def add_rate_coupling(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
     """Adds the coupling of a rate's changes: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
 
     Args:
@@ -215,7 +215,9 @@ def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Arr
     """
     inverse = at[:6][ELEMENT]
     inertia, half = np.linalg.inv(inverse), 0.5 * lengths_s[:, None, None]
-    crossed = crossing(inertia @ rate + held) - np.einsum("ijm,jk->ikm", crossing(rate), inertia)
+    crossed = cross_product_matrices(inertia @ rate + held) - np.einsum(
+        "ijm,jk->ikm", cross_product_matrices(rate), inertia
+    )
     coupling = np.einsum("ij,jkm->mik", inverse, crossed)
     onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
     before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(straight), -1, 0)

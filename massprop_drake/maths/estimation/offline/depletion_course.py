@@ -6,12 +6,12 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns
-from massprop_drake.maths.estimation.offline.thrust_course import MiddleDerivatives, ThrustCourse, drawn_from_tanks
+from massprop_drake.maths.estimation.offline.thrust_course import MiddleDerivatives, ThrustCourse, drawn_propellant
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 
 
-def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None = None) -> Array:
+def _parameters_at(at: Array, seconds: Array, model: FlightModel, more: Array | None = None) -> Array:
     """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10)."""
     places, tanks = columns(model), model.tanks
     flows = (tanks.feeds * model.flows) * (1.0 + at[places.flow])[:, None]
@@ -23,8 +23,8 @@ def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None 
         q = coming[..., tank]
         arm = tanks.outlets[tank] + column * (left[..., tank] + 0.5 * q)[..., None] - center
         whole = mass + q
-        spread = tanks.spreads[tank] + (q * q / 12.0)[..., None, None] * _about(column)
-        inertia = inertia + (q * mass / whole)[..., None, None] * _about(arm) + q[..., None, None] * spread
+        spread = tanks.spreads[tank] + (q * q / 12.0)[..., None, None] * _unit_mass_inertia(column)
+        inertia = inertia + (q * mass / whole)[..., None, None] * _unit_mass_inertia(arm) + q[..., None, None] * spread
         center, mass = center + (q / whole)[..., None] * arm, whole
     inverse = np.linalg.inv(inertia)[..., _ROWS_OF, _COLUMNS_OF]
     return np.concatenate((inverse, center, (1.0 / mass)[..., None]), axis=-1)
@@ -33,7 +33,7 @@ def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None 
 _ROWS_OF, _COLUMNS_OF = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of six elements
 
 
-def _about(arm: Array) -> Array:
+def _unit_mass_inertia(arm: Array) -> Array:
     """Computes |a|^2 1 - a a^T of vectors, shape (..., 3, 3)."""
     squares = np.sum(arm * arm, axis=-1)[..., None, None]
     return np.asarray(squares * np.eye(3) - arm[..., :, None] * arm[..., None, :])
@@ -42,7 +42,7 @@ def _about(arm: Array) -> Array:
 _STEP = 1e-4  # arithmetic, relative: of central differences, which have half the digits
 
 
-def about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[ThrustCourse, Array]:
+def expand_about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[ThrustCourse, Array]:
     """Converts a stretch and all unknowns to the mass properties at its middle; without tanks both stay.
 
     Args:
@@ -59,7 +59,7 @@ def about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[T
     given_s[:, 0, read.on] -= to_come_s
     given_s[:, 1, read.on] += to_come_s
     seconds, middle = given_s[row], at.copy()
-    middle[:N_PROPERTIES] = _standing(at, seconds, model)
+    middle[:N_PROPERTIES] = _parameters_at(at, seconds, model)
     size = np.zeros(at.size)
     size[:6], size[CENTER], size[MASS] = np.abs(at[:6]).max(), 1.0, at[MASS]
     size[places.thrust], size[places.flow], size[places.fill] = 1.0, 1.0, model.tanks.capacities
@@ -67,29 +67,37 @@ def about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[T
     for unknown in np.flatnonzero(size).tolist():
         step = np.zeros(at.size)
         step[unknown] = _STEP * size[unknown]
-        ahead, back = (_standing(at + way * step, seconds, model) for way in (1.0, -1.0))
+        ahead, back = (_parameters_at(at + way * step, seconds, model) for way in (1.0, -1.0))
         by[:, unknown] = (ahead - back) / (2.0 * step[unknown])
         wide = np.sqrt(_STEP) * step / _STEP  # of a difference of differences
-        further, nearer = (_slopes(at + way * wide, seconds, model) for way in (1.0, -1.0))
+        further, nearer = (_derivatives_by_draw(at + way * wide, seconds, model) for way in (1.0, -1.0))
         slopes[:, :, unknown] = (further - nearer) / (2.0 * wide[unknown])
     within_s = 0.5 * (given_s[:-1] + given_s[1:])
-    after_s, shifts = within_s[:, 1] - seconds[1], (_standing(at, within_s, model) - middle[:N_PROPERTIES])[:, :MASS].T
+    after_s, shifts = (
+        within_s[:, 1] - seconds[1],
+        (_parameters_at(at, within_s, model) - middle[:N_PROPERTIES])[:, :MASS].T,
+    )
     by_jets = (model.tanks.feeds * model.flows * (1.0 + at[places.flow])[:, None])[:, :, None] * after_s.T
     to_draw = np.einsum("kjm,j->km", by_jets, 1.0 + at[places.thrust])
     given = np.einsum("kj,j->j", model.tanks.feeds * (1.0 + at[places.flow])[:, None], 1.0 + at[places.thrust])
     drawn = (given_s[:, 1] - seconds[1]) @ (given * model.flows)
-    cut = stretch._replace(used_after=stretch.used_after - drawn_from_tanks(stretch, model).sum(axis=0) + drawn)
+    cut = stretch._replace(used_after=stretch.used_after - drawn_propellant(stretch, model).sum(axis=0) + drawn)
     through = MiddleDerivatives(by, slopes, by_jets)
-    of_tanks = {"to_draw": to_draw, "by_draw": _slopes(at, seconds, model), "shifts": shifts, "through": through}
+    of_tanks = {
+        "to_draw": to_draw,
+        "by_draw": _derivatives_by_draw(at, seconds, model),
+        "shifts": shifts,
+        "through": through,
+    }
     return course._replace(read=read._replace(stretch=cut, **of_tanks)), middle
 
 
-def _slopes(at: Array, seconds: Array, model: FlightModel) -> Array:
+def _derivatives_by_draw(at: Array, seconds: Array, model: FlightModel) -> Array:
     """Computes derivatives of elements 0 to 8 by propellant still to be drawn from each tank, (n_tanks, 9)."""
     slopes = np.empty((model.tanks.fill.size, MASS))
     for tank, capacity in enumerate(model.tanks.capacities.tolist()):
         more = np.zeros(slopes.shape[0])
         more[tank] = _STEP * capacity
-        ahead, back = (_standing(at, seconds, model, way * more) for way in (1.0, -1.0))
+        ahead, back = (_parameters_at(at, seconds, model, way * more) for way in (1.0, -1.0))
         slopes[tank] = (ahead - back)[:MASS] / (2.0 * more[tank])
     return slopes

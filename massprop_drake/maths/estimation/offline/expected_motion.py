@@ -12,27 +12,27 @@ from massprop_drake.maths.estimation.offline.coupled_rates import (
     CROSS,
     GainedRate,
     ImpulseSums,
-    accumulated,
+    add_rate_coupling,
     bows_of,
-    coupled,
+    cumulative_sums,
     gained_rate,
     mean_rates,
     rate_derivatives,
     turning_products,
 )
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns
-from massprop_drake.maths.estimation.offline.swings import Locked, Swings, with_modes
+from massprop_drake.maths.estimation.offline.swings import Locked, Swings, add_modes
 from massprop_drake.maths.estimation.offline.thrust_course import (
     Lengths,
     RecordedStretch,
     ThrustCourse,
-    interpolated,
+    interpolate_missing,
     row_places,
 )
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS
-from massprop_drake.maths.vehicle.mounting import displaced
+from massprop_drake.maths.vehicle.mounting import displace_wrenches
 
 _ROUNDS = 12  # of Newton's, for coupling with the rates that come of it
 _SMALL = 1e-12  # of a rate: these have settled
@@ -67,7 +67,7 @@ def expected_motion(at: Array, course: ThrustCourse, model: FlightModel) -> Expe
     turned = np.tensordot(at[places.momentum], CROSS, 1).T @ middle  # momentum of wheels crossed with the rate
     unknown = at[places.torque, None] - at[places.drag, None] * middle + turned
     impulse[:3] += (read.period_s if model.own_times else model.period_s) * unknown  # pure torques act about any point
-    impulse[:3] -= np.diff(held_momentum(read, at, model))
+    impulse[:3] -= np.diff(wheel_momentum(read, at, model))
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
     if model.own_times:
@@ -80,24 +80,24 @@ def expected_motion(at: Array, course: ThrustCourse, model: FlightModel) -> Expe
     sums = ImpulseSums(impulse, bow, late, acting)
     mass = 1.0 / at[MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
-    velocity = accumulated(sums.impulse[3:] * lightness)
+    velocity = cumulative_sums(sums.impulse[3:] * lightness)
     if late is not None:
         velocity += late[3:] / mass
-    gained = _gained_from(rate, sums, read, at, model)
+    gained = _gained_rate_as_read(rate, sums, read, at, model)
     if not read.there.all():  # jets fire in between: what they give is no straight line, what is left over is
-        left = interpolated(rate - gained.rate, read.there, row_places(stretch, model))
-        gained = _gained_from(gained.rate + left, sums, read, at, model)
+        left = interpolate_missing(rate - gained.rate, read.there, row_places(stretch, model))
+        gained = _gained_rate_as_read(gained.rate + left, sums, read, at, model)
     by_shift = None
     if model.sigma[places.shift].any():
-        later = accumulated(np.diff(gained.sums) * read.to_use)
+        later = cumulative_sums(np.diff(gained.sums) * read.to_use)
         by_shift, _ = rate_derivatives(gained._replace(sums=later), read.period_s, at)
         gained = gained._replace(rate=gained.rate + np.tensordot(at[places.shift], by_shift, 1))
     if read.through is not None:
         moved, _ = rate_derivatives(gained, read.period_s, at)
         shift, turn = read.shifts[CENTER].T, read.shifts[:6][ELEMENT]
         each = np.einsum("eim,em->im", np.diff(moved), read.shifts)
-        each += np.einsum("ijm,jm->im", turn, crosses(sums.impulse[3:].T, shift).T)  # of both at once
-        gained = gained._replace(rate=gained.rate + accumulated(each))
+        each += np.einsum("ijm,jm->im", turn, cross_products(sums.impulse[3:].T, shift).T)  # of both at once
+        gained = gained._replace(rate=gained.rate + cumulative_sums(each))
     expected = ExpectedMotion(course, sums, lightness, gained, velocity, by_shift, (gained.rate, velocity))
     if model.modes.frequencies.size == 0:
         return expected
@@ -111,30 +111,35 @@ def with_swings(expected: ExpectedMotion, derivatives: tuple[Array, Array], at: 
     read, places = expected.course.read, columns(model)
     rate = read.rate - at[places.gyro_bias, None]
     locked = Locked(*expected.locked, rate, expected.sums.impulse[3:], read.lengths_s, *derivatives)
-    return with_modes(locked, at[:N_PROPERTIES], at[places.moving], model.modes, model.compute.swing)
+    return add_modes(locked, at[:N_PROPERTIES], at[places.moving], model.modes, model.compute.swing)
 
 
-def _gained_from(rate: Array, sums: ImpulseSums, read: RecordedStretch, at: Array, model: FlightModel) -> GainedRate:
+def _gained_rate_as_read(
+    rate: Array, sums: ImpulseSums, read: RecordedStretch, at: Array, model: FlightModel
+) -> GainedRate:
     """Computes `gained_rate` with the coupling of rates at the rows as they are read, shape (3, m)."""
-    rate, held = rate - at[columns(model).gyro_bias, None], held_momentum(read, at, model)
+    rate, held = rate - at[columns(model).gyro_bias, None], wheel_momentum(read, at, model)
     bows = bows_of(sums, rate, held, read.period_s, at)
     if read.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate
-        bent = crosses((at[:6][ELEMENT] @ bows[0]).T, 0.5 * (held[:, :-1] + held[:, 1:]).T).T
+        bent = cross_products((at[:6][ELEMENT] @ bows[0]).T, 0.5 * (held[:, :-1] + held[:, 1:]).T).T
         impulse = sums.impulse.copy()
-        impulse[:3] -= read.period_s * (mean_crossed(rate, held) + bent)
+        impulse[:3] -= read.period_s * (mean_cross_products(rate, held) + bent)
         sums = sums._replace(impulse=impulse)
     return gained_rate(sums, mean_rates(rate), bows, read.period_s, at)
 
 
-def held_momentum(read: RecordedStretch, at: Array, model: FlightModel) -> Array:
+def wheel_momentum(read: RecordedStretch, at: Array, model: FlightModel) -> Array:
     """Computes the angular momentum of the wheels at the rows, shape (3, m)."""
     return np.tensordot(1.0 + at[columns(model).wheel], read.momenta, 1)
 
 
-def mean_crossed(rate: Array, momentum: Array) -> Array:
+def mean_cross_products(rate: Array, momentum: Array) -> Array:
     """Computes means over the intervals of w x h, both linear in between, shape (3, m - 1)."""
     (w0, w1), (h0, h1) = ((each[:, :-1].T, each[:, 1:].T) for each in (rate, momentum))
-    return ((2.0 * crosses(w0, h0) + crosses(w0, h1) + crosses(w1, h0) + 2.0 * crosses(w1, h1)) / 6.0).T
+    return (
+        (2.0 * cross_products(w0, h0) + cross_products(w0, h1) + cross_products(w1, h0) + 2.0 * cross_products(w1, h1))
+        / 6.0
+    ).T
 
 
 def acting_wrenches(at: Array, course: ThrustCourse, model: FlightModel) -> Array:
@@ -146,7 +151,7 @@ def acting_wrenches(at: Array, course: ThrustCourse, model: FlightModel) -> Arra
 
 def mounted_wrenches(at: Array, model: FlightModel) -> Array:
     """Computes wrenches of all jets at full thrust, with their mounting as assumed, shape (n_jets, 6)."""
-    return displaced(model.wrenches, at[columns(model).mount], model.mounting)
+    return displace_wrenches(model.wrenches, at[columns(model).mount], model.mounting)
 
 
 def engine_impulses(read: RecordedStretch, at: Array, model: FlightModel) -> tuple[Array, Array]:
@@ -179,13 +184,13 @@ def turning_effects(expected: ExpectedMotion, at: Array, model: FlightModel) -> 
     read, rate = expected.course.read, expected.rate
     off = np.where(read.there, read.rate - rate, 0.0).sum(axis=1, keepdims=True) / read.there.sum(axis=1, keepdims=True)
     whole = rate + off - at[columns(model).gyro_bias, None]
-    held = held_momentum(read, at, model)
+    held = wheel_momentum(read, at, model)
     bowed = at[:6][ELEMENT] @ bows_of(expected.sums, whole, held, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]
     turn = turning_products(whole, mean_rates(whole), bowed, read.period_s)
-    later = None if expected.by_shift is None else accumulated(np.diff(turn) * read.to_use)
+    later = None if expected.by_shift is None else cumulative_sums(np.diff(turn) * read.to_use)
     shifts = read.shifts[CENTER]
-    drawn = None if read.through is None else accumulated(np.einsum("icm,cm->im", np.diff(turn), shifts))
+    drawn = None if read.through is None else cumulative_sums(np.einsum("icm,cm->im", np.diff(turn), shifts))
     return TurningEffects(turn, whole, held, read.period_s, since_s, later, drawn)
 
 
@@ -198,12 +203,12 @@ def with_own_coupling(expected: ExpectedMotion, at: Array, model: FlightModel) -
     farthest = _STRAYED * np.abs(first.rate).max()
     bias, course, ones = at[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
     counts, lengths_s = first.there.sum(axis=1), np.broadcast_to(first.period_s, course.shape[1] - 1)
-    held = held_momentum(first, at, model)
+    held = wheel_momentum(first, at, model)
     for _ in range(_ROUNDS):  # Newton's
         gained = expected.rate
         straight = (gained - gained[:, :1]) - (course - course[:, :1])
         start = np.repeat(ones, course.shape[1], axis=2)
-        both = coupled(np.concatenate((straight[:, None], start), axis=1), course - bias, held, lengths_s, at)
+        both = add_rate_coupling(np.concatenate((straight[:, None], start), axis=1), course - bias, held, lengths_s, at)
         alone, by_start = both[:, 0], both[:, 1:]
         mean = np.where(first.there, first.rate - course - alone, 0.0).sum(axis=1) / counts
         by_mean = np.where(first.there[:, None], by_start, 0.0).sum(axis=2) / counts[:, None]

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
 from massprop_drake.maths.estimation.offline.expected_motion import expected_motion, turning_effects
-from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, reckoned
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, relevant_unknowns
 from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
 from massprop_drake.maths.estimation.offline.normal_equations import (
     batches_of,
     components_of,
-    normal,
     reading_derivatives,
-    summed_equations,
+    stretch_equations,
+    sum_equations,
 )
-from massprop_drake.maths.estimation.offline.thrust_course import recorded, thrust_course
+from massprop_drake.maths.estimation.offline.thrust_course import prepare_stretch, thrust_course
 from massprop_drake.maths.linear_algebra import Array
 
 _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
@@ -46,10 +46,10 @@ class _Shown(NamedTuple):
     variances: Array
 
 
-def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
+def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
     """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
-    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
-    expected, wanted = expected_motion(at, course, model), reckoned(model)
+    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
+    expected, wanted = expected_motion(at, course, model), relevant_unknowns(model)
     fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
     components = list(components_of(expected, fixed, at, model))
     known = np.flatnonzero(wanted[design.kept])
@@ -77,7 +77,7 @@ def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightMod
     return _Shown(information, gained, np.concatenate((design.own, np.ones(len(components)))))
 
 
-def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
+def _cut_rows(used: Array, rows: int) -> NDArray[np.int_]:
     """Returns rows that cut a stretch into parts of similar propellant use and duration."""
     last = used.shape[0] - 1
     if used[-1] <= 0.0 or rows >= last:
@@ -108,16 +108,18 @@ def least_deviation(
         model: for what else is reckoned with.
         information: A of all stretches together, where it is known, shape (n, n); else it is found.
     """
-    wanted = reckoned(model)
+    wanted = relevant_unknowns(model)
     root = np.diag(model.sigma[wanted])
-    root[:N_PROPERTIES, :N_PROPERTIES] = _root(start)
+    root[:N_PROPERTIES, :N_PROPERTIES] = _covariance_root(start)
     if not drift.any():
         if information is None:
-            information = summed_equations([normal(one, at, model, wanted) for one in stretches], model).information
-        return _deviation(_informed(root, information[np.ix_(wanted, wanted)]))
+            information = sum_equations(
+                [stretch_equations(one, at, model, wanted) for one in stretches], model
+            ).information
+        return _deviation(_add_information(root, information[np.ix_(wanted, wanted)]))
     before = np.zeros(N_PROPERTIES)
     for rows in _ROWS:
-        found = _deviation(_drifting(root, stretches, at, drift, model, rows))
+        found = _deviation(_root_after_flight(root, stretches, at, drift, model, rows))
         if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
             break
         before = found
@@ -130,21 +132,21 @@ def _deviation(root: Array) -> Array:
     return result
 
 
-def _drifting(
+def _root_after_flight(
     root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: FlightModel, rows: int
 ) -> Array:
     """Computes a root of the unknowns' covariance after a flight from one before it, by parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
-        cuts = _cuts(used, rows)
-        root = _drifted(root, drift * (used_after - stretch.used_after[0]))
-        root = _learned(root, _shown(stretch, cuts, at, model), drift, np.diff(used[cuts]))
+        cuts = _cut_rows(used, rows)
+        root = _add_drift(root, drift * (used_after - stretch.used_after[0]))
+        root = _root_after_stretch(root, _part_information(stretch, cuts, at, model), drift, np.diff(used[cuts]))
         used_after = stretch.used_after[-1]
     return root
 
 
-def _informed(root: Array, information: Array) -> Array:
+def _add_information(root: Array, information: Array) -> Array:
     """Computes a root of a covariance with further information, NaN where that is not finite."""
     inner = root.T @ information @ root
     if not np.isfinite(inner).all():
@@ -154,18 +156,18 @@ def _informed(root: Array, information: Array) -> Array:
     return informed
 
 
-def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
+def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
     """Computes a root of the unknowns' covariance after a stretch from one before it."""
     u, size = before.shape[0], shown.information.shape[1]
     root = np.zeros((size, size))
     root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
     halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
     for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
-        root = _informed(_drifted(root, drift * more, gained), part)
-    return _drifted(root[:u], drift * halves[-2])
+        root = _add_information(_add_drift(root, drift * more, gained), part)
+    return _add_drift(root[:u], drift * halves[-2])
 
 
-def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
+def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
     """Returns a root with drift of the ten parameters added, square.
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
@@ -181,7 +183,7 @@ def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
     return np.asarray(np.linalg.qr(together.T, mode="r")).T
 
 
-def _root(matrix: Array) -> Array:
+def _covariance_root(matrix: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -95,7 +95,7 @@ class FlightModel(NamedTuple):
     own_times: bool = False
 
 
-def gathers(model: FlightModel) -> bool:
+def has_accumulating_noise(model: FlightModel) -> bool:
     """Tests whether noise accumulates in rates or velocities, by walks or by a disturbance."""
     return any(model.walks) or bool(model.disturbance.accelerations.any())
 
@@ -150,11 +150,11 @@ def _columns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_othe
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
 
-def reckoned(model: FlightModel) -> NDArray[np.bool_]:
+def relevant_unknowns(model: FlightModel) -> NDArray[np.bool_]:
     """Selects the unknowns that a fit, and the variances it allows for, depend on, shape (n,)."""
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < N_PROPERTIES)
 
 
-def possible(at: Array) -> bool:
+def is_physical(at: Array) -> bool:
     """Tests whether the inverse inertia is positive definite and the mass positive."""
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[MASS] > 0.0)

@@ -46,7 +46,7 @@ class Foretold(NamedTuple):
     left: Array
 
 
-def foretold(covariance: Array, rows: Array, noise: Array) -> Foretold:
+def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> Foretold:
     """Predicts the gain of one second of the most informative jet, for each parameter.
 
     Args:
@@ -65,14 +65,14 @@ def foretold(covariance: Array, rows: Array, noise: Array) -> Foretold:
     return Foretold(jet, left)
 
 
-def asked(estimate: Array, limits: Array) -> Array:
+def requested_deviation(estimate: Array, limits: Array) -> Array:
     """Returns the 1-sigma that is asked of each parameter, shape (10,).
 
     A product element may be off by as much as the root of the product of its two diagonal elements.
 
     Args:
         estimate: the ten parameters, or others that scale them, shape (10,).
-        limits: see `mass_properties.converged`, shape (3,).
+        limits: see `mass_properties.is_converged`, shape (3,).
     """
     diagonal, center, reciprocal = limits.tolist()
     result = diagonal * np.abs(estimate)
@@ -83,13 +83,13 @@ def asked(estimate: Array, limits: Array) -> Array:
     return result
 
 
-def flags(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
+def classify_parameters(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
     """Classifies each parameter by its 1-sigma before and after a flight.
 
     Args:
         start: 1-sigma before any measurement, shape (10,).
         deviation: 1-sigma now, NaN where not observed, shape (10,).
-        limit: 1-sigma that is asked, see `asked`, shape (10,).
+        limit: 1-sigma that is asked, see `requested_deviation`, shape (10,).
         hidden: which parameters jets and sensors cannot show, shape (10,).
     """
     found = []

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.offline import flight_model, normal_equations
-from massprop_drake.maths.estimation.offline.coupled_rates import coupled, crossing
+from massprop_drake.maths.estimation.offline.coupled_rates import add_rate_coupling, cross_product_matrices
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
 
@@ -93,7 +93,7 @@ class _Scaled(NamedTuple):
     root: Array
 
 
-def _scaled(given: Constraints) -> _Scaled:
+def _scale_unknowns(given: Constraints) -> _Scaled:
     """Scales unknowns so that constraints are nearly orthogonal, by a QR decomposition of the matrix.
 
     Raises:
@@ -133,7 +133,7 @@ class _RowSearch:
             self._active = np.concatenate((rows, worst))
 
 
-def deepest(given: Constraints, solve: Solve) -> tuple[Array, float]:
+def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     """Finds the point farthest from the edges of all constraints, and how far it is; negative: they contradict.
 
     Args:
@@ -146,7 +146,7 @@ def deepest(given: Constraints, solve: Solve) -> tuple[Array, float]:
     Raises:
         ArithmeticError: when the solver fails, or a constraint is no number.
     """
-    scaled = _scaled(given)
+    scaled = _scale_unknowns(given)
     matrix, low, high, always = scaled.given
     n, ones = matrix.shape[1], np.ones((matrix.shape[0] - always, 1))
     kept, edges = np.hstack((matrix[:always], np.zeros((always, 1)))), matrix[always:]
@@ -163,18 +163,18 @@ def deepest(given: Constraints, solve: Solve) -> tuple[Array, float]:
     return scaled.root @ found[:n], float(found[n])
 
 
-def extremes(given: Constraints, count: int, solve: Solve) -> Array | None:
+def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None:
     """Finds the points where each of the first unknowns is least and largest.
 
     Args:
-        given: see `deepest`.
+        given: see `deepest_point`.
         count: of unknowns.
         solve: see `Solve`.
 
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.
     """
-    scaled = _scaled(given)
+    scaled = _scale_unknowns(given)
     search = _RowSearch(scaled.given, solve)
     found = np.empty((count, 2, given.matrix.shape[1]))
     for unknown in range(count):
@@ -244,7 +244,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
     """
-    gyros, m, wanted = model.gyros, stretch.time_s.size, flight_model.reckoned(model)
+    gyros, m, wanted = model.gyros, stretch.time_s.size, flight_model.relevant_unknowns(model)
     of_gyros = flight_model.columns(model).gyro_bias
     at = np.where(np.isin(np.arange(at.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, at)
     read, offset, course = np.zeros_like(stretch.readings), rate, np.zeros((3, m))
@@ -254,7 +254,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
         if np.isnan(rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
         away, lengths_s = motion[:3] + offset[:, None] - course, np.diff(stretch.time_s)
-        step = coupled(away[:, None], course, np.zeros((3, m)), lengths_s, at)[:, 0]  # wheels confine nothing
+        step = add_rate_coupling(away[:, None], course, np.zeros((3, m)), lengths_s, at)[:, 0]  # wheels confine nothing
         course = course + step
         if np.abs(step).max() <= _SMALL * np.abs(course).max():
             break
@@ -268,10 +268,10 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
     straight = held - held[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
-    derivatives[:gyros] = changes = coupled(begun, course, np.zeros((3, m)), np.diff(stretch.time_s), at)
+    derivatives[:gyros] = changes = add_rate_coupling(begun, course, np.zeros((3, m)), np.diff(stretch.time_s), at)
     for package in range(gyros, model.variances.size):
         arm = model.positions[package - gyros] - at[6:9]
-        derivatives[package] += _turned(changes - straight, changes - held, course, arm, stretch.time_s)
+        derivatives[package] += _lever_arm_changes(changes - straight, changes - held, course, arm, stretch.time_s)
     return _Outputs(shown, derivatives, offset)
 
 
@@ -293,10 +293,10 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
     return _Outputs(out.shown[..., ::2], out.derivatives[..., ::2], out.rate)
 
 
-def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
+def _lever_arm_changes(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
     """Computes changes of w x arm and of the integral of w x (w x arm) in an accelerometer, shape (3, u + 3, m)."""
-    lever = -crossing(arm)
-    slope = np.einsum("ijm,jk->ikm", crossing(rate), lever) - crossing(lever @ rate)
+    lever = -cross_product_matrices(arm)
+    slope = np.einsum("ijm,jk->ikm", cross_product_matrices(rate), lever) - cross_product_matrices(lever @ rate)
     more = np.einsum("ij,jum->ium", lever, since)
     slopes = np.einsum("ijm,jum->ium", slope, changes)
     more[..., 1:] += np.cumsum(0.5 * (slopes[..., 1:] + slopes[..., :-1]) * np.diff(time_s), axis=-1)
@@ -343,7 +343,7 @@ class _Linear:
 
     def __init__(self, stretches: Sequence[Stretch], point: _Point, model: FlightModel, cells: Cells):
         self._stretches, self._model, self._cells = stretches, model, cells
-        wanted = np.flatnonzero(flight_model.reckoned(model))
+        wanted = np.flatnonzero(flight_model.relevant_unknowns(model))
         self._frame = _Frame(wanted, 3 * model.gyros, 3 + 3 * model.positions.shape[0])
         thrust = flight_model.columns(model).thrust  # unknown ones of jets that fire
         self._loose = (model.sigma[thrust] > 0.0) & np.any([part.commands.any(axis=0) for part in stretches], axis=0)
@@ -450,7 +450,7 @@ class _Linear:
     def bend(self, move: Array) -> Array:
         """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
         every = []
-        there = self.about(move)._parts if flight_model.possible(self.moved(move).at) else self._parts
+        there = self.about(move)._parts if flight_model.is_physical(self.moved(move).at) else self._parts
         for here, other in zip(self._parts, there, strict=True):
             off = here.left - other.left - here.matrix @ move
             if off.size and here.package >= self._model.gyros:  # an accelerometer may start anywhere
@@ -459,15 +459,16 @@ class _Linear:
         return np.concatenate(every)
 
 
-def _widened(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None, float]:
+def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None, float]:
     """Finds extreme points with cells widened by as much as the model departs from its linearization there.
 
     Returns:
-        Points as `extremes` gives them, None where departures grow with the cells; and the largest departure, quanta.
+        Points as `extreme_points` gives them, None where departures grow with the cells; and the largest departure,
+        quanta.
     """
     allowed = np.full(linear.readings, _STRAIGHT)
     for _ in range(_WIDENINGS):
-        ends = extremes(linear.constraints(error + allowed), _N, solve)
+        ends = extreme_points(linear.constraints(error + allowed), _N, solve)
         if ends is None:
             return None, np.inf
         departures = np.max([linear.bend(end) for end in ends.reshape(2 * _N, -1)], axis=0)
@@ -480,7 +481,9 @@ def _widened(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None,
     return None, bend
 
 
-def confined(stretches: Sequence[Stretch], begin: Array, model: FlightModel, cells: Cells, solve: Solve) -> Confined:
+def find_intervals(
+    stretches: Sequence[Stretch], begin: Array, model: FlightModel, cells: Cells, solve: Solve
+) -> Confined:
     """Finds the intervals of the ten parameters that all readings of a flight allow.
 
     The linearization is redone about the point amid the extreme ones, or about the one closest to all readings where
@@ -488,21 +491,21 @@ def confined(stretches: Sequence[Stretch], begin: Array, model: FlightModel, cel
 
     Args:
         stretches: of the flight, at least one.
-        begin: all unknowns about which is linearized first; see `flight_model.possible`, shape (n,).
+        begin: all unknowns about which is linearized first; see `flight_model.is_physical`, shape (n,).
         model: see `flight_model.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
         cells: see `Cells`.
         solve: see `Solve`.
 
     Raises:
-        ArithmeticError: see `deepest`.
+        ArithmeticError: see `deepest_point`.
     """
     made = model._replace(variances=np.ones_like(model.variances), quanta=np.zeros_like(model.quanta))
     point = _Point(begin, np.full((len(stretches), 3), np.nan), np.zeros((model.gyros, 3)))
     linear, unknown = _Linear(stretches, point, made, cells), np.full(_N, np.nan)
     for number in range(_LINEARIZATIONS):
         error = linear.error()
-        middle, depth = deepest(linear.constraints(error), solve)
-        ends = extremes(linear.constraints(error), _N, solve) if depth > 0.0 else None
+        middle, depth = deepest_point(linear.constraints(error), solve)
+        ends = extreme_points(linear.constraints(error), _N, solve) if depth > 0.0 else None
         if ends is not None:
             middle = ends.mean(axis=(0, 1))
         bend = float(linear.bend(middle).max(initial=0.0))
@@ -510,7 +513,7 @@ def confined(stretches: Sequence[Stretch], begin: Array, model: FlightModel, cel
             break
         linear = linear.about(middle)
     if ends is not None and bend < np.inf:
-        ends, bend = _widened(linear, error, solve)
+        ends, bend = _widen_until_linear(linear, error, solve)
     if ends is None:
         return Confined(unknown, unknown, depth, bend)
     reached = np.array([[linear.moved(end).at[k] for end in pair] for k, pair in enumerate(ends)])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES
 from massprop_drake.maths.estimation.offline.coupled_rates import (
     CROSS,
-    accumulated,
-    coupled,
+    add_rate_coupling,
+    cumulative_sums,
     moments_about,
     rate_derivatives,
 )
@@ -20,21 +20,21 @@ from massprop_drake.maths.estimation.offline.expected_motion import (
     TurningEffects,
     acting_wrenches,
     engine_impulses,
-    held_momentum,
-    mean_crossed,
+    mean_cross_products,
     mounted_wrenches,
+    wheel_momentum,
     with_swings,
 )
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns
-from massprop_drake.maths.estimation.offline.swings import of_start
+from massprop_drake.maths.estimation.offline.swings import start_variances
 from massprop_drake.maths.estimation.offline.thrust_course import (
     Lengths,
     RecordedStretch,
     centered_counts,
     common_length,
-    weighed_by_length,
+    weigh_by_length,
 )
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
@@ -73,40 +73,44 @@ def motion_derivatives(
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
     inverse, mounted = at[:6][ELEMENT], mounted_wrenches(at, model)[read.on]
     forces = mounted[:, 3:]
-    moments = (mounted[:, :3] + crosses(forces, at[CENTER])) @ inverse
-    ticks, m = _by_ticks(expected, at, model), expected.rate.shape[1]
+    moments = (mounted[:, :3] + cross_products(forces, at[CENTER])) @ inverse
+    ticks, m = _tick_derivatives(expected, at, model), expected.rate.shape[1]
     by_rate, by_velocity = np.zeros((2, kept.size + ticks.shape[1], 3, m))
     by_rate[kept.size :], by_velocity[kept.size :] = ticks
     by_rate[place[:MASS]], by_bias = rate_derivatives(expected.gained, read.period_s, at)
-    by_velocity[place[MASS]] = _by_mass(expected, at)
+    by_velocity[place[MASS]] = _mass_derivatives(expected, at)
     if has[places.gyro_bias].any():
         by_rate[place[places.gyro_bias]] = by_bias
     if has[places.lag].any():
-        by_lag = _by_lag(expected, np.hstack((moments, forces)), at, model)
+        by_lag = _lag_derivatives(expected, np.hstack((moments, forces)), at, model)
         by_rate[place[places.lag]], by_velocity[place[places.lag]] = by_lag[:, :3], by_lag[:, 3:]
     if expected.by_shift is not None:
         by_rate[place[places.shift]] = expected.by_shift
     amount, jets = course.amount[:, there].T, slice(N_PROPERTIES, N_PROPERTIES + int(there.sum()))
-    by_rate[jets] = moments[there][:, :, None] * accumulated(amount)[:, None]
-    by_velocity[jets] = forces[there][:, :, None] * accumulated(amount * light)[:, None]
+    by_rate[jets] = moments[there][:, :, None] * cumulative_sums(amount)[:, None]
+    by_velocity[jets] = forces[there][:, :, None] * cumulative_sums(amount * light)[:, None]
     turned = common_length(read.period_s) * inverse  # rate by a torque of one over an interval, or over a second
-    ways = accumulated(weighed_by_length(0.5 * (read.rate[:, :-1] + read.rate[:, 1:]), read.period_s))
+    ways = cumulative_sums(weigh_by_length(0.5 * (read.rate[:, :-1] + read.rate[:, 1:]), read.period_s))
     if has[places.torque].any():
-        lasted = accumulated(weighed_by_length(np.ones(m - 1), read.period_s))
+        lasted = cumulative_sums(weigh_by_length(np.ones(m - 1), read.period_s))
         by_rate[place[places.torque]] = turned[:, :, None] * lasted
     if has[places.drag].any():
         by_rate[place[places.drag]] = -turned[:, :, None] * ways[:, None]
-    for group, by in ((places.wheel, wheel_derivatives), (places.engine, _by_engines), (places.mount, _by_mounting)):
+    for group, by in (
+        (places.wheel, wheel_derivatives),
+        (places.engine, _engine_derivatives),
+        (places.mount, _mounting_derivatives),
+    ):
         if has[group].any():
             by_rate[place[group]], by_velocity[place[group]] = by(expected, at, model)
     if has[places.gyro_bias].any() and read.momenta.size:
-        by_rate[place[places.gyro_bias]] += _by_bias_of(held_momentum(read, at, model), turned, read.period_s)
+        by_rate[place[places.gyro_bias]] += _bias_derivatives(wheel_momentum(read, at, model), turned, read.period_s)
     if has[places.momentum].any():
-        by_rate[place[places.momentum]] = crosses(ways.T[:, None], turned.T).transpose(2, 1, 0)
-    return _of_stretch((by_rate, by_velocity), kept, place, expected, at, model)
+        by_rate[place[places.momentum]] = cross_products(ways.T[:, None], turned.T).transpose(2, 1, 0)
+    return _complete_derivatives((by_rate, by_velocity), kept, place, expected, at, model)
 
 
-def _of_stretch(
+def _complete_derivatives(
     found: tuple[Array, Array],
     kept: NDArray[np.int_],
     place: NDArray[np.int_],
@@ -117,17 +121,17 @@ def _of_stretch(
     """Completes the derivatives of a stretch with tanks, modes, ticks and the rate's initial value."""
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
-        _from_middle(found, kept, expected, at, model)
+        _convert_from_middle(found, kept, expected, at, model)
         by_center = read.through.by[CENTER, kept].T
-    own = _of_ticks(read.late_s) if found[0].shape[0] > kept.size else np.zeros(0)
+    own = _tick_variances(read.late_s) if found[0].shape[0] > kept.size else np.zeros(0)
     if model.modes.frequencies.size:
-        found = _with_modes(expected, found, place[places.moving], at, model)
-        own = np.append(own, of_start(model.modes))
-    whole = _with_initial(found[0], place[places.gyro_bias], read)
+        found = _add_modes(expected, found, place[places.moving], at, model)
+        own = np.append(own, start_variances(model.modes))
+    whole = _add_initial_values(found[0], place[places.gyro_bias], read)
     return MotionDerivatives(kept, own, place, *found, whole, by_center)
 
 
-def _with_modes(
+def _add_modes(
     expected: ExpectedMotion, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: FlightModel
 ) -> tuple[Array, Array]:
     """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last."""
@@ -139,7 +143,7 @@ def _with_modes(
     return by_rate, by_velocity
 
 
-def _from_middle(
+def _convert_from_middle(
     found: tuple[Array, Array], kept: NDArray[np.int_], expected: ExpectedMotion, at: Array, model: FlightModel
 ) -> None:
     """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place."""
@@ -154,7 +158,7 @@ def _from_middle(
     lighter = -expected.sums.impulse[3:] * expected.lightness**2
     moved, _ = rate_derivatives(expected.gained, read.period_s, at)
     for tank, (slope, to_draw) in enumerate(zip(read.by_draw, read.to_draw, strict=True)):
-        by_rate[:k] += np.tensordot(through.slopes[tank][:, kept].T, accumulated(np.diff(moved) * to_draw), 1)
+        by_rate[:k] += np.tensordot(through.slopes[tank][:, kept].T, cumulative_sums(np.diff(moved) * to_draw), 1)
         along = np.diff(np.tensordot(slope, moved, 1))
         for place, unknown in enumerate(kept.tolist()):
             if places.thrust.start <= unknown < places.thrust.stop:
@@ -163,8 +167,8 @@ def _from_middle(
                 more = to_draw / (1.0 + at[unknown])
             else:
                 continue
-            by_rate[place] += accumulated(along * more)
-            by_velocity[place] += accumulated(lighter * more)
+            by_rate[place] += cumulative_sums(along * more)
+            by_velocity[place] += cumulative_sums(lighter * more)
 
 
 def wheel_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -> tuple[Array, Array]:
@@ -173,37 +177,37 @@ def wheel_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -
     rate = read.rate - at[columns(model).gyro_bias, None]
     result = np.empty((len(read.momenta), *rate.shape))
     for turned, own in zip(result, read.momenta, strict=True):
-        turned[:] = at[:6][ELEMENT] @ accumulated(-np.diff(own) - read.period_s * mean_crossed(rate, own))
+        turned[:] = at[:6][ELEMENT] @ cumulative_sums(-np.diff(own) - read.period_s * mean_cross_products(rate, own))
     return result, np.zeros_like(result)
 
 
-def _by_engines(expected: ExpectedMotion, at: Array, model: FlightModel) -> tuple[Array, Array]:
+def _engine_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes derivatives of rate and velocity by the errors of the engines, shape (e, 3, m) each."""
     _, by_errors = engine_impulses(expected.course.read, at, model)
     turned, forces = by_errors[..., :3], by_errors[..., 3:]
-    moments = (turned + crosses(forces.reshape(-1, 3), at[CENTER]).reshape(forces.shape)) @ at[:6][ELEMENT]
+    moments = (turned + cross_products(forces.reshape(-1, 3), at[CENTER]).reshape(forces.shape)) @ at[:6][ELEMENT]
     by_velocity = forces * expected.lightness[:, None]
-    return accumulated(moments.transpose(0, 2, 1)), accumulated(by_velocity.transpose(0, 2, 1))
+    return cumulative_sums(moments.transpose(0, 2, 1)), cumulative_sums(by_velocity.transpose(0, 2, 1))
 
 
-def _by_mounting(expected: ExpectedMotion, at: Array, model: FlightModel) -> tuple[Array, Array]:
+def _mounting_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes derivatives of rate and velocity by the errors of the jets' mounting, shape (e, 3, m) each."""
     course, jets, wrenches = expected.course, model.mounting.jets, model.mounting.wrenches
     amounts = np.zeros((model.flows.size, course.amount.shape[0]))  # of jets that are on at some time, and of others
     amounts[course.read.on] = course.amount.T
     given = (1.0 + at[columns(model).thrust][jets])[:, None] * amounts[jets]
-    moments = (wrenches[:, :3] + crosses(wrenches[:, 3:], at[CENTER])) @ at[:6][ELEMENT]
-    by_rate = moments[:, :, None] * accumulated(given)[:, None]
-    return by_rate, wrenches[:, 3:, None] * accumulated(given * expected.lightness)[:, None]
+    moments = (wrenches[:, :3] + cross_products(wrenches[:, 3:], at[CENTER])) @ at[:6][ELEMENT]
+    by_rate = moments[:, :, None] * cumulative_sums(given)[:, None]
+    return by_rate, wrenches[:, 3:, None] * cumulative_sums(given * expected.lightness)[:, None]
 
 
-def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
+def _bias_derivatives(held: Array, turned: Array, lengths_s: Lengths) -> Array:
     """Computes derivatives of the rate by gyro biases, through the torque that turns the wheels' momentum."""
-    summed = accumulated(weighed_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
+    summed = cumulative_sums(weigh_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", CROSS, summed)))
 
 
-def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: RecordedStretch) -> Array:
+def _add_initial_values(by_rate: Array, biases: NDArray[np.int_], read: RecordedStretch) -> Array:
     """Adds initial values to the rate's derivatives: their mean is the readings', less biases."""
     counted = by_rate * read.there
     whole = by_rate - counted.sum(axis=2, keepdims=True) / read.there.sum(axis=1)[:, None]
@@ -226,15 +230,15 @@ def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, 
     along = np.tensordot(by, arm, (1, 0))  # (n, m - 1)
     each = by * (arm @ middle) + middle * along[:, None]
     each -= 2.0 * arm[:, None] * np.sum(by * middle, axis=1, keepdims=True)
-    return accumulated(period_s * each)
+    return cumulative_sums(period_s * each)
 
 
-def _by_mass(expected: ExpectedMotion, at: Array) -> Array:
+def _mass_derivatives(expected: ExpectedMotion, at: Array) -> Array:
     """Computes derivatives of the velocity by 1/m, shape (3, m)."""
-    return accumulated(expected.sums.impulse[3:] * (expected.lightness / at[MASS]) ** 2)
+    return cumulative_sums(expected.sums.impulse[3:] * (expected.lightness / at[MASS]) ** 2)
 
 
-def _by_lag(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightModel) -> Array:
+def _lag_derivatives(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightModel) -> Array:
     """Computes derivatives of rate and velocity by the lags; ``pulls``: those by the jets' impulses, shape (j, 6).
 
     Returns:
@@ -246,10 +250,10 @@ def _by_lag(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightMode
     each = (pulls.T * (thrust * kinds)[:, None]).reshape(6 * kinds.shape[0], thrust.size) @ course.by_lag.T
     gained = each.reshape(kinds.shape[0], 6, course.by_lag.shape[0])
     gained[:, 3:] *= expected.lightness
-    return accumulated(gained)
+    return cumulative_sums(gained)
 
 
-def _by_ticks(expected: ExpectedMotion, at: Array, model: FlightModel) -> Array:
+def _tick_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -> Array:
     """Computes derivatives of rate and velocity by the offset and the period error of all ticks.
 
     Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
@@ -261,7 +265,7 @@ def _by_ticks(expected: ExpectedMotion, at: Array, model: FlightModel) -> Array:
     course, acting = expected.course, expected.sums.acting
     if acting is None:
         return np.zeros((2, 0, *expected.rate.shape))
-    given = accumulated(acting_wrenches(at, course, model) @ course.amount.T / common_length(course.read.period_s))
+    given = cumulative_sums(acting_wrenches(at, course, model) @ course.amount.T / common_length(course.read.period_s))
     wrenches = np.array([acting, centered_counts(acting.shape[1]) * acting - given])
     lightness = np.append(expected.lightness, expected.lightness[-1])
     return np.array([at[:6][ELEMENT] @ moments_about(wrenches, at[CENTER]), wrenches[:, 3:] * lightness])
@@ -276,7 +280,7 @@ def with_coupled_derivatives(
     straight[place[place >= 0]] = 0.0
     begun = np.concatenate((straight - straight[..., :1], np.repeat(np.eye(3)[:, :, None], m, axis=2)))
     lengths_s = np.broadcast_to(fixed.period_s, m - 1)
-    changes = coupled(begun.swapaxes(0, 1), fixed.rate, fixed.held, lengths_s, at).swapaxes(0, 1)
+    changes = add_rate_coupling(begun.swapaxes(0, 1), fixed.rate, fixed.held, lengths_s, at).swapaxes(0, 1)
     by_start = changes[-3:]
     of_mean = np.linalg.inv(by_start.mean(axis=2)).T  # start by the mean of the rate: [i, j] is of component i by j
     by_mean = np.einsum("ij,ikm->jkm", of_mean, by_start)
@@ -289,7 +293,7 @@ def with_coupled_derivatives(
     return design._replace(by_rate=whole, by_velocity=by_velocity, by_whole=whole)
 
 
-def _of_ticks(late_s: Array) -> Array:
+def _tick_variances(late_s: Array) -> Array:
     """Computes variances of the ticks' offset and period, by a line through the stamps, shape (2,)."""
     counts = centered_counts(late_s.shape[0])
     variance = float(late_s @ late_s) / max(late_s.shape[0] - _TICKS, 1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import CENTER
 from massprop_drake.maths.estimation.offline.coupled_rates import CROSS
-from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
 from massprop_drake.maths.estimation.offline.expected_motion import (
     ExpectedMotion,
     TurningEffects,
@@ -19,15 +19,21 @@ from massprop_drake.maths.estimation.offline.expected_motion import (
     turning_effects,
     with_own_coupling,
 )
-from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns, gathers, reckoned
+from massprop_drake.maths.estimation.offline.flight_model import (
+    FlightModel,
+    Stretch,
+    columns,
+    has_accumulating_noise,
+    relevant_unknowns,
+)
 from massprop_drake.maths.estimation.offline.motion_derivatives import (
     MotionDerivatives,
     centripetal_derivatives,
     motion_derivatives,
     with_coupled_derivatives,
 )
-from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, recorded, thrust_course
-from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
+from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, prepare_stretch, thrust_course
+from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_whitener
 from massprop_drake.maths.linear_algebra import Array
 
 _QUICK = (
@@ -94,7 +100,7 @@ class ReadComponent(NamedTuple):
 HeldRows = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by package and axis
 
 
-def _own(package: int, model: FlightModel) -> tuple[slice, slice]:
+def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
     """Returns the places of a package's gains, and of its biases; a gyro has none of its own."""
     places, number = columns(model), package - model.gyros
     if number < 0:
@@ -109,7 +115,7 @@ def components_of(
     """Yields sensor components with two new readings at least, gyros first; takes rows from `held`, or notes them."""
     read, held = expected.course.read, {} if held is None else held
     for package in range(read.readings.shape[0]):
-        (gains, biases), number = _own(package, model), package - model.gyros
+        (gains, biases), number = _own_places(package, model), package - model.gyros
         shown = expected.rate
         if number >= 0:
             shown = expected.velocity + (model.positions[number] - at[CENTER]) @ fixed.turn
@@ -154,7 +160,7 @@ class ComponentBatch(NamedTuple):
         return x
 
 
-def _batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
+def _make_batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
     counts = np.array([part.rows.size for part in parts])
     return ComponentBatch(parts, counts, np.cumsum(counts) - counts, np.concatenate([part.rows for part in parts]))
 
@@ -165,11 +171,11 @@ def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[Component
     for part in parts:
         count = sum(other.rows.size for other in waiting) + part.rows.size
         if waiting and (count > _TOGETHER or (waiting[0].package < gyros) != (part.package < gyros)):
-            yield _batch(waiting)
+            yield _make_batch(waiting)
             waiting = []
         waiting.append(part)
     if waiting:
-        yield _batch(waiting)
+        yield _make_batch(waiting)
 
 
 def reading_derivatives(
@@ -194,15 +200,15 @@ def reading_derivatives(
                 x[: design.kept.size, rows] -= design.by_center @ turned
             if fixed.later is not None:
                 x[place[places.shift][CENTER], rows] -= fixed.later[part.axis][:, part.rows]
-    _add_own(x, place, batch, fixed, at, model)
+    _apply_gains_and_biases(x, place, batch, fixed, at, model)
     return x
 
 
-def _add_own(
+def _apply_gains_and_biases(
     x: Array, place: NDArray[np.int_], batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
 ) -> None:
     """Applies the gain of each component, and fills in the derivatives by it and by its bias."""
-    of_gains, of_biases = zip(*(_own(part.package, model) for part in batch.parts), strict=True)
+    of_gains, of_biases = zip(*(_own_places(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
     if at[gains].any():
         x *= batch.each(1.0 + at[gains])
@@ -214,7 +220,9 @@ def _add_own(
             x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
 
 
-def normal(stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None) -> NormalEquations:
+def stretch_equations(
+    stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None
+) -> NormalEquations:
     """Computes the normal equations of a stretch about a point.
 
     Args:
@@ -223,7 +231,7 @@ def normal(stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.b
         model: see `FlightModel`.
         wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
-    return equations_about(at, thrust_course(recorded(stretch, model), at, model), model, wanted)
+    return equations_about(at, thrust_course(prepare_stretch(stretch, model), at, model), model, wanted)
 
 
 def equations_about(
@@ -234,7 +242,7 @@ def equations_about(
     held: HeldRows | None = None,
 ) -> NormalEquations:
     """Computes the normal equations from a thrust course; takes rows from `held`, or notes them there."""
-    course, at = about_middle(course, at, model)
+    course, at = expand_about_middle(course, at, model)
     expected, followed = expected_motion(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
         expected = with_own_coupling(expected, at, model)
@@ -250,8 +258,8 @@ def equations_about(
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = reading_derivatives(design, batch, fixed, at, model) * scale
-        if gathers(model):
-            whiteners = [_whitener(part, fixed, at, model) for part in batch.parts]
+        if has_accumulating_noise(model):
+            whiteners = [_make_whitener(part, fixed, at, model) for part in batch.parts]
             left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
         else:
             left, x = batch.without_means(left), batch.without_means(x)
@@ -265,9 +273,9 @@ def equations_about(
         own = np.append(own, 1.0 / np.maximum(told, 1e-300))
     shift = np.zeros(0)
     if size > kept.shape[0]:
-        information, vector, shift = _without_own(information, vector, own)
-    total = empty(model)
-    fast = _fast(expected, model)
+        information, vector, shift = _eliminate_own_unknowns(information, vector, own)
+    total = empty_equations(model)
+    fast = _stamp_error_variance(expected, model)
     for batch, difference, by_own in parts:
         _tally(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
     total.information[np.ix_(kept, kept)] = information
@@ -276,7 +284,7 @@ def equations_about(
     return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
 
 
-def gathering(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
+def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
     """Returns the noise that accumulates in a component of a sensor, by the stated walks and disturbance.
 
     Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
@@ -300,12 +308,12 @@ def gathering(package: int, axis: int, at: Array, model: FlightModel) -> Gatheri
     return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
 
 
-def _whitener(one: ReadComponent, fixed: TurningEffects, at: Array, model: FlightModel) -> Whitener:
+def _make_whitener(one: ReadComponent, fixed: TurningEffects, at: Array, model: FlightModel) -> Whitener:
     """Makes the whitener of a component; noise common to n packages counts n times for each."""
-    noise = gathering(one.package, one.axis, at, model)
+    noise = accumulating_noise(one.package, one.axis, at, model)
     packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
     common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
-    return whitener(fixed.since_s[one.rows], common)
+    return make_whitener(fixed.since_s[one.rows], common)
 
 
 class Residuals(NamedTuple):
@@ -339,12 +347,15 @@ def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Res
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
         beginning, shape (6, m).
     """
-    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
+    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
     expected = expected_motion(at, course, model)
-    fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, reckoned(model))
+    fixed, design = (
+        turning_effects(expected, at, model),
+        motion_derivatives(expected, at, model, relevant_unknowns(model)),
+    )
     found = []
     for part in components_of(expected, fixed, at, model):
-        batch, scale = _batch([part]), float(np.sqrt(model.variances[part.package]))
+        batch, scale = _make_batch([part]), float(np.sqrt(model.variances[part.package]))
         x = np.zeros((at.shape[0], part.rows.size))
         x[design.kept] = batch.without_means(reading_derivatives(design, batch, fixed, at, model))[: design.kept.size]
         left = batch.without_means(part.left.copy())
@@ -352,7 +363,7 @@ def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Res
     return found, np.concatenate((expected.rate, expected.velocity))
 
 
-def _fast(expected: ExpectedMotion, model: FlightModel) -> Array:
+def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array:
     """Computes the variance of the rate at each row by the error of its stamp, shape (m,)."""
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
@@ -375,7 +386,7 @@ def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Arr
         total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 
 
-def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
+def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
     """Eliminates a stretch's own unknowns; returns information and score of the others, and estimates of its own."""
     n = variances.size
     own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
@@ -384,13 +395,13 @@ def _without_own(information: Array, score: Array, variances: Array) -> tuple[Ar
     return left, score[:-n] - cross @ solved[:, -1], np.asarray(solved[:, -1])
 
 
-def empty(model: FlightModel) -> NormalEquations:
+def empty_equations(model: FlightModel) -> NormalEquations:
     """Returns the normal equations of no readings."""
     n = model.prior.shape[0]
     packages = model.variances.shape[0]
     return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
 
 
-def summed_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
+def sum_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
     """Sums the normal equations of stretches."""
-    return reduce(NormalEquations.plus, parts) if parts else empty(model)
+    return reduce(NormalEquations.plus, parts) if parts else empty_equations(model)

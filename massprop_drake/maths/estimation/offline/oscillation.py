@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
-from massprop_drake.maths.estimation.offline.normal_equations import Residuals, gathering, residuals
+from massprop_drake.maths.estimation.offline.normal_equations import Residuals, accumulating_noise, residuals
 from massprop_drake.maths.estimation.offline.regression import FlightFit
 from massprop_drake.maths.linear_algebra import Array
 
@@ -88,16 +88,16 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
         fit: about which all is taken.
         model: see `flight_model.FlightModel`.
     """
-    flight = _linearized([_part(stretch, fit.at, model) for stretch in stretches], fit, model)
+    flight = _combine_stretches([_linearize_stretch(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
     frequencies = _frequencies(longest_s, model.period_s)
     if not frequencies.size:
         return None
-    best = min((_with_mode(flight, one, _DAMPING) for one in frequencies.tolist()), key=_misfit)
+    best = min((_fit_mode(flight, one, _DAMPING) for one in frequencies.tolist()), key=_misfit)
     place = int(np.searchsorted(frequencies, best.frequency_hz))
     about = frequencies[max(place - 1, 0) : place + 2]
     finer = np.linspace(about[0], about[-1], _FINER * about.size).tolist()
-    best = min((best, *(_with_mode(flight, *pair) for pair in product(finer, _DAMPINGS))), key=_misfit)
+    best = min((best, *(_fit_mode(flight, *pair) for pair in product(finer, _DAMPINGS))), key=_misfit)
     return best if best.frequency_hz * longest_s >= _LEAST_TURNS else None
 
 
@@ -127,9 +127,9 @@ def covering_walk(
         largest of all components; zero where readings scatter by their noise alone.
     """
     walks = np.zeros(2)
-    for one, lines in _all_lines(stretches, fit, model, change):
+    for one, lines in _component_spectra(stretches, fit, model, change):
         kind = int(one.package >= model.gyros)
-        above = lines.power > _by_chance(lines.power.size) * lines.noise
+        above = lines.power > _chance_limit(lines.power.size) * lines.noise
         excess = np.where(above, lines.power - lines.noise, 0.0)
         walks[kind] = max(walks[kind], one.scale * math.sqrt(float(excess.max(initial=0.0))))
     return float(walks[0]), float(walks[1])
@@ -137,28 +137,28 @@ def covering_walk(
 
 def is_covered(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> bool:
     """Tests whether stated walks and disturbance, or noise alone, cover the residuals, but for chance."""
-    every = _all_lines(stretches, fit, model, np.zeros_like(fit.at))
-    return all(bool((lines.power <= _allowed(one, lines, fit, model)).all()) for one, lines in every)
+    every = _component_spectra(stretches, fit, model, np.zeros_like(fit.at))
+    return all(bool((lines.power <= _allowed_power(one, lines, fit, model)).all()) for one, lines in every)
 
 
-def _allowed(one: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
+def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
     """Computes the largest power that stated walks, disturbance and noise leave in a component's lines, shape (k,).
 
     A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
     one number, drawn once.
     """
-    noise = gathering(one.package, one.axis, fit.at, model)
-    each = noise.walk + noise.acting * wander_lines(noise.time_constant_s, lines)
-    each = each + noise_lines(lines.intervals, lines.length_s)
+    noise = accumulating_noise(one.package, one.axis, fit.at, model)
+    each = noise.walk + noise.acting * gauss_markov_spectrum(noise.time_constant_s, lines)
+    each = each + white_noise_spectrum(lines.intervals, lines.length_s)
     degrees = np.full(each.size, 2.0)
     degrees[0] = 1.0  # of a frequency of zero there is no phase
-    expected = _of_neighbors(each)
-    rounded = np.floor(expected**2 / (_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
-    result: Array = expected * np.array([_by_chance(lines.power.size, one) for one in rounded.tolist()])
+    expected = _means_of_neighbors(each)
+    rounded = np.floor(expected**2 / (_means_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
+    result: Array = expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
     return result
 
 
-def wander_lines(constant_s: float, lines: Lines) -> Array:
+def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
     """Computes the expected power of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
 
     Args:
@@ -174,7 +174,7 @@ def wander_lines(constant_s: float, lines: Lines) -> Array:
     return every[: lines.intervals // 2 + 1]
 
 
-def noise_lines(intervals: int, length_s: float) -> Array:
+def white_noise_spectrum(intervals: int, length_s: float) -> Array:
     """Computes the expected power of increments of unit white noise, line by line, before means, shape (k + 2,)."""
     angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
     result: Array = 2.0 * (1.0 - np.cos(angles)) / length_s
@@ -196,21 +196,23 @@ class Lines(NamedTuple):
     length_s: float
 
 
-def lines_of(left: Array, time_s: Array) -> Lines:
+def increment_spectrum(left: Array, time_s: Array) -> Lines:
     """Computes the power spectrum of the increments of residuals, shape (n,), read at some times, s, shape (n,)."""
     count = left.size - 1
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
     power = np.abs(np.fft.rfft(np.diff(evenly))) ** 2 / (count * length_s)
-    return Lines(_of_neighbors(power), _of_neighbors(noise_lines(count, length_s)), count, length_s)
+    return Lines(
+        _means_of_neighbors(power), _means_of_neighbors(white_noise_spectrum(count, length_s)), count, length_s
+    )
 
 
-def _of_neighbors(lines: Array) -> Array:
+def _means_of_neighbors(lines: Array) -> Array:
     """Computes means of neighboring lines."""
     return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 
-def _all_lines(
+def _component_spectra(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
 ) -> Iterator[tuple[Residuals, Lines]]:
     """Yields sensor components with enough readings, and the spectra of their residuals' increments."""
@@ -218,11 +220,11 @@ def _all_lines(
         components, _ = residuals(stretch, fit.at, model)
         for one in components:
             if one.rows.size >= _FEWEST:
-                yield one, lines_of(one.left - change @ one.derivatives, stretch.time_s[one.rows])
+                yield one, increment_spectrum(one.left - change @ one.derivatives, stretch.time_s[one.rows])
 
 
 @cache
-def _by_chance(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
+def _chance_limit(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
     """Computes the largest mean of lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
     return chi_square_limit(_RATE / lines, degrees) / degrees
 
@@ -239,7 +241,7 @@ def _frequencies(length_s: float, period_s: float) -> Array:
     return lines
 
 
-def _part(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
+def _linearize_stretch(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
     """Linearizes a stretch about the fit: residuals, and steps of the structure's acceleration."""
     components, moved = residuals(stretch, at, model)
     time_s = stretch.time_s - stretch.time_s[0]
@@ -248,7 +250,7 @@ def _part(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
     return _Part(time_s, steps, components)
 
 
-def driven(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
+def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
     """Computes rates q' of a mode that is at rest before, driven by steps of an acceleration.
 
     Args:
@@ -268,7 +270,7 @@ def driven(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> 
     return moved
 
 
-def _linearized(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
+def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma
@@ -284,15 +286,15 @@ def _linearized(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Line
     return _Linearized(scaled, fit.at.size, free, sigma, information, vector, misfit)
 
 
-def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> OscillationMode:
+def _fit_mode(flight: _Linearized, frequency_hz: float, damping: float) -> OscillationMode:
     """Computes the misfit once a mode's coefficients are fitted to every component, and the unknowns once more."""
     information, vector, misfit = flight.information.copy(), flight.vector.copy(), flight.misfit
     readings = 0.0
     for part in flight.parts:
-        of_jets = driven(part.steps, part.time_s, frequency_hz, damping)
-        columns = np.vstack((of_jets, _ringing(part, frequency_hz, damping)))
+        of_jets = mode_response(part.steps, part.time_s, frequency_hz, damping)
+        columns = np.vstack((of_jets, _free_motion(part, frequency_hz, damping)))
         for one in part.components:
-            basis = _orthonormal(columns[:, one.rows])
+            basis = _orthonormal_basis(columns[:, one.rows])
             along = one.derivatives @ basis.T
             left = one.left @ basis.T
             information -= along @ along.T
@@ -305,7 +307,7 @@ def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Osci
     return OscillationMode(frequency_hz, damping, max(misfit - float(vector @ step), 0.0), max(readings, 1.0), change)
 
 
-def _ringing(part: _Part, frequency_hz: float, damping: float) -> Array:
+def _free_motion(part: _Part, frequency_hz: float, damping: float) -> Array:
     """Computes free motion of a mode from before the stretch, two phases, shape (2, m)."""
     omega = 2.0 * math.pi * frequency_hz
     angle = omega * math.sqrt(1.0 - damping**2) * part.time_s
@@ -313,7 +315,7 @@ def _ringing(part: _Part, frequency_hz: float, damping: float) -> Array:
     return ringing
 
 
-def _orthonormal(columns: Array) -> Array:
+def _orthonormal_basis(columns: Array) -> Array:
     """Computes an orthonormal basis of functions of the rows, their means subtracted, shape (k, r)."""
     off = columns - columns.mean(axis=1, keepdims=True)
     size = np.linalg.norm(off, axis=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.swing import swung
 from massprop_drake.maths.estimation.offline.swings import Step
-from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
+from massprop_drake.maths.kernels import as_iterable, compile_kernel_if, idiom, kernel
 from massprop_drake.maths.linear_algebra import Array
 
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
@@ -18,7 +18,7 @@ _NOTHING = 1e-20  # of a level
 
 
 @kernel
-def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
+def select_informative(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
     """Selects the readings of a component that carry new information: those expected to move, or moved, by a quantum.
 
     Args:
@@ -31,7 +31,7 @@ def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
         return there
     found, least = [there[0]], _MOVED * quantum
     forward, back = expected[there[0]], read[there[0]]
-    for row, one, other in zip(listed(there), listed(expected[there]), listed(read[there])):  # noqa: B905 (for numba)
+    for row, one, other in zip(as_iterable(there), as_iterable(expected[there]), as_iterable(read[there])):  # noqa: B905 (for numba)
         ahead, off = one - forward, other - back
         if ahead >= quantum or ahead <= -quantum or off >= least or off <= -least:
             found.append(row)
@@ -39,7 +39,7 @@ def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
     return np.array(found)
 
 
-def _lagged(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
+def _apply_lag_by_row(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
     for k in range(level.shape[0] - 1):
         for jet in range(level.shape[1]):
             off = level[k, jet] - level[k + 1, jet]
@@ -47,8 +47,8 @@ def _lagged(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-d
             slope[k + 1, jet] = slope[k, jet] * remaining[jet] + off * by_logarithm[jet]
 
 
-@idiom(_lagged)
-def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+@idiom(_apply_lag_by_row)
+def apply_lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
     """Applies the jets' first-order lag to the levels that they tend to.
 
     In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
@@ -63,12 +63,12 @@ def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) ->
     """
     told = level[1:].copy()
     level[1:] *= 1.0 - remaining
-    decayed_sums(level, remaining)
+    add_decayed_sums(level, remaining)
     slope[1:] = (level[:-1] - told) * by_logarithm
-    decayed_sums(slope, remaining)
+    add_decayed_sums(slope, remaining)
 
 
-def decayed_sums(rows: Array, remaining: Array) -> None:
+def add_decayed_sums(rows: Array, remaining: Array) -> None:
     """Adds to each row the decayed sum of the rows before; the share that remains per row has shape (n_jets,)."""
     back, left = 1, remaining
     while back < rows.shape[0] and left.max(initial=0.0) > _NOTHING:
@@ -78,18 +78,26 @@ def decayed_sums(rows: Array, remaining: Array) -> None:
 
 @kernel
 def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """Applies the jets' first-order lag to levels in place, see `lagged`."""
-    lagged(level, slope, remaining, by_logarithm)
+    """Applies the jets' first-order lag to levels in place, see `apply_lag`."""
+    apply_lag(level, slope, remaining, by_logarithm)
 
 
 class Compute(NamedTuple):
     """Functions that go through a record row by row, or their compiled forms."""
 
-    used: Callable[[Array, Array, float], NDArray[np.int_]] = used
+    used: Callable[[Array, Array, float], NDArray[np.int_]] = select_informative
     lag: Callable[[Array, Array, Array, Array], None] = lag
     swing: Step = swung
 
 
-def compute(*, compiled: bool) -> Compute:
+def choose_kernels(*, compiled: bool) -> Compute:
     """Returns the row-by-row functions, compiled or not."""
-    return Compute(chosen(used, compiled), chosen(lag, compiled), chosen(swung, compiled)) if compiled else Compute()
+    return (
+        Compute(
+            compile_kernel_if(select_informative, compiled),
+            compile_kernel_if(lag, compiled),
+            compile_kernel_if(swung, compiled),
+        )
+        if compiled
+        else Compute()
+    )

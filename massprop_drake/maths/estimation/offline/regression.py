@@ -36,18 +36,18 @@ from massprop_drake.maths.estimation.offline.flight_model import (
     FlightModel,
     Stretch,
     columns,
-    gathers,
-    possible,
-    reckoned,
+    has_accumulating_noise,
+    is_physical,
+    relevant_unknowns,
 )
 from massprop_drake.maths.estimation.offline.normal_equations import (
     HeldRows,
     NormalEquations,
     equations_about,
-    summed_equations,
+    sum_equations,
 )
 from massprop_drake.maths.estimation.offline.swings import can_swing
-from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, recorded, thrust_course
+from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, prepare_stretch, thrust_course
 from massprop_drake.maths.linear_algebra import Array
 
 _PASSES = 8
@@ -85,7 +85,7 @@ class ScoreTest(NamedTuple):
     least: float
 
 
-def fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> FlightFit:
+def fit_flight(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> FlightFit:
     """Fits the unknowns to the readings by Gauss-Newton iterations.
 
     What begins far from the truth may go farther with every pass: where they do not settle, the point of those gone
@@ -96,12 +96,12 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> Fl
         start: where to begin, shape (n,).
         model: see `FlightModel`.
     """
-    alone = gathers(model)  # what gathers is in the rates that are read, and in no others
-    fit = _fitted(stretches, start, model, last=alone)
-    return fit if alone or not fit.settled else _fitted(stretches, fit.at, model._replace(followed=True))
+    alone = has_accumulating_noise(model)  # what gathers is in the rates that are read, and in no others
+    fit = _iterate_fit(stretches, start, model, last=alone)
+    return fit if alone or not fit.settled else _iterate_fit(stretches, fit.at, model._replace(followed=True))
 
 
-def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
+def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
     """Iterates Gauss-Newton passes until they converge; leaves out unknowns that are only tested unless `last`.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
@@ -110,9 +110,9 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, l
     least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)
     sigma, lag, moving = model.sigma[free], columns(model).lag, columns(model).moving
-    read = [recorded(stretch, model) for stretch in stretches]
+    read = [prepare_stretch(stretch, model) for stretch in stretches]
     told: list[ThrustCourse] = []
-    told_for, wanted, complete, near = at, reckoned(model), False, False
+    told_for, wanted, complete, near = at, relevant_unknowns(model), False, False
     held = list[HeldRows]()
     for number in range(_PASSES):
         complete = last and (complete or number == _PASSES - 1)
@@ -123,7 +123,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, l
             equations_about(at, course, model, None if complete else wanted, rows)
             for course, rows in zip(told, held, strict=True)
         ]
-        total = summed_equations(parts, model)
+        total = sum_equations(parts, model)
         if total.per_reading < least:
             least, best = total.per_reading, at
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
@@ -140,11 +140,11 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, l
             continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
         move[free] = step * sigma
-        while not (possible(at + move) and can_swing((at + move)[:N_PROPERTIES], (at + move)[moving], model.modes)):
+        while not (is_physical(at + move) and can_swing((at + move)[:N_PROPERTIES], (at + move)[moving], model.modes)):
             move *= 0.5  # modes that have more than all of the inertia run away
         at = at + move
     parts = [equations_about(best, thrust_course(one, best, model), model, None) for one in read]
-    total = summed_equations(parts, model)
+    total = sum_equations(parts, model)
     return FlightFit(best, total, False)
 
 
@@ -165,7 +165,7 @@ class Reckoned(NamedTuple):
     solved: Array
 
 
-def reckoned_in(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
+def estimated_unknowns(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
     """Collects the estimated unknowns, but for some that are tested.
 
     Args:
@@ -186,7 +186,7 @@ def reckoned_in(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | 
     return Reckoned(free, sigma, vector, np.asarray(np.linalg.solve(inner, right), dtype=np.float64))
 
 
-def score(
+def score_test(
     fit: FlightFit,
     group: NDArray[np.int_],
     model: FlightModel,
@@ -206,7 +206,7 @@ def score(
     """
     total, size = fit.normal, np.zeros(group.shape[0])
     if common is None or (model.sigma[group] > 0.0).any():
-        common = reckoned_in(fit, model, group)
+        common = estimated_unknowns(fit, model, group)
     shown = total.information[group, group] != 0.0  # of others nothing is known
     there = group[shown]
     cross = total.information[np.ix_(there, common.free)] * common.sigma

@@ -57,7 +57,7 @@ class Swings(NamedTuple):
 Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], tuple[Moved, Swung]]
 
 
-def with_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swung) -> Swings:
+def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swung) -> Swings:
     """Computes a stretch with its modes, which are at rest at its beginning.
 
     Args:
@@ -107,7 +107,7 @@ def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
     """Tests whether the parts that move leave a positive inertia to the rest of the vehicle.
 
     Args:
-        properties, errors, modes: see `with_modes`.
+        properties, errors, modes: see `add_modes`.
     """
     if modes.frequencies.size == 0:
         return True
@@ -115,6 +115,6 @@ def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
     return bool(np.linalg.eigvalsh(swinging(locked, tuned(errors, modes), 1.0, modes).lightness)[0] > 0.0)
 
 
-def of_start(modes: ModeParams) -> Array:
+def start_variances(modes: ModeParams) -> Array:
     """Computes variances of eta and eta' at the beginning of a stretch, positive, shape (2 n,)."""
     return np.maximum(spread_of(modes.start, modes), 1e-9) ** 2

@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.layout import MASS
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
-from massprop_drake.maths.estimation.offline.record_kernels import decayed_sums
+from massprop_drake.maths.estimation.offline.record_kernels import add_decayed_sums
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import pieces, within
+from massprop_drake.maths.vehicle.on_times import is_pulse, split_sample
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 Lengths = float | Array  # of all intervals, or of each, s
 
 
-def weighed_by_length(each: Array, lengths_s: Lengths) -> Array:
+def weigh_by_length(each: Array, lengths_s: Lengths) -> Array:
     """Multiplies the terms of a sum over intervals by their lengths where these differ; else the sum is multiplied."""
     return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
 
 
 def common_length(lengths_s: Lengths) -> float:
-    """Returns the common length of all intervals, s, or 1 where each has its own: see `weighed_by_length`."""
+    """Returns the common length of all intervals, s, or 1 where each has its own: see `weigh_by_length`."""
     return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
 
 
@@ -49,21 +49,21 @@ class RecordedStretch(NamedTuple):
     through: MiddleDerivatives | None = None  # None: without tanks
 
 
-def recorded(stretch: Stretch, model: FlightModel) -> RecordedStretch:
+def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     """Collects the data of a stretch that do not depend on the unknowns."""
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
-    rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
+    rates = _transpose_rows(stretch.readings[:, : model.gyros].swapaxes(0, 1))
     there = np.asarray(~np.isnan(rates).all(axis=0))
     known = np.asarray(there.any(axis=1))
     there[~known] = True
-    rate = interpolated(_mean(rates), there, row_places(stretch, model))
+    rate = interpolate_missing(_mean_gyro_rates(rates), there, row_places(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
-    period, late = _ticks(stretch.time_s, model.period_s)
+    period, late = _fit_ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
-    drawn, momenta = drawn_from_tanks(stretch, model), _momenta(stretch, model)
+    drawn, momenta = drawn_propellant(stretch, model), _wheel_momenta(stretch, model)
     left = stretch.used_after - drawn.sum(axis=0)
     to_use, to_draw = 0.5 * (left[:-1] + left[1:]), 0.5 * (drawn[:, :-1] + drawn[:, 1:])
     none = np.zeros((drawn.shape[0], MASS)), np.zeros((MASS, to_use.size))
@@ -73,7 +73,7 @@ def recorded(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     return RecordedStretch(*seen, *of_tanks)
 
 
-def drawn_from_tanks(stretch: Stretch, model: FlightModel) -> Array:
+def drawn_propellant(stretch: Stretch, model: FlightModel) -> Array:
     """Computes the propellant drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
     if stretch.seconds is None or not model.tanks.fill.size:
         return np.zeros((0, stretch.time_s.size))
@@ -99,14 +99,14 @@ def row_places(stretch: Stretch, model: FlightModel) -> Array:
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
 
-def _momenta(stretch: Stretch, model: FlightModel) -> Array:
+def _wheel_momenta(stretch: Stretch, model: FlightModel) -> Array:
     """Computes J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero for wheels that are never read."""
     wheels = model.wheels
     if stretch.speeds is None:
         return np.zeros((0, 3, stretch.time_s.size))
     read = np.asarray(~np.isnan(stretch.speeds.T))
     read[~read.any(axis=1)] = True
-    speeds = np.nan_to_num(interpolated(stretch.speeds.T, read, row_places(stretch, model)))
+    speeds = np.nan_to_num(interpolate_missing(stretch.speeds.T, read, row_places(stretch, model)))
     return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
 
 
@@ -122,7 +122,7 @@ class ThrustCourse(NamedTuple):
     bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
 
-def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> ThrustCourse:
+def _course_by_lag_errors(read: RecordedStretch, lag_error: Array, model: FlightModel) -> ThrustCourse:
     """Computes the course of the jets' thrust over a stretch with some errors of their time constants, s."""
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
@@ -132,11 +132,14 @@ def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> Thru
     lagged, left = constants > 0.0, lingering(constants / each)
     before = read.stretch.before[:, on]
     level = np.concatenate((before, commands))
-    slope, pulses = np.zeros_like(level), _pulses(read, constants, left, model.period_s if model.own_times else period)
+    slope, pulses = (
+        np.zeros_like(level),
+        _pulse_corrections(read, constants, left, model.period_s if model.own_times else period),
+    )
     if pulses is not None:
         level = level + pulses.tends
     if lagged.any() and isinstance(period, np.ndarray):
-        _lag_by_each(level, slope, left)
+        _apply_lag_by_interval(level, slope, left)
     elif lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
     if pulses is not None:
@@ -161,7 +164,7 @@ def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> Thru
     return ThrustCourse(read, amount, by_lag, off, each * left.bow, level, bent)
 
 
-def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
+def _apply_lag_by_interval(level: Array, slope: Array, left: Lingering) -> None:
     """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first."""
     since = level.shape[0] - left.remaining.shape[0]
     for row in range(1, level.shape[0]):
@@ -185,14 +188,14 @@ class _Pulses(NamedTuple):
     bow: Array  # see `Firing`, s, (3, m - 1, j)
 
 
-def _pulses(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
+def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
     """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples."""
     stretch, on = read.stretch, read.on
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
         return None
     commands = np.concatenate((stretch.before[:, on], read.commands))
     onsets_s = np.concatenate((stretch.before_onsets_s[:, on], stretch.onsets_s[:-1, on]))
-    rows = np.flatnonzero(within(commands, onsets_s).any(axis=1)).tolist()
+    rows = np.flatnonzero(is_pulse(commands, onsets_s).any(axis=1)).tolist()
     if not rows:
         return None
     tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))
@@ -201,7 +204,7 @@ def _pulses(read: RecordedStretch, constants: Array, left: Lingering, period_s: 
     remaining, by_tau = (each if alike else each[np.maximum(np.arange(-since, len(each)), 0)] for each in left[:2])
     for row in rows:
         length_s = float(period_s if alike else read.lengths_s[max(row - since, 0)])
-        own = pieces(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
+        own = split_sample(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
         pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
         whole = np.array([length_s]), commands[row : row + 1]
         kept, slower = (remaining, by_tau) if alike else (remaining[row], by_tau[row])
@@ -213,14 +216,14 @@ def _pulses(read: RecordedStretch, constants: Array, left: Lingering, period_s: 
         bow[:, row] = pulse.bow - level.bow
     late[0] = 0.0
     if alike:
-        decayed_sums(late, left.remaining)
+        add_decayed_sums(late, left.remaining)
     else:
         for row in range(1, late.shape[0]):
             late[row] += late[row - 1] * remaining[row]
     return _Pulses(tends, late, amount[since:], by_logarithm[since:], bow[:, since:])
 
 
-def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
+def _fit_ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
     """Computes the period at which commands switch, and each stamp's lateness: both from a line through the stamps."""
     counts = centered_counts(time_s.shape[0])
     since = time_s - time_s.mean()
@@ -231,19 +234,19 @@ def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
     return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
 
 
-def off_ticks(stretch: Stretch, model: FlightModel) -> bool:
+def is_off_ticks(stretch: Stretch, model: FlightModel) -> bool:
     """Tests whether stamps of a stretch are off their ticks."""
-    return not model.own_times and bool(_ticks(stretch.time_s, model.period_s)[1].any())
+    return not model.own_times and bool(_fit_ticks(stretch.time_s, model.period_s)[1].any())
 
 
-def _mean(rates: Array) -> Array:
+def _mean_gyro_rates(rates: Array) -> Array:
     """Computes the mean of the gyros that read, shape (3, m), of shape (n_gyros, 3, m); zero where none does."""
     known = ~np.isnan(rates)
     mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return mean
 
 
-def interpolated(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
+def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
     """Interpolates rates, shape (k, m), linearly over the places of rows where none is read."""
     rate = rate.copy()
     for axis in np.flatnonzero(~there.all(axis=1)).tolist():
@@ -251,7 +254,7 @@ def interpolated(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
     return rate
 
 
-def _by_columns(rows: Array) -> Array:
+def _transpose_rows(rows: Array) -> Array:
     """Transposes the last two axes, contiguous in memory."""
     return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
 
@@ -263,4 +266,4 @@ def centered_counts(number: int) -> Array:
 
 def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
     """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
-    return _course(read, at[columns(model).lag][model.kinds], model)
+    return _course_by_lag_errors(read, at[columns(model).lag][model.kinds], model)

@@ -9,21 +9,21 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS
 from massprop_drake.maths.estimation.offline.coupled_rates import (
     MeanRates,
-    accumulated,
+    cumulative_sums,
     mean_rates,
     moments_about,
     turning_products,
 )
-from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
 from massprop_drake.maths.estimation.offline.expected_motion import ExpectedMotion, engine_impulses, expected_motion
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.motion_derivatives import wheel_derivatives
-from massprop_drake.maths.estimation.offline.thrust_course import recorded, thrust_course
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.estimation.offline.thrust_course import prepare_stretch, thrust_course
+from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
 
 
-def unexplained(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float, float]:
+def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float, float]:
     """Computes the largest angular momentum and impulse that no jets explain, whatever their thrusts and the inertia.
 
     Args:
@@ -35,24 +35,24 @@ def unexplained(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float
     """
     turned, pushed = list[Array](), list[Array]()
     for stretch in stretches:
-        course = thrust_course(recorded(stretch, model), model.prior, model)
-        course, at = about_middle(course, model.prior, model)
+        course = thrust_course(prepare_stretch(stretch, model), model.prior, model)
+        course, at = expand_about_middle(course, model.prior, model)
         expected, read = expected_motion(at, course, model), course.read
         moving, n_jets = mean_rates(read.rate), model.flows.size
         by_jets = np.zeros((n_jets, read.late_s.size))
-        by_jets[read.on] = accumulated(expected.course.amount.T)
-        products = accumulated(moving.square[np.triu_indices(3)])
+        by_jets[read.on] = cumulative_sums(expected.course.amount.T)
+        products = cumulative_sums(moving.square[np.triu_indices(3)])
         wheels = wheel_derivatives(expected, at, model)[0].sum(axis=0)
-        engines = accumulated(engine_impulses(read, at, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
-        turned.append(_without_mean(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
-        pushed += _pushed(expected, moving, model)
+        engines = cumulative_sums(engine_impulses(read, at, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
+        turned.append(_subtract_means(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
+        pushed += _velocity_columns(expected, moving, model)
     inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[MASS]
-    rates = _left_over(turned, 3)
+    rates = _fit_residuals(turned, 3)
     momentum = float(np.linalg.norm(rates @ inertia, axis=1).max(initial=0.0))
-    return momentum, mass * float(np.abs(_left_over(pushed, 1)).max(initial=0.0))
+    return momentum, mass * float(np.abs(_fit_residuals(pushed, 1)).max(initial=0.0))
 
 
-def _pushed(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> list[Array]:
+def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> list[Array]:
     """Returns accelerometer velocities by component, freed of the turning that gyros read, and their possible causes.
 
     Returns:
@@ -61,10 +61,10 @@ def _pushed(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> 
     """
     read, n_jets = expected.course.read, model.flows.size
     turn = turning_products(read.rate, moving, np.zeros_like(moving.square), read.period_s)
-    given = accumulated((expected.course.amount * expected.lightness[:, None]).T)
+    given = cumulative_sums((expected.course.amount * expected.lightness[:, None]).T)
     since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
     impulses, _ = engine_impulses(read, model.prior, model)
-    burnt = accumulated((impulses[:, 3:] * expected.lightness[:, None]).T)
+    burnt = cumulative_sums((impulses[:, 3:] * expected.lightness[:, None]).T)
     for package in range(model.gyros, read.readings.shape[0]):
         arm, number = model.positions[package - model.gyros] - model.prior[CENTER], package - model.gyros
         for axis in range(3):
@@ -77,17 +77,17 @@ def _pushed(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> 
             own[3 + n_jets + 3 * number + axis] = since_s[there]
             own[-2] = burnt[axis, there]
             own[-1] = read.readings[package, axis, there] - arm @ turn[:, axis, there]
-            found.append(_without_mean(own).T)
+            found.append(_subtract_means(own).T)
     return found
 
 
-def _without_mean(rows: Array) -> Array:
+def _subtract_means(rows: Array) -> Array:
     """Subtracts the mean of each row, shape (k, n)."""
     result: Array = rows - rows.mean(axis=1, keepdims=True)
     return result
 
 
-def _left_over(parts: Sequence[Array], outputs: int) -> Array:
+def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
     """Computes residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
     if not parts:
         return np.zeros((0, outputs))
@@ -114,7 +114,7 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
     Returns:
         NaN where readings tell too little, shape (n_packages,).
     """
-    pairs = [list(_gains(stretch, at, model)) for stretch in stretches]
+    pairs = [list(_readings_and_expected(stretch, at, model)) for stretch in stretches]
     found = np.full(model.variances.shape[0], np.nan)
     for package, variance in enumerate(model.variances.tolist()):
         for span in _SPANS:
@@ -129,9 +129,9 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
     return found
 
 
-def _gains(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
+def _readings_and_expected(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
     """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
-    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
+    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
     expected, read = expected_motion(at, course, model), course.read
     impulse = expected.sums.impulse
     turned = at[:6][ELEMENT] @ moments_about(impulse, at[CENTER])
@@ -139,6 +139,6 @@ def _gains(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Ar
         given = turned
         if package >= model.gyros:
             arm = model.positions[package - model.gyros] - at[CENTER]
-            given = impulse[3:] * expected.lightness + crosses(turned.T, np.broadcast_to(arm, turned.T.shape)).T
+            given = impulse[3:] * expected.lightness + cross_products(turned.T, np.broadcast_to(arm, turned.T.shape)).T
         there = ~np.isnan(readings).any(axis=0)
-        yield readings[:, there].T, accumulated(given)[:, there].T
+        yield readings[:, there].T, cumulative_sums(given)[:, there].T

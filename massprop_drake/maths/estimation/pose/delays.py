@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.estimation.pose import pose_hypotheses
-from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merged
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merge_banks
 from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseRules, Tried
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Delays, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
@@ -30,7 +30,7 @@ BEHIND = 15.0  # nats
 _KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
-def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
+def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
     """Computes the parts of the possible delays.
 
     Args:
@@ -53,9 +53,9 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
     return Delays(steps * period_s, np.log(weights), np.stack((own, others)), half)
 
 
-def split(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
+def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     """Copies the one filter at the first sample for each part of the possible delays."""
-    delays, places = params.delays, _places(params)
+    delays, places = params.delays, _delay_places(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
     for number, shift in enumerate(delays.shifts_s):
@@ -66,25 +66,25 @@ def split(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     return result
 
 
-def _places(params: PoseParams) -> np.ndarray:
+def _delay_places(params: PoseParams) -> np.ndarray:
     """Returns the places of delays among the free elements."""
     part = params.parts.delay
     return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
 
 
-def gathered(parts: list[Tried], params: PoseParams) -> Tried:
+def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
     """Joins the hypotheses of all parts of the possible delays, the likeliest part first.
 
     Args:
         parts: of each, as at the first sample.
         params: see `PoseParams`.
     """
-    return _ordered(
+    return _order_parts(
         [one._replace(total=float(chance)) for one, chance in zip(parts, params.delays.chances, strict=True)]
     )
 
 
-def advanced(
+def advance_over_delays(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
     """Advances the hypotheses of every delay by a sample.
@@ -99,7 +99,7 @@ def advanced(
     parts, done, trouble = [], [], None
     for one in (tried._replace(elsewhere=()), *tried.elsewhere):
         try:
-            after, cycled = pose_hypotheses.advanced(one, commands, span_s, readings, params)
+            after, cycled = pose_hypotheses.advance_hypotheses(one, commands, span_s, readings, params)
         except NotPositiveDefiniteError as error:
             trouble = trouble or error
             continue
@@ -110,96 +110,98 @@ def advanced(
         raise trouble
     if len(parts) == 1:
         return parts[0], done[0]
-    likeliest = int(np.argmax([weight(one) for one in parts]))
-    return _ordered(_merged(parts, params)), done[likeliest]
+    likeliest = int(np.argmax([log_weight(one) for one in parts]))
+    return _order_parts(_merge_close_parts(parts, params)), done[likeliest]
 
 
-def judged(
+def name_failure_over_delays(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[Tried, pose_hypotheses.PoseOutcome | None]:
-    """Names a failure after a sample, see `pose_hypotheses.judged`; none while another delay is as likely."""
-    others = tuple(pose_hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
+    """Names a failure after a sample, see `pose_hypotheses.name_failure`; none while another delay is as likely."""
+    others = tuple(pose_hypotheses.renew_hypotheses(one, time_s, params) for one in tried.elsewhere)
     alone = tried._replace(elsewhere=())
-    after, found = pose_hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
+    after, found = pose_hypotheses.name_failure(
+        alone, time_s, rules, params, waits=not is_delay_settled(tried, rules.lead)
+    )
     if found is not None and len(found.members) == 1:
         return after, found  # the other delays are given up with what was not named
     return after._replace(elsewhere=others), found
 
 
-def settled(tried: Tried, lead: float) -> bool:
+def is_delay_settled(tried: Tried, lead: float) -> bool:
     """Tests whether the likeliest delay leads every other one, by so many nats."""
-    best = weight(tried)
-    return all(best - weight(one) > lead for one in tried.elsewhere)
+    best = log_weight(tried)
+    return all(best - log_weight(one) > lead for one in tried.elsewhere)
 
 
-def overall(tried: Tried, params: PoseParams) -> PoseBank:
+def merge_delays(tried: Tried, params: PoseParams) -> PoseBank:
     """Merges the first filters of all delays by moment matching, for the report while several are possible."""
-    first = _first(tried.bank)
-    total = weight(tried)
+    first = _first_filter(tried.bank)
+    total = log_weight(tried)
     for one in tried.elsewhere:
-        own = weight(one)
+        own = log_weight(one)
         both = float(np.logaddexp(total, own))
-        first, total = merged(first, _first(one.bank), np.array([np.exp(own - both)]), params), both
+        first, total = merge_banks(first, _first_filter(one.bank), np.array([np.exp(own - both)]), params), both
     return first
 
 
-def _first(bank: PoseBank) -> PoseBank:
+def _first_filter(bank: PoseBank) -> PoseBank:
     return PoseBank(*(part[:1] for part in bank))
 
 
-def weight(tried: Tried) -> float:
+def log_weight(tried: Tried) -> float:
     """Computes the log probability of a part with all its hypotheses, but for a common constant."""
     return tried.total + float(np.logaddexp.reduce(tried.likelihood))
 
 
-def _ordered(parts: list[Tried]) -> Tried:
+def _order_parts(parts: list[Tried]) -> Tried:
     """Orders parts by weight, without those far behind; returns the first, with the others as `elsewhere`."""
-    weights = np.array([weight(one) for one in parts])
+    weights = np.array([log_weight(one) for one in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
     return kept[0]._replace(elsewhere=tuple(kept[1:]))
 
 
-def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
+def _merge_close_parts(parts: list[Tried], params: PoseParams) -> list[Tried]:
     """Merges the parts of the possible delays that one filter can hold."""
     if any(one.doubt is not None for one in parts):
         return parts
     result: list[Tried] = []
     for one in parts:
-        same = [place for place, other in enumerate(result) if _one_holds(one, other, params)]
+        same = [place for place, other in enumerate(result) if _can_merge(one, other, params)]
         if same:
-            result[same[0]] = _both(result[same[0]], one, params)
+            result[same[0]] = _merge_pair(result[same[0]], one, params)
         else:
             result.append(one)
     return result
 
 
-def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
+def _can_merge(one: Tried, other: Tried, params: PoseParams) -> bool:
     """Tests whether one filter can hold both parts' delays, as if equally likely, without losing either.
 
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
     """
-    places = _places(params)
+    places = _delay_places(params)
     if not np.array_equal(one.known, other.known):
         return False
     apart = (one.bank.mean[0] - other.bank.mean[0])[params.free[places]]
     own = [each.bank.covariance[0][places, places] for each in (one, other)]
     wider = np.maximum(*own)
-    share = float(np.exp(weight(other) - np.logaddexp(weight(one), weight(other))))
+    share = float(np.exp(log_weight(other) - np.logaddexp(log_weight(one), log_weight(other))))
     both = (1.0 - share) * own[0] + share * own[1] + share * (1.0 - share) * apart**2
     holds = (wider + 0.25 * apart**2 <= params.delays.reach_s**2) & (both >= _KEPT * wider)
     return bool(holds.all())
 
 
-def _both(one: Tried, other: Tried, params: PoseParams) -> Tried:
+def _merge_pair(one: Tried, other: Tried, params: PoseParams) -> Tried:
     """Merges two parts hypothesis by hypothesis by moment matching; the likelier one's leader stays."""
     first, second = one.total + one.likelihood, other.total + other.likelihood
     total = np.logaddexp(first, second)
     share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
-    likelier = one if weight(one) >= weight(other) else other
+    likelier = one if log_weight(one) >= log_weight(other) else other
     return likelier._replace(
-        bank=merged(one.bank, other.bank, share, params),
+        bank=merge_banks(one.bank, other.bank, share, params),
         likelihood=total - total[0],
         onset_s=np.where(share > 0.5, other.onset_s, one.onset_s),
         total=float(total[0]),

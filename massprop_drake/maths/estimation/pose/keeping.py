@@ -66,18 +66,18 @@ class _PoseReader:
         return self._at == self._vector.size
 
 
-def packed(tried: Tried, commands: Commands) -> Array:
+def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
     """Packs commands and hypotheses; empty parts where nothing has begun."""
     parts = [tried._replace(elsewhere=()), *tried.elsewhere]
     blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
     blocks += [commands.time_s, commands.levels.ravel()]
     for part in parts:
-        blocks += _part(part)
+        blocks += _pack_part(part)
     return np.concatenate(blocks)
 
 
-def unpacked(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
-    """Unpacks commands and hypotheses: the inverse of `packed`.
+def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
+    """Unpacks commands and hypotheses: the inverse of `pack_hypotheses`.
 
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.
@@ -85,14 +85,14 @@ def unpacked(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
     read, jets = _PoseReader(vector), params.pushes.shape[0]
     count, parts = read.count(), read.count()
     commands = Commands(read.take(count), read.take(count, jets))
-    found = [_taken(read, params) for _ in range(parts)]
+    found = [_read_part(read, params) for _ in range(parts)]
     if not found or not read.ends():
         raise ValueError("hypotheses are of another number")
     _require_possible(commands, found)
     return found[0]._replace(elsewhere=tuple(found[1:])), commands
 
 
-def _part(part: Tried) -> list[Array]:
+def _pack_part(part: Tried) -> list[Array]:
     numbers = _Numbers(
         part.bank.mean.shape[0],
         part.renewed_s,
@@ -104,25 +104,25 @@ def _part(part: Tried) -> list[Array]:
         part.doubt is not None,
     )
     likelihood = np.where(np.isneginf(part.likelihood), np.nan, part.likelihood)
-    blocks = [np.array(numbers, dtype=float), likelihood, part.onset_s, part.known, *_bank(part.bank)]
+    blocks = [np.array(numbers, dtype=float), likelihood, part.onset_s, part.known, *_pack_bank(part.bank)]
     if part.apart is not None:
         blocks.append(part.apart.ravel())
     if part.doubt is not None:
-        blocks += [*_bank(part.doubt.bank), part.doubt.share]
+        blocks += [*_pack_bank(part.doubt.bank), part.doubt.share]
     return blocks
 
 
-def _taken(read: _PoseReader, params: PoseParams) -> Tried:
-    """Reads one part as `_part` packs it."""
+def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
+    """Reads one part as `_pack_part` packs it."""
     numbers = _Numbers(*read.take(len(_Numbers._fields)).tolist())
     jets = params.pushes.shape[0]
     if numbers.filters not in (1.0, 2.0 + 2.0 * jets):
         raise ValueError("hypotheses are of another number of jets")
     count = int(numbers.filters)
     likelihood = read.take(count)
-    onset_s, known, bank = read.take(count), read.take(1 + 2 * jets), _bank_taken(read, count, params)
+    onset_s, known, bank = read.take(count), read.take(1 + 2 * jets), _read_bank(read, count, params)
     apart = read.take(count, count) if numbers.has_apart else None
-    doubt = Doubt(_bank_taken(read, count, params), read.take(count)) if numbers.has_doubt else None
+    doubt = Doubt(_read_bank(read, count, params), read.take(count)) if numbers.has_doubt else None
     return Tried(
         bank,
         np.where(np.isnan(likelihood), -np.inf, likelihood),
@@ -138,14 +138,14 @@ def _taken(read: _PoseReader, params: PoseParams) -> Tried:
     )
 
 
-def _bank(bank: PoseBank) -> list[Array]:
+def _pack_bank(bank: PoseBank) -> list[Array]:
     rows, columns = np.tril_indices(bank.covariance.shape[1])
     lower = bank.covariance[:, rows, columns]
     parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
     return [part.ravel() for part in parts]
 
 
-def _bank_taken(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
+def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
     n = params.free.size
     rows, columns = np.tril_indices(n)
     mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)

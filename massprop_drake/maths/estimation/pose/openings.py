@@ -74,7 +74,7 @@ class _Grown(NamedTuple):
     twice_by: Array
 
 
-def _grown(since_s: Array, lag_s: Array) -> _Grown:
+def _step_response_integrals(since_s: Array, lag_s: Array) -> _Grown:
     """Integrates the response of valves with a lag to a step: see `_Grown`; zero before it."""
     time_s = np.maximum(since_s, 0.0)
     left = np.exp(-time_s / lag_s)
@@ -86,7 +86,7 @@ def _grown(since_s: Array, lag_s: Array) -> _Grown:
     return _Grown(level, once, twice, once_by, twice_by)
 
 
-def opened_on_average(
+def average_openings(
     commands: Commands, span_s: tuple[float, float], timing: OpeningTimes, delay_std_s: Array
 ) -> Openings:
     """Computes the jets' openings between two moments, averaged over the uncertain delay and linear in it.
@@ -98,13 +98,13 @@ def opened_on_average(
         delay_std_s: 1-sigma of the delays, shape (n_filters, n_jets).
     """
     latest_s = float(timing.delay_s.max() + _NODES[-1] * delay_std_s.max() + _OVER * timing.lag_s.max())
-    commands = _since(commands, span_s[0] - latest_s)
+    commands = _commands_since(commands, span_s[0] - latest_s)
     if not (delay_std_s > _SURE * (span_s[1] - span_s[0])).any():
-        return opened(commands, *span_s, timing)
+        return openings_between(commands, *span_s, timing)
     count, nodes = delay_std_s.shape[0], _NODES.size
     spread = np.concatenate([timing.delay_s + node * delay_std_s for node in _NODES])
     others = (np.tile(part, (nodes, 1)) for part in timing[1:])
-    every = opened(commands, *span_s, OpeningTimes(spread, *others))
+    every = openings_between(commands, *span_s, OpeningTimes(spread, *others))
     stacked = [part.reshape(*part.shape[:-2], nodes, count, -1) for part in every[:5]]
     once, twice, once_by, twice_by, variance = (np.tensordot(_WEIGHTS, part, (0, part.ndim - 3)) for part in stacked)
     begins = every.begins.reshape(nodes, count, -1)[nodes // 2]
@@ -117,13 +117,13 @@ def opened_on_average(
     return Openings(once, twice, once_by, twice_by, variance, begins, unsure)
 
 
-def _since(commands: Commands, time_s: float) -> Commands:
+def _commands_since(commands: Commands, time_s: float) -> Commands:
     """Returns commands that end after a time, and the one before them."""
     first = max(int(np.searchsorted(commands.time_s[1:], time_s)) - 1, 0)
     return Commands(commands.time_s[first:], commands.levels[first:])
 
 
-def opened(commands: Commands, begin_s: float, end_s: float, timing: OpeningTimes) -> Openings:
+def openings_between(commands: Commands, begin_s: float, end_s: float, timing: OpeningTimes) -> Openings:
     """Computes the jets' openings between two moments.
 
     Where a command is not known, the jet is taken to have been half open, with the variance of anything between
@@ -148,7 +148,7 @@ def opened(commands: Commands, begin_s: float, end_s: float, timing: OpeningTime
 
     def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Computes J and JJ of a level that begins at an edge and lasts, and derivatives by the edge and by ln tau."""
-        at_end, at_begin = _grown(end_s - edge, lag), _grown(begin_s - edge, lag)
+        at_end, at_begin = _step_response_integrals(end_s - edge, lag), _step_response_integrals(begin_s - edge, lag)
         once = at_end.once - at_begin.once
         twice = at_end.twice - at_begin.twice - duration * at_begin.once
         by_edge = at_begin.level - at_end.level

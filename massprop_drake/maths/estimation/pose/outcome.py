@@ -19,7 +19,9 @@ from massprop_drake.maths.linear_algebra import Array
 _ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two things say the same
 
 
-def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams) -> tuple[Array, Array]:
+def estimated_properties(
+    mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams
+) -> tuple[Array, Array]:
     """Computes the ten parameters and their covariance, zero where they are fixed, shapes (10,) and (10, 10).
 
     Args:
@@ -31,7 +33,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     parts, size = params.parts, params.parts.size
     whole = np.zeros((size, size))
     whole[np.ix_(params.free, params.free)] = covariance
-    weights, left = of_mass(healthy, params)
+    weights, left = mass_regression(healthy, params)
     scale = 1.0 + float(weights @ (mean - params.start))
     spin = mean[parts.spin]
     rows = np.zeros((10, size))
@@ -48,7 +50,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     return values, found
 
 
-def of_mass(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
+def mass_regression(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
     """Computes the regression of mu on the state, shape (size,), and the variance that no state takes from it.
 
     Args:

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compared
-from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predicted
+from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compare_readings
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
@@ -86,7 +86,7 @@ class PoseUpdate(NamedTuple):
     learned: Array
 
 
-def shifted(bank: PoseBank, correction: Array, covariance: Array, params: PoseParams) -> PoseBank:
+def apply_correction(bank: PoseBank, correction: Array, covariance: Array, params: PoseParams) -> PoseBank:
     """Applies a correction of the free elements, shape (n_filters, n), to a bank, and replaces its covariance."""
     mean = bank.mean.copy()
     mean[:, params.free] += correction
@@ -116,21 +116,21 @@ def step(
     Raises:
         NotPositiveDefiniteError: when an innovation's covariance loses definiteness, with the time.
     """
-    done = _step(bank, commands, span_s, readings, params)
+    done = _step_without_doubt(bank, commands, span_s, readings, params)
     if doubt is None:
         return done
-    other = _step(doubt.bank, commands, span_s, readings, params)
+    other = _step_without_doubt(doubt.bank, commands, span_s, readings, params)
     with np.errstate(divide="ignore"):  # of what is impossible
         ways = np.stack((np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood))
     total = np.logaddexp.reduce(ways)
     share = np.where(np.isfinite(total), np.exp(ways[1] - np.where(np.isfinite(total), total, 0.0)), 0.0)
     of_first = done.of_first + share[0] * (other.of_first - done.of_first)
     kicked = done.kicked + share * (1.0 - done.kicked)
-    both = merged(done.bank, other.bank, share, params)
+    both = merge_banks(done.bank, other.bank, share, params)
     return done._replace(bank=both, likelihood=total, kicked=kicked, of_first=of_first, doubt=None)
 
 
-def merged(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
+def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
     """Merges two banks by moment matching.
 
     Args:
@@ -154,53 +154,58 @@ def merged(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> 
     return PoseBank(mean, covariance, rotation, other.opens, one.reference, one.turned)
 
 
-def _step(
+def _step_without_doubt(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
     """Advances a bank by a sample without doubt of the last one."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
-        ahead = predicted(bank, commands, *span_s, params)
-        beside = compared(ahead.bank, readings, params)
+        ahead = predict_bank(bank, commands, *span_s, params)
+        beside = compare_readings(ahead.bank, readings, params)
     count = bank.mean.shape[0]
     if beside is None:
         nothing = np.zeros(count)
         return PoseCycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
-    shown = _shown(ahead.bank.covariance, beside)
-    run_off = _run_off(ahead.bank, beside, shown, span_s[1])
+    shown = _predicted_covariance(ahead.bank.covariance, beside)
+    run_off = _find_diverged(ahead.bank, beside, shown, span_s[1])
     if run_off.any():  # what is left of it is the first filter, and no likelihood
-        shown = _of_first(shown, run_off)
-        ahead = ahead._replace(bank=_first_for(ahead.bank, run_off), kick=_of_first(ahead.kick, run_off))
-        beside = beside._replace(
-            **{name: _of_first(getattr(beside, name), run_off) for name in ("innovation", "jacobian", "variance")}
+        shown = _values_of_first(shown, run_off)
+        ahead = ahead._replace(
+            bank=_replace_with_first(ahead.bank, run_off), kick=_values_of_first(ahead.kick, run_off)
         )
-    chance, poor = chances(beside, span_s, params)
-    fair, noisy = None, noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
-    if poor > 0.0 and _cannot_tell(shown[0], beside, params.pose.tells):
-        fair = _either(_density(shown, beside), _density(shown, noisy), poor)
+        beside = beside._replace(
+            **{
+                name: _values_of_first(getattr(beside, name), run_off)
+                for name in ("innovation", "jacobian", "variance")
+            }
+        )
+    chance, poor = kick_and_outlier_chances(beside, span_s, params)
+    fair, noisy = None, scale_pose_noise(beside, params.pose.outlier_scale) if poor > 0.0 else beside
+    if poor > 0.0 and _is_indistinguishable(shown[0], beside, params.pose.tells):
+        fair = _mix_log_densities(_log_density(shown, beside), _log_density(shown, noisy), poor)
         beside, poor = noisy, 0.0
-    happened = happenings(ahead, (beside, noisy), (chance, poor))
-    ways = updates(happened, ahead.bank.mean, params)
+    happened = list_possibilities(ahead, (beside, noisy), (chance, poor))
+    ways = possibility_updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
     kicked = share[1] if chance > 0.0 else np.zeros(count)
-    nis = [part * _by_kind(one.shown[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
+    nis = [part * _nis_by_kind(one.shown[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
     doubt = None
     if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
-        doubt = Doubt(mixed(ahead.bank, happened[1:2], ways[1:2], np.ones((1, count)), params), kicked)
+        doubt = Doubt(mix_possibilities(ahead.bank, happened[1:2], ways[1:2], np.ones((1, count)), params), kicked)
         happened, ways, share = happened[::2], ways[::2], share[::2] / np.maximum(1.0 - kicked, _TINY)
-    after = mixed(ahead.bank, happened, ways, share, params)
+    after = mix_possibilities(ahead.bank, happened, ways, share, params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
-    whitened = _whitened(shown, beside)
+    whitened = _whitened_innovations(shown, beside)
     return PoseCycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
-def _shown(covariance: Array, beside: Compared) -> Array:
+def _predicted_covariance(covariance: Array, beside: Compared) -> Array:
     """Computes the state's part of the readings' covariance, shape (n_filters, m, m)."""
     return np.asarray(beside.jacobian @ covariance @ np.swapaxes(beside.jacobian, 1, 2), dtype=np.float64)
 
 
-def _run_off(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
+def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
     """Finds diverged filters, whose expected covariance is not positive definite or not finite, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
@@ -218,14 +223,14 @@ def _run_off(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> n
     return run_off
 
 
-def _of_first(values: Array, chosen: np.ndarray) -> Array:
+def _values_of_first(values: Array, chosen: np.ndarray) -> Array:
     """Returns values by filter, with the first filter's in place of those of the chosen ones."""
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
-def _first_for(bank: PoseBank, chosen: np.ndarray) -> PoseBank:
+def _replace_with_first(bank: PoseBank, chosen: np.ndarray) -> PoseBank:
     """Puts the first filter in place of the chosen ones; which jet each supposes open stays."""
-    parts = {name: _of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
+    parts = {name: _values_of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
     return bank._replace(**parts)
 
 
@@ -247,13 +252,15 @@ class Happened(NamedTuple):
     shown: Array
 
 
-def chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
+def kick_and_outlier_chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
     """Computes probabilities of a kick in an interval, and of poor readings at its end."""
     kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     return float(kick), params.pose.outliers if beside.poses.any() else 0.0
 
 
-def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]) -> list[Happened]:
+def list_possibilities(
+    ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]
+) -> list[Happened]:
     """Lists the possibilities of an interval: as modeled; a kick; poor readings.
 
     Args:
@@ -275,7 +282,7 @@ def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tu
     return happened
 
 
-def mixed(
+def mix_possibilities(
     bank: PoseBank, happened: list[Happened], ways: list[PoseUpdate], share: Array, params: PoseParams
 ) -> PoseBank:
     """Mixes a bank's possibilities by moment matching.
@@ -298,30 +305,30 @@ def mixed(
     taken = np.concatenate(left, axis=2) @ np.swapaxes(
         np.concatenate([*(way.gain for way in ways), apart], axis=2), 1, 2
     )
-    return shifted(bank, correction, covariance - (taken + np.swapaxes(taken, 1, 2)), params)
+    return apply_correction(bank, correction, covariance - (taken + np.swapaxes(taken, 1, 2)), params)
 
 
-def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
+def possibility_updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
     """Computes the update by each possibility, such that every K stays that of a body."""
     taken = np.ones((mean.shape[0], params.free.size))
-    ways = _updated(happened, taken)
+    ways = _joseph_updates(happened, taken)
     corrections = np.stack([way.correction for way in ways])
-    possible = np.all(_possible(mean, corrections, params), axis=0)
+    possible = np.all(_is_spin_physical(mean, corrections, params), axis=0)
     if not possible.all():
-        taken = np.where(possible[:, None] | ~_spin(params), 1.0, 0.0)
-        ways = _updated(happened, taken)
+        taken = np.where(possible[:, None] | ~_select_spin(params), 1.0, 0.0)
+        ways = _joseph_updates(happened, taken)
     return ways
 
 
-def _spin(params: PoseParams) -> np.ndarray:
+def _select_spin(params: PoseParams) -> np.ndarray:
     """Selects the free elements that belong to K, shape (n,)."""
     spin = params.parts.spin
     return (params.free >= spin.start) & (params.free < spin.stop)
 
 
-def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
+def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
     """Tests whether each correction leaves each filter's K that of a body, positive definite, shape (k, n_filters)."""
-    part, chosen = params.parts.spin, _spin(params)
+    part, chosen = params.parts.spin, _select_spin(params)
     after = np.repeat(mean[None, :, part], len(correction), axis=0)
     after[..., params.free[chosen] - part.start] += correction[..., chosen]
     start = np.broadcast_to(params.start[part], (1, *after.shape[1:]))
@@ -329,18 +336,18 @@ def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
     return np.asarray(least[:-1] > _LEAST * least[-1])
 
 
-def noisier(beside: Compared, scale: float) -> Compared:
+def scale_pose_noise(beside: Compared, scale: float) -> Compared:
     """Scales the 1-sigma of the pose readings by a factor."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
-def _cannot_tell(shown: Array, beside: Compared, tells: float) -> bool:
+def _is_indistinguishable(shown: Array, beside: Compared, tells: float) -> bool:
     """Tests whether a pose is indistinguishable from a poor one, the position being uncertain, see `Poses.tells`."""
     return bool((shown.diagonal() > tells * beside.variance[0].diagonal())[beside.poses].any())
 
 
-def _density(shown: Array, beside: Compared) -> Array:
+def _log_density(shown: Array, beside: Compared) -> Array:
     """Computes the log density of the readings, shape (n_filters,)."""
     half = np.linalg.cholesky(shown + beside.variance)
     whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
@@ -348,12 +355,12 @@ def _density(shown: Array, beside: Compared) -> Array:
     return np.asarray(-0.5 * (np.sum(whitened**2, axis=1) + determinant + whitened.shape[1] * _TWO_PI))
 
 
-def _either(one: Array, other: Array, chance: float) -> Array:
+def _mix_log_densities(one: Array, other: Array, chance: float) -> Array:
     """Mixes two log densities, the second with some probability."""
     return np.asarray(np.logaddexp(np.log1p(-chance) + one, np.log(chance) + other))
 
 
-def _by_kind(shown: Array, beside: Compared) -> Array:
+def _nis_by_kind(shown: Array, beside: Compared) -> Array:
     """Splits the statistics of the first filter by kind of sensor, see `Cycled.of_first`."""
     result = np.zeros((2, 2))
     off, expected = beside.innovation[0], shown + beside.variance[0]
@@ -363,13 +370,13 @@ def _by_kind(shown: Array, beside: Compared) -> Array:
     return result
 
 
-def _whitened(shown: Array, beside: Compared) -> Array:
+def _whitened_innovations(shown: Array, beside: Compared) -> Array:
     """Computes whitened innovations, see `Cycled.whitened`."""
     expected = np.mean(shown + beside.variance, axis=0)
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
-def _updated(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
+def _joseph_updates(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
     """Computes the Kalman updates by all possibilities at once, in a form that holds for any gain.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which

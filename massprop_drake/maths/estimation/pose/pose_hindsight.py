@@ -23,12 +23,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.pose_cycle import Happened, PoseUpdate, chances, happenings, mixed, noisier
-from massprop_drake.maths.estimation.pose.pose_cycle import updates as updates_of
+from massprop_drake.maths.estimation.pose.pose_cycle import (
+    Happened,
+    PoseUpdate,
+    kick_and_outlier_chances,
+    list_possibilities,
+    mix_possibilities,
+    scale_pose_noise,
+)
+from massprop_drake.maths.estimation.pose.pose_cycle import possibility_updates as updates_of
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Parts, Places, PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.pose_measurement import compared
-from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predicted
-from massprop_drake.maths.estimation.pose.pose_start import begins, begun, first_place, tracked_point
+from massprop_drake.maths.estimation.pose.pose_measurement import compare_readings
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
+from massprop_drake.maths.estimation.pose.pose_start import (
+    can_initialize,
+    first_pose_sensor,
+    initialize_bank,
+    tracked_point,
+)
 from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
@@ -105,7 +117,7 @@ class PoseEquations(NamedTuple):
         )
 
 
-def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
+def unknowns_from_state(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
     """Converts an estimator's state, with a mass, to the unknowns, shape (size,)."""
     parts, at = params.parts, state.copy()
     scale = mass_reciprocal * params.nominal_mass
@@ -116,8 +128,8 @@ def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Arra
     return at
 
 
-def state_of(at: Array, params: PoseParams) -> Array:
-    """Converts the unknowns to an estimator's state: the inverse of `vehicle_of`, shape (size,)."""
+def state_from_unknowns(at: Array, params: PoseParams) -> Array:
+    """Converts the unknowns to an estimator's state: the inverse of `unknowns_from_state`, shape (size,)."""
     parts, state = params.parts, at.copy()
     reciprocal = at[parts.common]
     state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
@@ -127,9 +139,9 @@ def state_of(at: Array, params: PoseParams) -> Array:
     return state
 
 
-def derivatives(at: Array, params: PoseParams) -> Array:
+def state_derivatives(at: Array, params: PoseParams) -> Array:
     """Computes derivatives of the state by the unknowns, shape (size, size); zero for other elements."""
-    parts, result = params.parts, np.diag(unknown(params.parts).astype(float))
+    parts, result = params.parts, np.diag(select_unknowns(params.parts).astype(float))
     reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass
     result[parts.thrust, parts.common] = mass * at[parts.thrust, None]
@@ -140,7 +152,7 @@ def derivatives(at: Array, params: PoseParams) -> Array:
     return result
 
 
-def unknown(parts: Parts) -> np.ndarray:
+def select_unknowns(parts: Parts) -> np.ndarray:
     """Selects the elements that are unknowns, shape (size,)."""
     result = np.ones(parts.size, dtype=bool)
     for name in (*_MOTION, *_OTHER):
@@ -148,13 +160,13 @@ def unknown(parts: Parts) -> np.ndarray:
     return result
 
 
-def possible(at: Array, parts: Parts) -> bool:
+def is_physical(at: Array, parts: Parts) -> bool:
     """Tests whether the unknowns are physical: mass and inverse inertia positive, no lag negative."""
     inverse = symmetric_matrices(at[parts.spin])
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 
 
-def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
+def known_vehicle_params(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
     """Returns parameters of a filter that knows a vehicle and follows its motion.
 
     Args:
@@ -167,68 +179,68 @@ def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> Pos
     follows = np.zeros(parts.size, dtype=bool)
     for name in _MOTION:
         follows[getattr(parts, name)] = True
-    start = state_of(vehicle.at, params)
+    start = state_from_unknowns(vehicle.at, params)
     start[follows] = params.start[follows]
     return params._replace(free=movable, start=start, covariance=np.diag(np.where(follows, variances, 0.0)[movable]))
 
 
-def equations(record: PoseRecord, vehicle: Assumed, movable: Places, params: PoseParams) -> PoseEquations:
+def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, params: PoseParams) -> PoseEquations:
     """Computes the normal equations of a record's readings by the unknowns.
 
     Args:
         record: see `PoseRecord`.
         vehicle: that is taken as known.
-        movable: see `taken_as_known`.
+        movable: see `known_vehicle_params`.
         params: of the estimator.
     """
-    known = taken_as_known(vehicle, movable, params)
+    known = known_vehicle_params(vehicle, movable, params)
     size = params.parts.size
     total = PoseEquations(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
     rows = len(record.readings)
-    first = next((row for row in range(rows) if begins(record.readings[row], known)), rows)
+    first = next((row for row in range(rows) if can_initialize(record.readings[row], known)), rows)
     if first == rows:
         return total
-    bank = begun(record.readings[first], known)._replace(opens=np.array([vehicle.opens]))
-    by = _at_the_beginning(record.readings[first], bank, derivatives(vehicle.at, params), known)
+    bank = initialize_bank(record.readings[first], known)._replace(opens=np.array([vehicle.opens]))
+    by = _initial_sensitivities(record.readings[first], bank, state_derivatives(vehicle.at, params), known)
     for row in range(first + 1, rows):
         span_s = float(record.time_s[row - 1]), float(record.time_s[row])
-        ahead = predicted(bank, record.commands(row), *span_s, known)
-        bank, by, sample = _sample(ahead, ahead.through[0] @ by, record.readings[row], span_s, known)
+        ahead = predict_bank(bank, record.commands(row), *span_s, known)
+        bank, by, sample = _advance_sample(ahead, ahead.through[0] @ by, record.readings[row], span_s, known)
         if sample is not None:
             total = total.plus(sample)
     return total
 
 
-def _at_the_beginning(readings: PoseReadings, bank: PoseBank, by: Array, params: PoseParams) -> Array:
+def _initial_sensitivities(readings: PoseReadings, bank: PoseBank, by: Array, params: PoseParams) -> Array:
     """Computes sensitivities of the free elements at the first sample, the position following from a tracked point."""
-    parts, place = params.parts, first_place(readings)
+    parts, place = params.parts, first_pose_sensor(readings)
     if place is not None:
         by = by.copy()
         by[parts.position] = bank.rotation[0] @ (by[parts.center] - by[tracked_point(place, parts)])
     return by[params.free]
 
 
-def _sample(
+def _advance_sample(
     ahead: Predicted, by: Array, readings: PoseReadings, span_s: tuple[float, float], params: PoseParams
 ) -> tuple[PoseBank, Array, PoseEquations | None]:
     """Advances the filter and its sensitivities by a sample; also returns its equations; None: nothing was read."""
-    beside = compared(ahead.bank, readings, params)
+    beside = compare_readings(ahead.bank, readings, params)
     if beside is None:
         return ahead.bank, by, None
-    of_kick, of_poor = chances(beside, span_s, params)
-    noisy = noisier(beside, params.pose.outlier_scale)
-    happened = happenings(ahead, (beside, noisy), (of_kick, of_poor))
+    of_kick, of_poor = kick_and_outlier_chances(beside, span_s, params)
+    noisy = scale_pose_noise(beside, params.pose.outlier_scale)
+    happened = list_possibilities(ahead, (beside, noisy), (of_kick, of_poor))
     ways = updates_of(happened, ahead.bank.mean, params)
-    share, misfit = _shares(happened, ways)
+    share, misfit = _possibility_shares(happened, ways)
     shows, off = beside.jacobian[0] @ by, beside.innovation[0]
     precisions = np.linalg.inv([one.shown[0] + one.beside.variance[0] for one in happened])
     precision, gain = (np.tensordot(share, part, 1) for part in (precisions, [way.gain[0] for way in ways]))
     weighed = shows.T @ precision
-    bank = mixed(ahead.bank, happened, ways, share[:, None], params)
+    bank = mix_possibilities(ahead.bank, happened, ways, share[:, None], params)
     return bank, by - gain @ shows, PoseEquations(weighed @ shows, weighed @ off, misfit, float(off.size))
 
 
-def _shares(happened: list[Happened], ways: list[PoseUpdate]) -> tuple[Array, float]:
+def _possibility_shares(happened: list[Happened], ways: list[PoseUpdate]) -> tuple[Array, float]:
     """Computes probabilities of an interval's possibilities, shape (n_ways,), and the misfit of the sample."""
     chance = np.log([one.chance for one in happened])
     each = chance + [way.likelihood[0] for way in ways]

@@ -28,10 +28,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.pose_cycle import Doubt, PoseCycled, merged, step
+from massprop_drake.maths.estimation.pose.pose_cycle import Doubt, PoseCycled, merge_banks, step
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
-from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
+from massprop_drake.maths.linear_algebra import Array, cross_products, symmetrized_stack
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
@@ -107,7 +107,7 @@ class PoseOutcome(NamedTuple):
     share: tuple[float, float]
 
 
-def begun(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
+def begin_hypotheses(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
     """Makes the hypotheses at the first sample: no failure, each jet weak, each jet open, and a push.
 
     Args:
@@ -116,12 +116,12 @@ def begun(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
         params: see `PoseParams`.
     """
     known = np.zeros(1 + 2 * params.pushes.shape[0])
-    every = _stacked(bank, failing(bank, known, params))
-    likelihood = np.concatenate(([0.0], np.log(BEFORE) + _beforehand(params)))
+    every = _stack_banks(bank, branch_failures(bank, known, params))
+    likelihood = np.concatenate(([0.0], np.log(BEFORE) + _log_priors(params)))
     return Tried(every, likelihood, np.full(1 + known.size, time_s), known, time_s, np.nan)
 
 
-def alone(bank: PoseBank, known: Array, time_s: float) -> Tried:
+def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
     """Wraps a bank of one filter, without other hypotheses.
 
     Args:
@@ -132,7 +132,7 @@ def alone(bank: PoseBank, known: Array, time_s: float) -> Tried:
     return Tried(bank, np.zeros(1), np.full(1, time_s), known, time_s, np.nan)
 
 
-def _beforehand(params: PoseParams) -> Array:
+def _log_priors(params: PoseParams) -> Array:
     """Computes each hypothesis's log prior over a failure of one jet, nats, shape (1 + 2 n_jets,)."""
     jets = params.pushes.shape[0]
     result = np.zeros(1 + 2 * jets)
@@ -140,7 +140,7 @@ def _beforehand(params: PoseParams) -> Array:
     return result
 
 
-def failing(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
+def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
     """Makes a filter for each hypothesis: a bank's first, with its failure happening now, shape (1 + 2 n_jets, ...)."""
     jets, parts, free = params.pushes.shape[0], params.parts, params.free
     count = 1 + 2 * jets
@@ -168,7 +168,7 @@ def failing(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
             added[opened, place[parts.open.start]] = _SPREAD**2
     if bank.opens[0] < 0:
         opens[-1] = PUSHED
-    for axis, size in enumerate(_largest(params)):
+    for axis, size in enumerate(_largest_accelerations(params)):
         row = place.get(parts.push.start + axis)
         if row is not None:
             added[-1, row] = (_MIDDLE * size) ** 2
@@ -178,35 +178,35 @@ def failing(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
     return PoseBank(mean, covariance, same[0], opens, same[1], same[2])
 
 
-def _largest(params: PoseParams) -> Array:
+def _largest_accelerations(params: PoseParams) -> Array:
     """Computes the largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
     spin = symmetric_matrices(params.start[params.parts.spin])
-    moments = crosses(params.positions - params.start[params.parts.center], params.pushes)
+    moments = cross_products(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
 
 
-def _stacked(first: PoseBank, rest: PoseBank) -> PoseBank:
+def _stack_banks(first: PoseBank, rest: PoseBank) -> PoseBank:
     return PoseBank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
-def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     """Merges into every hypothesis the possibility that its jet fails now, once that is due."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
-    return _renewed(tried, time_s, params)
+    return _renew_now(tried, time_s, params)
 
 
-def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
+def _renew_now(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+    chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)
     now = tried.likelihood[0] + chance
     before = tried.likelihood[1:]
     total = np.logaddexp(before, now)
     share = np.where(np.isfinite(total), np.exp(now - total), 0.0)
     share = np.where(np.isneginf(before) & (tried.known > 0.0), 0.0, share)
     rest = PoseBank(*(part[1:] for part in tried.bank))
-    both = merged(rest, failing(tried.bank, tried.known, params), share, params)
-    possible = _possible(tried)
+    both = merge_banks(rest, branch_failures(tried.bank, tried.known, params), share, params)
+    possible = _select_possible(tried)
     likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
     apart = tried.apart
     if apart is not None:  # what fails now foretells as the first has
@@ -215,11 +215,11 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
         apart = old * apart + (1.0 - old) * apart[:, :1]
     onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
     return tried._replace(
-        bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s
+        bank=_stack_banks(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s
     )._replace(apart=apart)
 
 
-def _possible(tried: Tried) -> np.ndarray:
+def _select_possible(tried: Tried) -> np.ndarray:
     """Selects hypotheses that may yet become true: not known, and no second open jet, shape (1 + 2 n_jets,)."""
     jets = tried.known.size // 2
     possible = tried.known == 0.0
@@ -228,7 +228,7 @@ def _possible(tried: Tried) -> np.ndarray:
     return possible
 
 
-def advanced(
+def advance_hypotheses(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
     """Advances all hypotheses by a sample.
@@ -243,10 +243,10 @@ def advanced(
     likelihood = tried.likelihood + done.likelihood
     first = float(likelihood[0])
     after = tried._replace(bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=tried.total + first)
-    return after._replace(apart=_further_apart(tried.apart, done.whitened)), done
+    return after._replace(apart=_update_separation(tried.apart, done.whitened)), done
 
 
-def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
+def _update_separation(apart: Array | None, whitened: Array | None) -> Array | None:
     """Updates `Tried.apart` with one more sample."""
     if whitened is None:
         return apart
@@ -256,7 +256,7 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
     return more if apart is None else apart + more
 
 
-def judged(
+def name_failure(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, waits: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
     """Decides after a sample whether a failure is named; returns the hypotheses that go on, and the failure or None.
@@ -270,16 +270,16 @@ def judged(
     """
     if tried.doubt is not None:  # the next sample decides first
         return tried, None
-    tried = renewed(tried, time_s, params)
+    tried = renew_hypotheses(tried, time_s, params)
     if waits:
         return tried._replace(leader=-1, steady=0), None
-    found, tried = _judged(tried, time_s, rules, params)
+    found, tried = _decide_failure(tried, time_s, rules, params)
     if found is not None and len(found.members) == 1:
-        tried = _taken(tried, found.members[0], time_s, params)
+        tried = _commit_hypothesis(tried, found.members[0], time_s, params)
     return tried, found
 
 
-def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
+def failure_sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
     """Computes loss or opening of each hypothesis, by its own filter, and its 1-sigma, shape (1 + 2 n_jets,) each.
 
     That of a loss counts by how much healthy jets differ. A push has none, and is always large enough.
@@ -309,28 +309,30 @@ def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
     return size, deviation
 
 
-def ahead(tried: Tried, rules: PoseRules) -> Tried | None:
+def leading_hypothesis(tried: Tried, rules: PoseRules) -> Tried | None:
     """Returns the likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
     """
-    odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
+    odds = np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
     leader = int(np.argmax(odds))
     if not odds[leader] > rules.lead_nothing:
         return None
     known = tried.known.copy()
     known[leader] = float(leader < known.size - 1)
-    return alone(PoseBank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
+    return make_single_filter(PoseBank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
 
 
-def _judged(tried: Tried, time_s: float, rules: PoseRules, params: PoseParams) -> tuple[PoseOutcome | None, Tried]:
+def _decide_failure(
+    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
+) -> tuple[PoseOutcome | None, Tried]:
     """Finds the failure to name, None: none yet; returns it, and the hypotheses with their leader and times updated."""
-    odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
+    odds = np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
     if best <= rules.lead_nothing:
         return None, tried._replace(led_s=np.nan, leader=-1, steady=0)
-    size, deviation = sizes(tried, params)
+    size, deviation = failure_sizes(tried, params)
     if np.isnan(tried.led_s):
         tried = tried._replace(led_s=time_s)
     leads = best - odds
@@ -350,14 +352,14 @@ def _judged(tried: Tried, time_s: float, rules: PoseRules, params: PoseParams) -
     return PoseOutcome(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
 
 
-def _taken(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
+def _commit_hypothesis(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
     """Commits to one hypothesis: all begin again from it."""
     known = tried.known.copy()
     known[member] = float(member < known.size - 1)  # a push may come again
-    return anew(PoseBank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
+    return restart_hypotheses(PoseBank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
 
 
-def anew(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tried:
+def restart_hypotheses(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tried:
     """Restarts all hypotheses from one filter.
 
     Args:
@@ -366,8 +368,8 @@ def anew(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tr
         time_s: now.
         params: see `PoseParams`.
     """
-    every = _stacked(first, failing(first, known, params))
-    chance = np.log(BEFORE * RENEWAL_S / AGAIN_S) + _beforehand(params)
+    every = _stack_banks(first, branch_failures(first, known, params))
+    chance = np.log(BEFORE * RENEWAL_S / AGAIN_S) + _log_priors(params)
     onset = np.full(1 + known.size, time_s)
     fresh = Tried(every, np.concatenate(([0.0], chance)), onset, known, time_s, np.nan)
-    return fresh._replace(likelihood=np.concatenate(([0.0], np.where(_possible(fresh), chance, _NEVER))))
+    return fresh._replace(likelihood=np.concatenate(([0.0], np.where(_select_possible(fresh), chance, _NEVER))))

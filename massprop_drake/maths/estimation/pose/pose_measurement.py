@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.turning import rotation_vectors, skews, times
-from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.estimation.pose.turning import matrix_vector_products, rotation_vectors, skew_matrices
+from massprop_drake.maths.linear_algebra import Array, cross_products
 
 _EYE = np.eye(3)
 _PLANE = np.array([0, 1])  # of what is in the fixed frame, where motion is planar
@@ -89,7 +89,7 @@ class _Rows:
         return Compared(innovation, jacobian, variance, *np.array(self._kinds).T)
 
 
-def compared(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:
+def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:
     """Compares readings with the bank's predictions; None where nothing is read."""
     parts, rotation = params.parts, bank.rotation
     rows = _Rows(bank, params)
@@ -99,32 +99,42 @@ def compared(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Comp
     for place in range(readings.positions.shape[0]):
         point = parts.point.start + 3 * place
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
-        moves = velocity + times(rotation, crosses(rate, arm))
+        moves = velocity + matrix_vector_products(rotation, cross_products(rate, arm))
         jitter = sensors.jitter_variances[place]
-        variance = _white(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
+        variance = _white_covariance(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
             "position": _EYE,
-            "attitude": -rotation @ skews(arm),
+            "attitude": -rotation @ skew_matrices(arm),
             "center": -rotation,
             f"point:{place}": rotation,
         }
-        rows.add(readings.positions[place] - position - times(rotation, arm), by, variance, plane, (False, True))
-        variance = _white(sensors.attitude_variances[place]) + jitter * rate[:, :, None] * rate[:, None, :]
+        rows.add(
+            readings.positions[place] - position - matrix_vector_products(rotation, arm),
+            by,
+            variance,
+            plane,
+            (False, True),
+        )
+        variance = _white_covariance(sensors.attitude_variances[place]) + jitter * rate[:, :, None] * rate[:, None, :]
         off = np.full_like(rate, np.nan)
         if np.isfinite(readings.rotations[place]).all():
             off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
         rows.add(off, {"attitude": _EYE}, variance, about, (True, True))
     for place, variance in enumerate(params.velocity_variances):
         arm = params.velocity_positions[place] - bank.mean[:, parts.center]
-        swing = crosses(rate, arm)
+        swing = cross_products(rate, arm)
         by = {
             "velocity": _EYE,
-            "attitude": -rotation @ skews(swing),
-            "rate": -rotation @ skews(arm),
-            "center": -rotation @ skews(rate),
+            "attitude": -rotation @ skew_matrices(swing),
+            "rate": -rotation @ skew_matrices(arm),
+            "center": -rotation @ skew_matrices(rate),
         }
         rows.add(
-            readings.velocities[place] - velocity - times(rotation, swing), by, variance * _EYE, plane, (False, False)
+            readings.velocities[place] - velocity - matrix_vector_products(rotation, swing),
+            by,
+            variance * _EYE,
+            plane,
+            (False, False),
         )
     for place, variance in enumerate(params.gyro_variances):
         bias = bank.mean[:, parts.gyro_bias][:, 3 * place : 3 * place + 3]
@@ -132,22 +142,22 @@ def compared(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Comp
         rows.add(readings.rates[place] - rate - bias, by, variance * _EYE, about, (True, False))
     if params.accelerometer_variances.size:
         trace = np.trace(bank.turned, axis1=1, axis2=2)[:, None, None]
-        turn = skews(rate - bank.reference) + bank.turned - trace * _EYE
+        turn = skew_matrices(rate - bank.reference) + bank.turned - trace * _EYE
         for place, variance in enumerate(params.accelerometer_variances):
             arm = params.accelerometer_positions[place] - bank.mean[:, parts.center]
             begin = parts.gathered.start + 3 * place
-            by = {f"gathered:{place}": _EYE, "rate": -skews(arm), "center": -turn}
-            off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - times(turn, arm)
+            by = {f"gathered:{place}": _EYE, "rate": -skew_matrices(arm), "center": -turn}
+            off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
     return rows.compared()
 
 
-def _white(variance: float) -> Array:
+def _white_covariance(variance: float) -> Array:
     """Computes the covariance of three independent components, also where the variance is infinite."""
     return np.diag(np.full(3, variance))
 
 
-def expected(bank: PoseBank, params: PoseParams) -> PoseReadings:
+def predict_readings(bank: PoseBank, params: PoseParams) -> PoseReadings:
     """Predicts the readings of ideal sensors by the first filter of a bank."""
     parts, rotation = params.parts, bank.rotation[0]
     mean = bank.mean[0]
@@ -155,12 +165,12 @@ def expected(bank: PoseBank, params: PoseParams) -> PoseReadings:
     points = mean[parts.point].reshape(-1, 3) - center
     arms = params.velocity_positions - center
     biases = mean[parts.gyro_bias].reshape(-1, 3)
-    turn = skews(rate - bank.reference[0]) + bank.turned[0] - np.trace(bank.turned[0]) * _EYE
+    turn = skew_matrices(rate - bank.reference[0]) + bank.turned[0] - np.trace(bank.turned[0]) * _EYE
     reach = params.accelerometer_positions - center
     return PoseReadings(
         positions=mean[parts.position] + points @ rotation.T,
         rotations=np.repeat(rotation[None], len(points), axis=0),
-        velocities=velocity + crosses(rate, arms) @ rotation.T,
+        velocities=velocity + cross_products(rate, arms) @ rotation.T,
         rates=rate + biases,
         gathered=mean[parts.gathered].reshape(-1, 3) + reach @ turn.T,
     )

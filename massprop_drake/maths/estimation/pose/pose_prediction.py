@@ -29,10 +29,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, opened_on_average
+from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, average_openings
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
-from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
-from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
+from massprop_drake.maths.estimation.pose.turning import (
+    derivative_by_elements,
+    matrix_vector_products,
+    rotations,
+    skew_matrices,
+    symmetric_matrices,
+)
+from massprop_drake.maths.linear_algebra import Array, cross_products, symmetrized_stack
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _EYE = np.eye(3)
@@ -94,7 +100,7 @@ class _Acting(NamedTuple):
         return total
 
 
-def timing(mean: Array, params: PoseParams) -> OpeningTimes:
+def valve_timing(mean: Array, params: PoseParams) -> OpeningTimes:
     """Reads delay, lag and opening time of each jet's valve from the state."""
     parts, kinds = params.parts, params.kinds
     return OpeningTimes(
@@ -109,7 +115,7 @@ def _delay_stds(bank: PoseBank, params: PoseParams) -> Array:
     return found[:, part][:, params.kinds]
 
 
-def predicted(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
+def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
     """Predicts the bank over an interval.
 
     Args:
@@ -118,26 +124,26 @@ def predicted(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, 
         begin_s, end_s: of the interval.
         params: see `PoseParams`.
     """
-    openings = opened_on_average(commands, (begin_s, end_s), timing(bank.mean, params), _delay_stds(bank, params))
-    bank, kept = _pulsed(bank, openings, params)
-    acting = _acting(bank, openings, end_s - begin_s, params)
+    openings = average_openings(commands, (begin_s, end_s), valve_timing(bank.mean, params), _delay_stds(bank, params))
+    bank, kept = _renew_pulses(bank, openings, params)
+    acting = _acting_thrust(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
     after = bank.mean.copy()
     jacobian = np.broadcast_to(np.eye(size), (count, size, size)).copy()
-    _move(after, jacobian, acting, bank, params)
-    angle = _turn(after, jacobian, acting, bank, params)
+    _predict_translation(after, jacobian, acting, bank, params)
+    angle = _predict_rotation(after, jacobian, acting, bank, params)
     if commands.outside is not None:
-        angle += _pushed(after, jacobian, acting, (bank, commands.outside), params)
-    _by_timing(jacobian, acting, params)
-    _by_opening(jacobian, acting, bank, params)
+        angle += _add_outside_forces(after, jacobian, acting, (bank, commands.outside), params)
+    _fill_timing_derivatives(jacobian, acting, params)
+    _fill_opening_derivatives(jacobian, acting, bank, params)
     if params.free[-1] >= params.parts.pulse.start:
-        _by_pulse(jacobian, acting, bank, params)
-    spun = _gather(after, jacobian, acting, bank, params)
+        _fill_pulse_derivatives(jacobian, acting, bank, params)
+    spun = _predict_accelerometers(after, jacobian, acting, bank, params)
     if commands.outside is not None:
-        _felt(after, jacobian, acting, (bank, commands.outside), params)
+        _add_felt_forces(after, jacobian, acting, (bank, commands.outside), params)
     free = params.free
     through = jacobian[:, free[:, None], free]
-    bias, product = _second_order(acting, bank, params)
+    bias, product = _second_order_moments(acting, bank, params)
     after[:, params.parts.rate] += bias
     angle += 0.5 * acting.duration * bias
     gained, spread = _timing_products(acting, bank, params)
@@ -152,10 +158,10 @@ def predicted(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, 
     moved = PoseBank(
         after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun
     )
-    return Predicted(moved, _kick(acting, params), through if kept is None else through * kept[:, None, :])
+    return Predicted(moved, _kick_effects(acting, params), through if kept is None else through * kept[:, None, :])
 
 
-def _pulsed(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
+def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
     """Resets the strengths of pulses that begin; returns the bank, and the share that remains of each free element.
 
     They are drawn anew, independent; the share is zero for those, else one, shape (n_filters, n); None: all is kept.
@@ -174,7 +180,7 @@ def _pulsed(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[Pos
     return bank._replace(mean=mean, covariance=covariance), kept
 
 
-def _acting(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
     """Computes the thrust of the jets over an interval, with the jet that a hypothesis takes to stand open."""
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
@@ -186,7 +192,7 @@ def _acting(bank: PoseBank, openings: Openings, duration: float, params: PosePar
     shut[which, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
-    moments = crosses(params.positions - mean[:, None, parts.center], params.pushes)
+    moments = cross_products(params.positions - mean[:, None, parts.center], params.pushes)
     return _Acting(
         openings=openings,
         once=once,
@@ -206,7 +212,7 @@ def _acting(bank: PoseBank, openings: Openings, duration: float, params: PosePar
 # -------------------------------------------------------------------------------- place and velocity
 
 
-def _move(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in position and velocity after the interval, and their derivatives but by valves."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
@@ -216,7 +222,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params
     after[:, parts.position] += velocity * passed + acting.summed(acting.twice, acting.forces) + half * pushed
     back = np.swapaxes(acting.middle_turn, 1, 2)
     for rows, amount, over in ((parts.velocity, acting.once, duration), (parts.position, acting.twice, half)):
-        by_turn = -acting.middle @ skews((acting.factor * amount) @ params.pushes)
+        by_turn = -acting.middle @ skew_matrices((acting.factor * amount) @ params.pushes)
         jacobian[:, rows, parts.attitude] = by_turn @ back
         jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
         jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.forces, 1, 2)
@@ -230,7 +236,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params
 # -------------------------------------------------------------------------------- attitude and rate
 
 
-def _turn(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
+def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
     """Fills in the rate after the interval, and derivatives but by valves; returns the angle turned, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
@@ -246,8 +252,8 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params
     after[:, parts.rate] = rate * left + change + duration * (turned + coupled)
     for rows, amount, over in ((parts.rate, acting.once, duration), (parts.attitude, acting.twice, half)):
         moment = acting.summed(amount, acting.moments)
-        jacobian[:, rows, parts.spin] = by_elements(moment) + over * coupled_by_spin
-        jacobian[:, rows, parts.center] = spin @ skews((acting.factor * amount) @ params.pushes)
+        jacobian[:, rows, parts.spin] = derivative_by_elements(moment) + over * coupled_by_spin
+        jacobian[:, rows, parts.center] = spin @ skew_matrices((acting.factor * amount) @ params.pushes)
         jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.turns, 1, 2)
         jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
         jacobian[:, rows, parts.rate] = over * coupled_by_rate
@@ -264,16 +270,18 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params
     return angle
 
 
-def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams) -> Array:
+def _add_outside_forces(
+    after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
+) -> Array:
     """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3)."""
     parts, duration, (bank, outside) = params.parts, acting.duration, known
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
     spin, half = symmetric_matrices(bank.mean[:, parts.spin]), 0.5 * duration**2
-    moment = torque - crosses(bank.mean[:, parts.center], force)
-    moves, turns = acting.middle @ force, times(spin, moment)
+    moment = torque - cross_products(bank.mean[:, parts.center], force)
+    moves, turns = acting.middle @ force, matrix_vector_products(spin, moment)
     back = np.swapaxes(acting.middle_turn, 1, 2)
-    by_turn = inverse[..., None] * (-acting.middle @ skews(force))
+    by_turn = inverse[..., None] * (-acting.middle @ skew_matrices(force))
     for rows, over in ((parts.velocity, duration), (parts.position, half)):
         after[:, rows] += over * inverse * moves
         jacobian[:, rows] += over * moves[..., None] * params.of_mass
@@ -281,8 +289,8 @@ def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBan
         jacobian[:, rows, parts.rate] += 0.5 * duration * over * by_turn
     for rows, over in ((parts.rate, duration), (parts.attitude, half)):
         jacobian[:, rows] += over * turns[..., None] * params.of_mass
-        jacobian[:, rows, parts.spin] += over * inverse[..., None] * by_elements(moment)
-        jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skews(force))
+        jacobian[:, rows, parts.spin] += over * inverse[..., None] * derivative_by_elements(moment)
+        jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skew_matrices(force))
     after[:, parts.rate] += duration * inverse * turns
     angle: Array = half * inverse * turns
     return angle
@@ -293,8 +301,10 @@ def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
     return 1.0 + ((bank.mean - params.start) @ params.of_mass)[:, None]
 
 
-def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams) -> None:
-    """Adds the velocity that accelerometers gain by known outside forces; arguments as those of `_pushed`."""
+def _add_felt_forces(
+    after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
+) -> None:
+    """Adds the velocity that accelerometers gain by known outside forces; arguments: `_add_outside_forces`."""
     bank, outside = known
     force = acting.duration * outside[3:] / params.nominal_mass
     inverse = _inverse_mass(bank, params)
@@ -309,12 +319,12 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
         count = rate.shape[0]
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
     inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
-    momentum = times(inertia, rate)
-    turn = crosses(rate, momentum)
-    over = skews(rate) @ inertia
-    by_rate = -spin @ (over - skews(momentum))
-    by_spin = -by_elements(turn) + spin @ over @ by_elements(momentum)
-    return -times(spin, turn), by_rate, by_spin
+    momentum = matrix_vector_products(inertia, rate)
+    turn = cross_products(rate, momentum)
+    over = skew_matrices(rate) @ inertia
+    by_rate = -spin @ (over - skew_matrices(momentum))
+    by_spin = -derivative_by_elements(turn) + spin @ over @ derivative_by_elements(momentum)
+    return -matrix_vector_products(spin, turn), by_rate, by_spin
 
 
 # ---------------------------------------------------------------------------------- valves and sensors
@@ -334,7 +344,7 @@ def _triples(part: slice) -> Iterator[slice]:
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
-def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
+def _fill_timing_derivatives(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
     """Fills in the derivatives by delay, lag and opening of each kind."""
     parts, openings = params.parts, acting.openings
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
@@ -345,7 +355,7 @@ def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
                 jacobian[:, rows, part.start + kind] = acting.summed(own * amount, effect)
 
 
-def _by_opening(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_opening_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives by how far a jet stands open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
     jets, duration = bank.opens[which], acting.duration
@@ -357,7 +367,7 @@ def _by_opening(jacobian: Array, acting: _Acting, bank: PoseBank, params: PosePa
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
-def _by_pulse(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_pulse_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives by how strong the present pulses are."""
     factor = bank.mean[:, params.parts.thrust]
     for effect, rows, twice in _effects(acting, params):
@@ -365,7 +375,9 @@ def _by_pulse(jacobian: Array, acting: _Acting, bank: PoseBank, params: PosePara
         jacobian[:, rows, params.parts.pulse] = np.swapaxes(amount[..., None] * effect, 1, 2)
 
 
-def _gather(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
+def _predict_accelerometers(
+    after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams
+) -> Array:
     """Fills in the accelerometers' velocity and its derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
@@ -381,35 +393,35 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, para
         jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * params.pushes, 1, 2)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
-        jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skews(own)
-    _feel_push(after, jacobian, acting, bank, params)
+        jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skew_matrices(own)
+    _add_felt_push(after, jacobian, acting, bank, params)
     return spun
 
 
-def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _add_felt_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Adds the velocity that accelerometers gain by a push, where a filter supposes one."""
     parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
     back = np.swapaxes(acting.middle[which], 1, 2)
-    felt = times(back, bank.mean[which, parts.push][:, :3])
-    turned = skews(felt) @ np.swapaxes(acting.middle_turn[which], 1, 2)
+    felt = matrix_vector_products(back, bank.mean[which, parts.push][:, :3])
+    turned = skew_matrices(felt) @ np.swapaxes(acting.middle_turn[which], 1, 2)
     for rows in _triples(parts.gathered):
         after[which, rows] += duration * felt
         jacobian[which, rows, parts.push.start : parts.push.start + 3] += duration * back
         jacobian[which, rows, parts.attitude] += duration * turned
-        jacobian[which, rows, parts.rate] += 0.5 * duration**2 * skews(felt)
+        jacobian[which, rows, parts.rate] += 0.5 * duration**2 * skew_matrices(felt)
 
 
 # --------------------------------------------------------------------------------------------- noise
 
 
-def _second_order(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
+def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance on the rate of errors of K times those of angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
     rows[:, :, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * acting.moments, 1, 2)
     factor = bank.mean[:, parts.thrust]
     rows[:, :, parts.pulse] = np.swapaxes((factor * acting.once)[..., None] * acting.moments, 1, 2)
-    rows[:, :, parts.center] = skews((acting.factor * acting.once) @ params.pushes)
+    rows[:, :, parts.center] = skew_matrices((acting.factor * acting.once) @ params.pushes)
     for part, by in zip((parts.delay, parts.lag, parts.opening), acting.openings.once_by, strict=True):
         for kind in range(part.stop - part.start):
             rows[:, :, part.start + kind] = acting.summed(acting.shut * (params.kinds == kind) * by, acting.moments)
@@ -503,7 +515,7 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
     return noise
 
 
-def _kick(acting: _Acting, params: PoseParams) -> Array:
+def _kick_effects(acting: _Acting, params: PoseParams) -> Array:
     """Computes the effect of 1 sigma of each component of a kick at any time in the interval, (n_filters, n, 12)."""
     parts, duration = params.parts, acting.duration
     effect = np.zeros((acting.once.shape[0], parts.size, 12))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.turning import skews
+from massprop_drake.maths.estimation.pose.turning import skew_matrices
 from massprop_drake.maths.linear_algebra import Array, symmetrized
 
 
@@ -61,7 +61,7 @@ def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Ar
     return mean, covariance[np.ix_(free, free)], free
 
 
-def begun(readings: PoseReadings, params: PoseParams) -> PoseBank:
+def initialize_bank(readings: PoseReadings, params: PoseParams) -> PoseBank:
     """Initializes one filter by the first sample: attitude and position as they are read.
 
     Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
@@ -75,16 +75,16 @@ def begun(readings: PoseReadings, params: PoseParams) -> PoseBank:
     for place, read in enumerate(readings.rotations):
         if np.isfinite(read).all():
             rotation = read.copy()
-            _own(whole, parts.attitude, poor * params.pose.attitude_variances[place])
+            _make_independent(whole, parts.attitude, poor * params.pose.attitude_variances[place])
             break
-    located = first_place(readings)
+    located = first_pose_sensor(readings)
     if located is not None:
         columns, read = tracked_point(located, parts), readings.positions[located]
         arm = mean[columns] - mean[parts.center]
         mean[parts.position] = np.where(np.isfinite(read), read - rotation @ arm, 0.0)
         rows = np.zeros((3, size))  # p = reading - R (p_s - r)
         rows[:, columns], rows[:, parts.center] = -rotation, rotation
-        rows[:, parts.attitude] = rotation @ skews(arm)
+        rows[:, parts.attitude] = rotation @ skew_matrices(arm)
         whole[parts.position] = rows @ whole
         whole[:, parts.position] = whole[parts.position].T
         own = rows @ whole[:, :] @ rows.T
@@ -103,7 +103,7 @@ def begun(readings: PoseReadings, params: PoseParams) -> PoseBank:
     )
 
 
-def begins(readings: PoseReadings, params: PoseParams) -> bool:
+def can_initialize(readings: PoseReadings, params: PoseParams) -> bool:
     """Tests whether position and attitude can be initialized by the readings, as far as they are measured."""
     turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
     placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
@@ -112,7 +112,7 @@ def begins(readings: PoseReadings, params: PoseParams) -> bool:
     return bool((turned or not needs_turn) and (placed or not needs_place))
 
 
-def first_place(readings: PoseReadings) -> int | None:
+def first_pose_sensor(readings: PoseReadings) -> int | None:
     """Returns the pose sensor that initializes the position; None: none has read one."""
     return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
 
@@ -122,7 +122,7 @@ def tracked_point(place: int, parts: Parts) -> slice:
     return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
 
 
-def _own(whole: Array, part: slice, variance: float) -> None:
+def _make_independent(whole: Array, part: slice, variance: float) -> None:
     """Replaces a part's covariance by an independent variance, in place."""
     whole[part] = 0.0
     whole[:, part] = 0.0

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filter import Setup
-from massprop_drake.maths.estimation.pose.delays import parts_of
-from massprop_drake.maths.estimation.pose.outcome import of_mass
+from massprop_drake.maths.estimation.pose.delays import divide_delays
+from massprop_drake.maths.estimation.pose.outcome import mass_regression
 from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.pose_start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
 
 _LAGS = 12.0  # time constants after which a lag is over
 _SIGMAS = 5.0  # by which a delay may be off
@@ -120,14 +120,14 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
     shown, unseen = _mass_stds(setup, tracking)
-    known = _beforehand(setup, tracking, parts, shown)
-    supposed = _supposed(known, parts, hypotheses=hypotheses)
+    known = _make_prior(setup, tracking, parts, shown)
+    supposed = _select_supposed(known, parts, hypotheses=hypotheses)
     known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
-    start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
+    start, covariance, free = prior(known, _select_fixed(parts, tracking, setup), parts)
     places = np.flatnonzero(np.isin(free, supposed))
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
-    delays = parts_of(valves.delays_s, valves.delay_stds_s, setup.period_s)
+    delays = divide_delays(valves.delays_s, valves.delay_stds_s, setup.period_s)
     longest = (
         np.max(delays.shifts_s)
         + _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0)
@@ -171,10 +171,10 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         of_mass=np.zeros(parts.size),
         delays=delays,
     )
-    return made._replace(of_mass=of_mass(np.ones(thrust.flows.size, dtype=bool), made)[0])
+    return made._replace(of_mass=mass_regression(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
-def _supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
+def _select_supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
     """Selects elements that are fixed unless a hypothesis frees them: delays, how far a jet stands open, and a push."""
     others = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
@@ -183,11 +183,11 @@ def _supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarra
     return np.append(exact, parts.open.start) if hypotheses else exact
 
 
-def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
+def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
     """Makes the prior before the first sample from the vehicle's data."""
     valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
-    inertia = np.linalg.inv(symmetric(setup.nominal[:6]))
+    inertia = np.linalg.inv(symmetric_matrix(setup.nominal[:6]))
     turning = inertia[2, 2] if tracking.planar else np.trace(inertia) / 3.0
     rest[parts.center] = setup.estimate[CENTER_OF_MASS]
     deviation[parts.center] = np.sqrt(np.diag(setup.covariance)[CENTER_OF_MASS])
@@ -228,7 +228,7 @@ def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
     return (whole, 0.0) if moves or setup.accelerometer_variances.size else (0.0, whole)
 
 
-def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
+def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     """Selects the elements that cannot move, or are known, shape (size,)."""
     fixed = np.zeros(parts.size, dtype=bool)
     fixed[parts.center] |= tracking.fixed[CENTER_OF_MASS]
@@ -260,10 +260,10 @@ def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     return fixed
 
 
-def movable(setup: Setup, parts: Parts) -> np.ndarray:
+def movable_places(setup: Setup, parts: Parts) -> np.ndarray:
     """Returns the places of elements that may differ from the vehicle's file, and of the motion, in order."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
-    fixed, valves = _fixed(parts, setup.tracking, setup), setup.tracking.valves
+    fixed, valves = _select_fixed(parts, setup.tracking, setup), setup.tracking.valves
     fixed[parts.open] = True
     fixed[parts.lag] |= valves.lags_s == 0.0
     fixed[parts.pulse] |= valves.pulse_scatters[setup.thrust.kinds] == 0.0

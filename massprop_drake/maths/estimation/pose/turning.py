@@ -11,7 +11,7 @@ _SMALL = 1e-4  # rad, below which series replace quotients
 _EYE = np.eye(3)
 
 
-def skews(vectors: Array) -> Array:
+def skew_matrices(vectors: Array) -> Array:
     """Computes [v x] of each, shape (..., 3, 3)."""
     result = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -27,7 +27,7 @@ def rotations(vectors: Array) -> Array:
     safe = np.where(angle < _SMALL, 1.0, angle)
     first = np.where(angle < _SMALL, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
     second = np.where(angle < _SMALL, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    cross = skews(vectors)
+    cross = skew_matrices(vectors)
     return _EYE + first * cross + second * (cross @ cross)
 
 
@@ -69,7 +69,7 @@ def symmetric_matrices(elements: Array) -> Array:
     return elements[..., ELEMENT]
 
 
-def by_elements(vectors: Array) -> Array:
+def derivative_by_elements(vectors: Array) -> Array:
     """Computes the derivative of a symmetric matrix times each vector by the six elements, shape (..., 3, 6)."""
     result = np.zeros((*vectors.shape, 6))
     for row in range(3):
@@ -78,6 +78,6 @@ def by_elements(vectors: Array) -> Array:
     return result
 
 
-def times(matrices: Array, vectors: Array) -> Array:
+def matrix_vector_products(matrices: Array, vectors: Array) -> Array:
     """Multiplies each matrix by its vector, shape (..., 3)."""
     return (matrices @ vectors[..., None])[..., 0]

@@ -10,12 +10,12 @@ from pose_probe import JETS, MASS, SPIN, Sensors, nothing_read, pulses, small_pa
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from massprop_drake.maths.estimation.pose.outcome import outcome
-from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merged, step
+from massprop_drake.maths.estimation.pose.outcome import estimated_properties
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merge_banks, step
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Parts, PoseBank, PoseParams, Poses, make_parts
-from massprop_drake.maths.estimation.pose.pose_measurement import compared
-from massprop_drake.maths.estimation.pose.pose_prediction import predicted
-from massprop_drake.maths.estimation.pose.pose_start import Beforehand, begun, prior
+from massprop_drake.maths.estimation.pose.pose_measurement import compare_readings
+from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
+from massprop_drake.maths.estimation.pose.pose_start import Beforehand, initialize_bank, prior
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 SPAN = (1.0, 1.1)
@@ -76,7 +76,7 @@ def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     _, params = one_dimension()
     whole = found.bank
     if found.doubt is not None:  # what would be after a kick is kept apart for a sample
-        whole = merged(found.bank, found.doubt.bank, found.doubt.share, params)
+        whole = merge_banks(found.bank, found.doubt.bank, found.doubt.share, params)
     assert float(whole.mean[0, params.parts.position.start]) == pytest.approx(mean, abs=1e-8)
     assert float(whole.covariance[0, 0, 0]) == pytest.approx(variance, rel=1e-6)
     kicked = CHANCE * norm.pdf(read, scale=np.hypot(np.hypot(PRIOR, KICK), NOISE)) / np.exp(found.likelihood[0])
@@ -105,8 +105,8 @@ def test_a_k_that_is_no_bodys_is_only_considered() -> None:
     covariance[0][parts.spin, parts.spin] = (0.5 * params.start[parts.spin][:3].mean()) ** 2 * np.eye(6)
     bank, scaled = bank._replace(covariance=covariance), bank.mean.copy()
     scaled[:, parts.spin] *= -4.0
-    ahead = predicted(bank, pulses(), *SPAN, params).bank
-    moved = predicted(bank._replace(mean=scaled), pulses(), *SPAN, params).bank
+    ahead = predict_bank(bank, pulses(), *SPAN, params).bank
+    moved = predict_bank(bank._replace(mean=scaled), pulses(), *SPAN, params).bank
     for share, learns in ((1.0, False), (0.05, True)):
         readings, expected = nothing_read(params), ahead.mean + share * (moved.mean - ahead.mean)
         readings.rates[0] = expected[0, parts.rate] + expected[0, parts.gyro_bias]
@@ -116,7 +116,7 @@ def test_a_k_that_is_no_bodys_is_only_considered() -> None:
         assert changes[1, parts.spin].max() > 0.0  # the other filter learns
         if not learns:
             assert changes[0, parts.rate].max() > 1e-3  # and so does the rest
-            by = compared(ahead, readings, params)
+            by = compare_readings(ahead, readings, params)
             assert by is not None
             before, rows = ahead.covariance[0], by.jacobian[0]
             gain = before @ rows.T @ np.linalg.inv(rows @ before @ rows.T + by.variance[0])
@@ -194,7 +194,7 @@ def test_the_first_reading_places_the_center_of_mass_with_its_correlations() -> 
     parts, read = params.parts, nothing_read(params)
     turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     read.rotations[1], read.positions[1] = turn, (1.0, 2.0, 3.0)
-    bank = begun(read, params)
+    bank = initialize_bank(read, params)
     second = slice(parts.point.start + 3, parts.point.stop)
     mean = params.start
     np.testing.assert_array_equal(bank.rotation[0], turn)
@@ -244,7 +244,7 @@ def test_the_mass_is_what_the_exact_gaussian_says_of_it() -> None:
     seen = np.array([0.013, 0.008, 0.016, 0.006, 0.1, -0.2])
     for rows in (slice(0, 4), slice(0, 6), slice(4, 6)):
         mean, covariance, mu, variance = _read(params, by[rows], seen[rows], 0.002)
-        values, found = outcome(mean, covariance, np.ones(JETS, dtype=bool), params)
+        values, found = estimated_properties(mean, covariance, np.ones(JETS, dtype=bool), params)
         assert values[9] * MASS == pytest.approx(mu, rel=1e-9)
         assert found[9, 9] * MASS**2 == pytest.approx(variance, rel=1e-6)
         np.testing.assert_allclose(values[:6], mean[params.parts.spin] * mu / MASS, rtol=1e-9)
@@ -257,9 +257,9 @@ def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
     mean = params.start.copy()
     mean[1] = 0.2
     healthy = np.array([True, False, True, True])
-    values, covariance = outcome(mean, params.covariance, healthy, params)
+    values, covariance = estimated_properties(mean, params.covariance, healthy, params)
     assert values[9] == pytest.approx(1.0 / MASS, rel=1e-12)
-    wrong, _ = outcome(mean, params.covariance, np.ones(JETS, dtype=bool), params)
+    wrong, _ = estimated_properties(mean, params.covariance, np.ones(JETS, dtype=bool), params)
     assert wrong[9] < 0.9999 / MASS
     # before anything is read the mass is as well known as it was, and so is J
     assert covariance[9, 9] == pytest.approx((0.01 / MASS) ** 2, rel=1e-9)

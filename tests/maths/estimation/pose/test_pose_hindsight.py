@@ -10,8 +10,8 @@ from pose_probe import JETS, MASS, Sensors, small_params
 from massprop_drake.maths.estimation.pose import pose_hindsight
 from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
 from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams
-from massprop_drake.maths.estimation.pose.pose_measurement import expected
-from massprop_drake.maths.estimation.pose.pose_prediction import predicted
+from massprop_drake.maths.estimation.pose.pose_measurement import predict_readings
+from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
 from massprop_drake.maths.linear_algebra import Array
 
 ROWS, PERIOD_S = 36, 0.1
@@ -29,7 +29,7 @@ def make(sensors: Sensors = ALL, **changed: Any) -> PoseParams:
 def body(made: PoseParams) -> Array:
     """A vehicle with a value for everything that may be other than thought."""
     parts = made.parts
-    at = pose_hindsight.vehicle_of(made.start, 1.0 / MASS, made)
+    at = pose_hindsight.unknowns_from_state(made.start, 1.0 / MASS, made)
     at[parts.thrust] = [1.05, 0.9, 1.0, 0.97]
     at[parts.center] = [0.02, -0.03, 0.01]
     at[parts.delay], at[parts.opening], at[parts.lag] = [0.03, 0.05], [0.01, -0.005], [0.02, 0.03]
@@ -42,7 +42,7 @@ def body(made: PoseParams) -> Array:
 def flown(at: Array, made: PoseParams) -> PoseRecord:
     """What a vehicle reads that is told some pulses, without noise."""
     movable = np.setdiff1d(np.arange(made.parts.size), np.arange(made.parts.size)[made.parts.open])
-    known = pose_hindsight.taken_as_known(Assumed(at), movable, made)
+    known = pose_hindsight.known_vehicle_params(Assumed(at), movable, made)
     random = np.random.default_rng(4)
     levels = np.repeat((random.random((ROWS // 3, JETS)) < 0.3).astype(float), 3, axis=0)
     record = PoseRecord(PERIOD_S * np.arange(ROWS), levels, [])
@@ -50,32 +50,34 @@ def flown(at: Array, made: PoseParams) -> PoseRecord:
     mean[made.parts.rate], mean[made.parts.velocity] = [0.05, -0.02, 0.03], [0.1, 0.0, -0.05]
     rate = mean[made.parts.rate]
     bank = PoseBank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate[None], np.zeros((1, 3, 3)))
-    readings = [expected(bank, known)]
+    readings = [predict_readings(bank, known)]
     for row in range(1, ROWS):
-        bank = predicted(bank, record.commands(row), *record.time_s[row - 1 : row + 1].tolist(), known).bank
-        readings.append(expected(bank, known))
+        bank = predict_bank(bank, record.commands(row), *record.time_s[row - 1 : row + 1].tolist(), known).bank
+        readings.append(predict_readings(bank, known))
     return record._replace(readings=readings)
 
 
 def places(made: PoseParams) -> np.ndarray:
-    return np.flatnonzero(pose_hindsight.unknown(made.parts))
+    return np.flatnonzero(pose_hindsight.select_unknowns(made.parts))
 
 
 def test_derivatives_of_the_state() -> None:
     made = make()
     at = body(made)
-    by = pose_hindsight.derivatives(at, made)
+    by = pose_hindsight.state_derivatives(at, made)
     for place in places(made):
         step = np.zeros_like(at)
         step[place] = 1e-6 * max(abs(at[place]), 0.01)
-        change = pose_hindsight.state_of(at + step, made) - pose_hindsight.state_of(at - step, made)
+        change = pose_hindsight.state_from_unknowns(at + step, made) - pose_hindsight.state_from_unknowns(
+            at - step, made
+        )
         np.testing.assert_allclose(by[:, place], change / (2.0 * step[place]), rtol=1e-6, atol=1e-8)
 
 
 def test_a_vehicles_own_record_has_no_misfit_and_no_score() -> None:
     made = make()
     at = body(made)
-    found = pose_hindsight.equations(flown(at, made), Assumed(at), np.arange(made.parts.size), made)
+    found = pose_hindsight.record_equations(flown(at, made), Assumed(at), np.arange(made.parts.size), made)
     assert found.readings == (ROWS - 1) * (2 * 6 + 3 + 3 + 3)
     assert found.misfit < 0.01 * found.readings  # what is not linear in the first samples
     told = found.information.diagonal() > 0.0
@@ -90,6 +92,6 @@ def test_one_pass_finds_what_is_a_little_other_than_thought() -> None:
     wrong = truth.copy()
     chosen = [made.parts.thrust.start + 1, made.parts.center.start, made.parts.delay.start]
     wrong[chosen] += [0.01, 2e-3, 1e-3]
-    found = pose_hindsight.equations(record, Assumed(wrong), movable, made)
+    found = pose_hindsight.record_equations(record, Assumed(wrong), movable, made)
     move = np.linalg.solve(found.information[np.ix_(chosen, chosen)], found.score[chosen])
     np.testing.assert_allclose(move, truth[chosen] - wrong[chosen], rtol=0.05)

@@ -9,7 +9,7 @@ import pytest
 from pose_probe import JETS, Truth, again, bearing, flown, small_params, some_bank
 
 from massprop_drake.maths.estimation.pose import delays, keeping, pose_hypotheses
-from massprop_drake.maths.estimation.pose.delays import FAR, parts_of
+from massprop_drake.maths.estimation.pose.delays import FAR, divide_delays
 from massprop_drake.maths.estimation.pose.pose_cycle import Doubt
 from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules, Tried
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Delays, PoseParams, PoseReadings
@@ -24,7 +24,7 @@ def fresh(**changed: Any) -> tuple[Tried, PoseParams]:
     params = small_params(**changed)
     bank = some_bank(params, opens=(-1,))
     bank.mean[0, params.parts.open] = 0.0
-    return pose_hypotheses.begun(bank, 0.0, params), params
+    return pose_hypotheses.begin_hypotheses(bank, 0.0, params), params
 
 
 def with_odds(tried: Tried, *leads: tuple[int, float]) -> Tried:
@@ -43,7 +43,7 @@ def judged_often(
     found = []
     for index in range(samples):
         now = first_s + PERIOD * index
-        tried, said = pose_hypotheses.judged(tried._replace(renewed_s=now), now, RULES, params)
+        tried, said = pose_hypotheses.name_failure(tried._replace(renewed_s=now), now, RULES, params)
         found.append(said)
     return tried, found
 
@@ -96,7 +96,9 @@ def test_what_nothing_tells_apart_is_a_group_after_patience_and_nothing_is_taken
     count = round(pose_hypotheses.PATIENCE_S / PERIOD) + pose_hypotheses.STEADY
     found = []
     for index in range(count):
-        tried, said = pose_hypotheses.judged(tried._replace(renewed_s=PERIOD * index), PERIOD * index, RULES, params)
+        tried, said = pose_hypotheses.name_failure(
+            tried._replace(renewed_s=PERIOD * index), PERIOD * index, RULES, params
+        )
         found.append(said)
     first = next(index for index, said in enumerate(found) if said is not None)
     assert first * PERIOD == pytest.approx(pose_hypotheses.PATIENCE_S + (pose_hypotheses.STEADY - 1) * PERIOD, abs=1e-9)
@@ -157,14 +159,14 @@ def _some() -> tuple[Tried, Commands, PoseParams]:
     params = small_params()
     bank = some_bank(params, opens=(-1,))
     bank = bank._replace(covariance=0.5 * (bank.covariance + np.swapaxes(bank.covariance, 1, 2)))
-    first = pose_hypotheses.begun(bank, 1.0, params)
+    first = pose_hypotheses.begin_hypotheses(bank, 1.0, params)
     likelihood = first.likelihood.copy()
     likelihood[3] = -np.inf
     count = likelihood.size
     first = first._replace(likelihood=likelihood, led_s=2.5, leader=4, steady=3, total=-12.5)
     first = first._replace(apart=np.arange(float(count**2)).reshape(count, count))
     second = first._replace(doubt=Doubt(first.bank, np.linspace(0.0, 1.0, count)), apart=None, total=-20.0)
-    third = pose_hypotheses.alone(bank, np.zeros(1 + 2 * JETS), 1.0)
+    third = pose_hypotheses.make_single_filter(bank, np.zeros(1 + 2 * JETS), 1.0)
     levels = np.array([[0.0, 1.0, np.nan, 0.5], [1.0, 0.0, 0.0, 0.0]])
     return first._replace(elsewhere=(second, third)), Commands(np.array([0.7, 0.9]), levels), params
 
@@ -182,7 +184,7 @@ def _same(one: Any, other: Any) -> None:
 
 def test_all_of_it_comes_back_to_the_bit() -> None:
     tried, commands, params = _some()
-    _same((tried, commands), keeping.unpacked(keeping.packed(tried, commands), params))
+    _same((tried, commands), keeping.unpack_hypotheses(keeping.pack_hypotheses(tried, commands), params))
 
 
 @pytest.mark.parametrize(
@@ -200,13 +202,13 @@ def test_all_of_it_comes_back_to_the_bit() -> None:
 def test_what_no_run_leaves_is_refused(change: Any, message: str) -> None:
     tried, commands, params = _some()
     with pytest.raises(ValueError, match=message):
-        keeping.unpacked(change(keeping.packed(tried, commands)), params)
+        keeping.unpack_hypotheses(change(keeping.pack_hypotheses(tried, commands)), params)
 
 
 def test_parts_sum_to_a_wide_delay_and_to_a_flat_rest_of_a_narrow_one() -> None:
     wide, narrow = (
-        parts_of(np.array([0.6]), np.array([0.08]), PERIOD),
-        parts_of(np.array([0.6]), np.array([0.01]), PERIOD),
+        divide_delays(np.array([0.6]), np.array([0.08]), PERIOD),
+        divide_delays(np.array([0.6]), np.array([0.01]), PERIOD),
     )
 
     def density(made: Delays, where_s: np.ndarray) -> np.ndarray:
@@ -222,7 +224,7 @@ def test_parts_sum_to_a_wide_delay_and_to_a_flat_rest_of_a_narrow_one() -> None:
     far = density(narrow, np.linspace(0.2, 0.4, 41))
     assert far.max() < 1.3 * far.min()
     assert far.mean() == pytest.approx(FAR / 11 / PERIOD, rel=0.02)
-    soon = parts_of(np.array([0.06, 0.3]), np.array([0.08, 0.01]), PERIOD)
+    soon = divide_delays(np.array([0.06, 0.3]), np.array([0.08, 0.01]), PERIOD)
     np.testing.assert_allclose(np.sort(soon.shifts_s), PERIOD * np.arange(-1, 6))  # none before what is commanded
     np.testing.assert_array_equal(soon.stds_s, [[0.08, 0.01], [0.08, 0.05]])
 
@@ -232,7 +234,7 @@ def parts() -> tuple[list[Tried], PoseParams]:
     made = Delays(np.array([0.0, 0.1]), np.log([0.9, 0.1]), np.full((2, 2), 0.02), 0.05)
     params = small_params(delays=made)
     bank = some_bank(params, opens=(-1,))
-    return [pose_hypotheses.begun(one, 0.0, params) for one in delays.split(bank, params)], params
+    return [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in delays.split_by_delay(bank, params)], params
 
 
 def test_what_is_known_of_several_delays_is_that_of_all_by_moments() -> None:
@@ -241,7 +243,7 @@ def test_what_is_known_of_several_delays_is_that_of_all_by_moments() -> None:
     np.testing.assert_allclose((two[1].bank.mean - two[0].bank.mean)[:, at : at + 2], 0.1)
     alone = [one._replace(likelihood=np.append(0.0, np.full(1 + 2 * JETS, -np.inf))) for one in two]
     both = alone[0]._replace(elsewhere=(alone[1]._replace(total=-np.log(3.0)),))
-    found = delays.overall(both, params)
+    found = delays.merge_delays(both, params)
     assert found.mean[0, at] == pytest.approx(two[0].bank.mean[0, at] + 0.025)
     place = int(np.flatnonzero(params.free == at)[0])
     assert found.covariance[0, place, place] == pytest.approx(0.02**2 + 0.25 * 0.75 * 0.1**2)
@@ -257,7 +259,7 @@ def test_nothing_is_named_while_another_delay_is_as_likely() -> None:
     for samples, tried in ((30, near), (pose_hypotheses.STEADY, sure)):
         found = None
         for index in range(samples):
-            tried, found = delays.judged(tried, 0.01 * (1.0 + index), PoseRules(), params)  # noqa: PLW2901 (it goes on)
+            tried, found = delays.name_failure_over_delays(tried, 0.01 * (1.0 + index), PoseRules(), params)  # noqa: PLW2901 (it goes on)
         assert (found is None) == (samples == 30)
     assert tried.elsewhere == ()
 
@@ -269,11 +271,11 @@ def test_a_part_that_runs_off_is_left_out_and_the_last_one_says_so() -> None:
     bad = two[0]._replace(bank=two[0].bank._replace(covariance=broken))
     commands = Commands(np.zeros(0), np.zeros((0, JETS)))
     pose = PoseReadings(np.zeros((1, 3)), np.eye(3)[None], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
-    after, _ = delays.advanced(bad._replace(elsewhere=(two[1],)), commands, (0.0, 0.1), pose, params)
+    after, _ = delays.advance_over_delays(bad._replace(elsewhere=(two[1],)), commands, (0.0, 0.1), pose, params)
     assert after.elsewhere == ()
     assert np.isfinite(after.bank.mean).all()
     with pytest.raises(NotPositiveDefiniteError):
-        delays.advanced(bad, commands, (0.0, 0.1), pose, params)
+        delays.advance_over_delays(bad, commands, (0.0, 0.1), pose, params)
 
 
 @pytest.mark.parametrize(("stated_s", "late"), [(0.01, 3), (0.0, 3), (0.0, 0)])
@@ -287,7 +289,7 @@ def test_a_delay_that_is_far_off_is_found_and_an_exact_one_stays_so(stated_s: fl
     sigma = np.sqrt(tried.bank.covariance[0, place, place])
     off = tried.bank.mean[0, params.parts.delay.start] - late * vehicle.sample_period_s
     if late == 0:
-        assert delays.settled(tried, 6.0)
+        assert delays.is_delay_settled(tried, 6.0)
         assert off == sigma == 0.0
     else:
         assert tried.elsewhere == ()

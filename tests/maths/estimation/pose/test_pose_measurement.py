@@ -8,7 +8,7 @@ from pose_probe import Sensors, moved, nothing_read, small_params, some_bank
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings, Poses
-from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compared
+from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compare_readings
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations
 
 ALL = Sensors(poses=2, velocities=2, gyros=2, accelerometers=2)
@@ -36,7 +36,7 @@ def seen(bank: PoseBank, params: PoseParams, row: int = 0) -> PoseReadings:
 
 
 def beside(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared:
-    found = compared(bank, readings, params)
+    found = compare_readings(bank, readings, params)
     assert found is not None
     return found
 
@@ -78,7 +78,7 @@ def test_every_row_is_a_difference_of_the_innovation(planar: bool) -> None:
 def test_what_is_missing_has_no_row_and_a_component_alone_has_one() -> None:
     params = small_params(ALL)
     bank = some_bank(params)
-    assert compared(bank, nothing_read(params), params) is None
+    assert compare_readings(bank, nothing_read(params), params) is None
     readings = nothing_read(params)
     readings.positions[1, 1] = 0.3
     readings.rates[0] = 0.1, np.nan, 0.2

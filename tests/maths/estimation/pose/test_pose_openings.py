@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, opened, opened_on_average
+from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, average_openings, openings_between
 from massprop_drake.maths.estimation.pose.pose_layout import Commands
 
 BEGIN_S, END_S = 1.0, 1.1
@@ -64,7 +64,7 @@ CASES = {
 @pytest.mark.parametrize("commands", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("valve", [timing(), timing(0.03, 0.02, 0.01), timing(-0.013, 0.05, -0.004)])
 def test_impulses_are_the_integrals_of_the_level(commands: Commands, valve: OpeningTimes) -> None:
-    found = opened(commands, BEGIN_S, END_S, valve)
+    found = openings_between(commands, BEGIN_S, END_S, valve)
     once, twice = integrated(commands, valve)
     assert float(found.once[0, 0]) == pytest.approx(once, abs=1e-9)
     assert float(found.twice[0, 0]) == pytest.approx(twice, abs=1e-10)
@@ -79,7 +79,7 @@ def test_derivatives_are_central_differences(commands: Commands, place: int) -> 
     def value(by: float) -> Openings:
         point = at.copy()
         point[place] += by
-        return opened(commands, BEGIN_S, END_S, timing(point[0], np.exp(point[1]), point[2]))
+        return openings_between(commands, BEGIN_S, END_S, timing(point[0], np.exp(point[1]), point[2]))
 
     found, ahead, behind = value(0.0), value(step), value(-step)
     once = (ahead.once - behind.once) / (2.0 * step)
@@ -89,7 +89,7 @@ def test_derivatives_are_central_differences(commands: Commands, place: int) -> 
 
 
 def test_an_opening_later_than_the_pulse_is_long_leaves_it_out_and_moves_nothing() -> None:
-    found = opened(one_jet((1.02, 1.0), (1.04, 0.0)), BEGIN_S, END_S, timing(0.01, 0.02, 0.03))
+    found = openings_between(one_jet((1.02, 1.0), (1.04, 0.0)), BEGIN_S, END_S, timing(0.01, 0.02, 0.03))
     assert float(found.once[0, 0]) == pytest.approx(0.0, abs=1e-15)
     assert float(found.twice[0, 0]) == pytest.approx(0.0, abs=1e-15)
     np.testing.assert_array_equal(found.once_by[2], 0.0)
@@ -99,7 +99,7 @@ def test_an_opening_later_than_the_pulse_is_long_leaves_it_out_and_moves_nothing
 def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between() -> None:
     known = one_jet((0.9, 0.0), (1.03, 1.0), (1.07, 0.0))
     unknown = one_jet((0.9, 0.0), (1.03, np.nan), (1.07, 0.0))
-    whole, found = (opened(commands, BEGIN_S, END_S, timing(0.0, 0.01)) for commands in (known, unknown))
+    whole, found = (openings_between(commands, BEGIN_S, END_S, timing(0.0, 0.01)) for commands in (known, unknown))
     np.testing.assert_allclose(found.once, 0.5 * whole.once, rtol=1e-12)
     np.testing.assert_allclose(found.twice, 0.5 * whole.twice, rtol=1e-12)
     drawn = np.random.default_rng(2).uniform(size=20_000) * float(whole.once[0, 0])
@@ -113,11 +113,11 @@ def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between()
 def test_a_delay_that_is_not_known_is_taken_on_average(std_s: float) -> None:
     """Mean, slope and what is left, against many draws of a smooth enough level."""
     commands, valve = one_jet((0.93, 1.0), (1.02, 0.0)), timing(0.04, lag_s=0.05)
-    found = opened_on_average(commands, (BEGIN_S, END_S), valve, np.array([[std_s]]))
+    found = average_openings(commands, (BEGIN_S, END_S), valve, np.array([[std_s]]))
     drawn = np.random.default_rng(2).standard_normal(20_000)
     many = OpeningTimes(*(np.repeat(part, drawn.size, 0) for part in valve))
     many = many._replace(delay_s=many.delay_s + std_s * drawn[:, None])
-    every = opened(commands, BEGIN_S, END_S, many)
+    every = openings_between(commands, BEGIN_S, END_S, many)
     for own, part in (("once", every.once), ("twice", every.twice)):
         size = part.max()
         assert getattr(found, own)[0, 0] == pytest.approx(part.mean(), abs=0.05 * size)
@@ -130,5 +130,5 @@ def test_a_delay_that_is_not_known_is_taken_on_average(std_s: float) -> None:
 @pytest.mark.parametrize(("opens_s", "begins"), [(0.97, False), (0.99, True), (1.05, True), (1.08, False)])
 def test_a_pulse_begins_in_the_interval_in_which_it_opens(opens_s: float, begins: bool) -> None:
     valve = timing(0.01, opening_s=0.015)
-    found = opened(one_jet((0.5, 0.0), (opens_s, 1.0), (1.3, 0.0)), BEGIN_S, END_S, valve)
+    found = openings_between(one_jet((0.5, 0.0), (opens_s, 1.0), (1.3, 0.0)), BEGIN_S, END_S, valve)
     assert found.begins.tolist() == [[begins]]

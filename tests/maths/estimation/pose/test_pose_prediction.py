@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
-from massprop_drake.maths.estimation.pose.pose_prediction import predicted
+from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
 from massprop_drake.maths.linear_algebra import Array
 
 BEGIN_S, END_S = 1.0, 1.1
@@ -28,7 +28,7 @@ OUTSIDE = np.array([0.03, -0.05, 0.08, 0.2, -0.3, 0.1])
 
 def _after(bank: PoseBank, params: PoseParams) -> PoseBank:
     outside = OUTSIDE if params.of_mass.any() else None
-    return predicted(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
+    return predict_bank(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
 
 
 def jacobian(bank: PoseBank, params: PoseParams) -> Array:
@@ -131,7 +131,7 @@ def test_free_motion_is_that_of_an_integrated_rigid_body(outside: Array) -> None
     bank.mean[0, params.parts.drag] = 0.06, 0.04  # of what jets add in the interval it takes nothing: 3 in 1000
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
     on = np.array([1.0, 0.0, 1.0, 0.0])
-    after = predicted(bank, Commands(np.array([-5.0]), on[None], outside), BEGIN_S, END_S, params).bank
+    after = predict_bank(bank, Commands(np.array([-5.0]), on[None], outside), BEGIN_S, END_S, params).bank
     position, velocity, rotation, rate = _flown(params, bank, on, outside)
     parts, mean = params.parts, after.mean[0]
     first = bank.mean[0]
@@ -153,7 +153,7 @@ def test_accelerometers_gather_what_is_no_gravity_in_body_axes() -> None:
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
     bank.mean[0, params.parts.push] = 0.3  # of a table that is off level: not felt
     on = np.array([1.0, 0.0, 0.0, 1.0])
-    after = predicted(bank, Commands(np.array([-5.0]), on[None]), BEGIN_S, END_S, params).bank
+    after = predict_bank(bank, Commands(np.array([-5.0]), on[None]), BEGIN_S, END_S, params).bank
     parts, mean = params.parts, bank.mean[0]
     felt = SPAN_S * ((on * mean[parts.thrust]) @ params.pushes + mean[parts.acceleration_bias])
     np.testing.assert_allclose(after.mean[0, parts.gathered] - mean[parts.gathered], felt, rtol=1e-12)
@@ -174,7 +174,7 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     root[6:] *= 0.4
     spread[np.ix_(uncertain, uncertain)] = root @ root.T
     on = Commands(np.array([-5.0]), np.array([[1.0, 0.0, 1.0, 1.0]]))
-    done = predicted(bank._replace(covariance=spread[None]), on, BEGIN_S, END_S, params).bank
+    done = predict_bank(bank._replace(covariance=spread[None]), on, BEGIN_S, END_S, params).bank
 
     drawn = random.standard_normal((60_000, len(uncertain))) @ root.T
     mean = bank.mean[0]
@@ -182,7 +182,7 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     factors = (mean[parts.thrust] + drawn[:, 6:]) * on.levels[0] * SPAN_S
     moments = factors @ np.cross(params.positions - mean[parts.center], params.pushes)
     turned = np.einsum("nij,nj->ni", spins, moments)
-    certain = predicted(bank._replace(covariance=0.0 * spread[None]), on, BEGIN_S, END_S, params).bank
+    certain = predict_bank(bank._replace(covariance=0.0 * spread[None]), on, BEGIN_S, END_S, params).bank
     bias = (done.mean - certain.mean)[0, parts.rate]
     sampled = turned.mean(axis=0) - (certain.mean[0, parts.rate] - mean[parts.rate] * np.exp(-0.2 * SPAN_S))
     sampled = sampled + SPAN_S * mean[parts.push][3:]
@@ -212,7 +212,7 @@ def _added(params: PoseParams, commands: Commands | None = None) -> Array:
     """Covariance of the whole state after an interval, of one that was known exactly."""
     bank = some_bank(params, opens=(-1, 2))
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
-    return predicted(bank, pulses() if commands is None else commands, BEGIN_S, END_S, params).bank.covariance
+    return predict_bank(bank, pulses() if commands is None else commands, BEGIN_S, END_S, params).bank.covariance
 
 
 def test_white_accelerations_are_those_of_a_wiener_process_and_its_integral() -> None:
@@ -228,7 +228,7 @@ def test_an_accelerometer_feels_what_changes_the_velocity() -> None:
     params = _noisy(scatter=np.zeros(JETS), kicks_per_s=0.1, kick_velocity=0.3, kick_rate=0.1)
     bank, parts = some_bank(params, opens=(-1,)), params.parts
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
-    ahead = predicted(bank, pulses(), BEGIN_S, END_S, params)
+    ahead = predict_bank(bank, pulses(), BEGIN_S, END_S, params)
     turn = bank.rotation[0] @ Rotation.from_rotvec(0.5 * SPAN_S * bank.mean[0, parts.rate]).as_matrix()
     for found in (ahead.bank.covariance[0], ahead.kick[0] @ ahead.kick[0].T):
         first = slice(parts.gathered.start, parts.gathered.start + 3)
@@ -254,8 +254,8 @@ def test_a_pulse_scatters_as_a_whole_until_the_next_one_opens() -> None:
     for switches in (whole, two):
         levels = np.outer([level for _, level in switches], np.eye(JETS)[0])
         commands = Commands(np.array([time_s for time_s, _ in switches]), levels)
-        now = predicted(bank, commands, -0.1, 0.4, params).bank
-        now = predicted(now, commands, 0.4, 0.8, params).bank
+        now = predict_bank(bank, commands, -0.1, 0.4, params).bank
+        now = predict_bank(now, commands, 0.4, 0.8, params).bank
         spreads.append(np.sqrt(np.trace(now.covariance[0][parts.velocity, parts.velocity])))
     size = np.linalg.norm(bank.mean[0, 0] * params.pushes[0])
     lag_s, delay_s, late_s = (
