@@ -195,7 +195,7 @@ def test_the_history_describes_itself(short_run: Run, folder: Path) -> None:
 
 
 BROKEN = {
-    "telemetry.csv": "records.reader.write_csv",
+    "telemetry.csv": "records.rows.write_csv",
     "history.npz": "results.run_content.write_npz",
     "scenario.yaml": "display.run.yaml_text",
     "figures": "display.figures.Plots.save",

@@ -179,7 +179,8 @@ def _tidy_with_timeout(tidy: Callable[..., Any], *arguments: Any, **options: Any
     """Calls a cleanup for a limited time: workers that are being lost may never answer, and end by themselves."""
 
     def tried() -> None:
-        with contextlib.suppress(*_LOST_ERRORS, RuntimeError):  # lost anyway
+        # lost anyway; a client without a scheduler may have no connection object to ask
+        with contextlib.suppress(*_LOST_ERRORS, RuntimeError, AttributeError):
             tidy(*arguments, **options)
 
     thread = threading.Thread(target=tried, daemon=True)

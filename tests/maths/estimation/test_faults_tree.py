@@ -33,7 +33,8 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import driven
 from massprop_drake.maths.estimation.joint.layout import RATE
-from massprop_drake.maths.estimation.joint.prediction import predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 
 ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
 THRUSTS = NOISY.joint.thrusts
