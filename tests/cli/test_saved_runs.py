@@ -69,7 +69,7 @@ def test_a_failure_in_the_estimator_ends_the_run_early(
 @pytest.mark.parametrize(
     ("name", "missing"),
     [
-        ("runners.simulate.looked_back_on", "hindsight"),
+        ("runners.simulate.add_batch_analysis", "hindsight"),
         ("runners.simulate.summarize", "summary"),
     ],
 )
@@ -147,8 +147,8 @@ def record(massprop: Massprop, whole: Path) -> list[str]:
     ("name", "after", "missing"),
     [
         (INNOVATE, 40, None),
-        ("runners.recorded.looked_back", 0, "ValueError: no way"),
-        ("runners.recorded.composed", 0, "ValueError: no way"),
+        ("runners.recorded.analyze_run", 0, "ValueError: no way"),
+        ("runners.recorded.compose_summary", 0, "ValueError: no way"),
     ],
 )
 def test_an_estimate_that_fails_is_saved(

@@ -36,7 +36,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(case: str, monkeypatch: pytest.M
     for runner in (loop, recorded):
         monkeypatch.setattr(
             runner,
-            "cycles",
+            "make_cycles",
             lambda _scenario, made, state=None: cycles.Stepped(made, state or cycles.cycle.initial_state(made)),
         )
     for whole_run, parts in ((one, simulate(scenario)), (read, estimate(record, scenario))):

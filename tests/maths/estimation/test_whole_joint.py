@@ -56,7 +56,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(monkeypatch: pytest.MonkeyPatch,
     read = estimate(record, scenario)
     monkeypatch.setattr(quiet_cycles, "Quiet", Counted)
     for runner in (loop, recorded):
-        monkeypatch.setattr(runner, "cycles", as_one)
+        monkeypatch.setattr(runner, "make_cycles", as_one)
     for run_of, parts_run in ((lambda: simulate(scenario), parts), (lambda: estimate(record, scenario), read)):
         TAKEN.clear()
         whole_run = run_of()
