@@ -34,7 +34,7 @@ FLOORS = (
     {BESIDE},
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
-MOST_ARROWS = 60  # between rooms at the top
+MOST_ARROWS = 45  # between rooms at the top
 WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._kept", "maths._linking")
 WITHOUT_DRAKE = ("inputs", "records", "results", "maths", "errors", "runners.estimator")
 # what rooms import from outside, and rooms that they know besides themselves

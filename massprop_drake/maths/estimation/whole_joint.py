@@ -17,7 +17,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults.tree import SURPRISE
-from massprop_drake.maths.estimation.filters.joint import Seen, mass_report, rotation_report
+from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_report, rotation_report
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
 from massprop_drake.maths.estimation.joint.bank import ALARM, ONSETS, Followed, Following, Roots, alarming, followed
 from massprop_drake.maths.estimation.joint.beginning import initial

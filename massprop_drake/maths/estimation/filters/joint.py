@@ -24,12 +24,11 @@ from massprop_drake.maths.estimation.filter import (
     Groups,
     Instruments,
     Interval,
-    MassReport,
-    RotationReport,
     Setup,
     Told,
     replace_estimates,
 )
+from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_report, rotation_report
 from massprop_drake.maths.estimation.filters.kept_joint_states import check_state_rules
 from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
@@ -57,9 +56,8 @@ from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Commanded, Elapsed, Pace
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
-from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask
 from massprop_drake.maths.vehicle.on_times import Place, command_onsets, split_sample
 
@@ -222,7 +220,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         modes=modes,
     )
     if options.execution.compiled:
-        from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
+        from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (only where compiled)
 
         joint = with_compiled(joint)
     at_stamps = block.switching == "stamps" or setup.rates.period_s > 0.0
@@ -470,51 +468,6 @@ def make_filter_step(measurement: JointMeasurement, params: JointFilterParams) -
     return FilterStep(after, rotation, mass, own)
 
 
-class Seen(NamedTuple):
-    """Statistics of a cycle's readings for the log, see `joint_cycle.Report`."""
-
-    innovation: Array
-    innovation_std: Array
-    used: np.ndarray
-    gyro_nis: float
-    accelerometer_nis: float
-    gyro_degrees: float
-    accelerometer_degrees: float
-    incremented: bool
-    coupled: bool
-
-
-@kernel
-def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
-    """Makes the log row of a cycle's rotation, of gyros with so many components."""
-    used = seen.used[:gyros]
-    return RotationReport(
-        estimate[:N_ROTATION],
-        np.sqrt(np.diag(covariance))[:N_ROTATION],
-        seen.innovation[:3],
-        seen.innovation_std[:3],
-        _scale_to_three_components(seen.gyro_nis, seen.gyro_degrees),
-        bool(used.any()) and seen.gyro_degrees > 0.0,
-        seen.incremented,
-        seen.coupled,
-    )
-
-
-@kernel
-def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
-    """Makes the log row of a cycle's translation; arguments as `rotation_report`."""
-    used = seen.used[gyros : gyros + accelerometers]
-    return MassReport(
-        float(estimate[MASS_RECIPROCAL]),
-        float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
-        seen.innovation[gyros : gyros + 3],
-        seen.innovation_std[gyros : gyros + 3],
-        _scale_to_three_components(seen.accelerometer_nis, seen.accelerometer_degrees),
-        bool(used.any()) and seen.accelerometer_degrees > 0.0,
-        False,
-    )
-
-
 def replace_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """Replaces the filter's state after a cycle, and the estimates reported of it; the innovations stay."""
     before = step.state
@@ -531,12 +484,6 @@ def publish_state(step: FilterStep, joint: JointState, params: JointFilterParams
     """Replaces the reported estimates by those of another state; the filter keeps its own state."""
     other = _make_filter_state(joint, step.state.clock, params)
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
-
-
-@kernel
-def _scale_to_three_components(nis: float, degrees: float) -> float:
-    """Scales a NIS to three components, as other filters have it: of mean three; NaN where none counted."""
-    return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
 def _initialized_flag(state: JointFilterState, params: JointFilterParams) -> float:

@@ -1,0 +1,63 @@
+"""Rows of the log that a cycle of the joint filter gives, in the terms of the thesis's two filters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filter import MassReport, RotationReport
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
+
+
+class Seen(NamedTuple):
+    """Statistics of a cycle's readings for the log, see `joint_cycle.Report`."""
+
+    innovation: Array
+    innovation_std: Array
+    used: np.ndarray
+    gyro_nis: float
+    accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
+    incremented: bool
+    coupled: bool
+
+
+@kernel
+def _scale_to_three_components(nis: float, degrees: float) -> float:
+    """Scales a NIS to three components, as other filters have it: of mean three; NaN where none counted."""
+    return 3.0 * nis / degrees if degrees > 0.0 else nis
+
+
+@kernel
+def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
+    """Makes the log row of a cycle's rotation, of gyros with so many components."""
+    used = seen.used[:gyros]
+    return RotationReport(
+        estimate[:N_ROTATION],
+        np.sqrt(np.diag(covariance))[:N_ROTATION],
+        seen.innovation[:3],
+        seen.innovation_std[:3],
+        _scale_to_three_components(seen.gyro_nis, seen.gyro_degrees),
+        bool(used.any()) and seen.gyro_degrees > 0.0,
+        seen.incremented,
+        seen.coupled,
+    )
+
+
+@kernel
+def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
+    """Makes the log row of a cycle's translation; arguments as `rotation_report`."""
+    used = seen.used[gyros : gyros + accelerometers]
+    return MassReport(
+        float(estimate[MASS_RECIPROCAL]),
+        float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        seen.innovation[gyros : gyros + 3],
+        seen.innovation_std[gyros : gyros + 3],
+        _scale_to_three_components(seen.accelerometer_nis, seen.accelerometer_degrees),
+        bool(used.any()) and seen.accelerometer_degrees > 0.0,
+        False,
+    )
