@@ -66,6 +66,7 @@ def test_it_is_kept_without_outputs_and_imports_what_comes_with_the_package(name
     assert set(re.findall(r"^(?:import|from) (\w+)", lines, re.MULTILINE)) <= there | set(sys.stdlib_module_names)
 
 
+@pytest.mark.documentation
 def test_the_notebook_finds_the_jet_and_shows_it(wheel: Path, tmp_path: Path) -> None:
     outputs = done("notebook", wheel, tmp_path)
     text = printed(outputs)
@@ -78,6 +79,7 @@ def test_the_notebook_finds_the_jet_and_shows_it(wheel: Path, tmp_path: Path) ->
     assert max(map(len, shown(outputs, "text/plain"))) < 500
 
 
+@pytest.mark.documentation
 def test_the_simulator_of_a_drake_user_stops_at_the_leak(wheel: Path, tmp_path: Path) -> None:
     outputs = done("drake", wheel, tmp_path)
     text = printed(outputs)

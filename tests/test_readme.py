@@ -14,6 +14,7 @@ MOST_WORDS = 1200
 CARD = re.compile(r"<!-- card:headlines -->\n.+\n<!-- /card:headlines -->", flags=re.DOTALL)
 
 
+@pytest.mark.documentation
 def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None:
     ours = [words[1:] for words in commands(README) if words[0] == "massprop"]
     others = [words for words in commands(README) if words[0] != "massprop"]
@@ -31,6 +32,7 @@ def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None
     assert others == [["pip", "install", "."]]  # `make release` installs it
 
 
+@pytest.mark.documentation
 def test_python_runs_and_prints_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     (code,) = blocks(README, "python")
     assert len([line for line in code.splitlines() if line]) <= 12

@@ -144,6 +144,7 @@ def test_the_telemetry_pages_python_runs(tmp_path: Path, monkeypatch: pytest.Mon
     exec(compile(code, "telemetry.md", "exec"), names)
 
 
+@pytest.mark.documentation
 def test_the_telemetry_page_shows_what_is_printed(
     examples: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
