@@ -165,12 +165,14 @@ def advance_course(
 
 def _covariance_root(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
     """Computes a root of the whole state's covariance, motion and parameters independent, shape (size, size)."""
-    of, root = before_it.of, course.joint.root.copy()
+    of, root = before_it.of, np.zeros_like(course.joint.root)
     lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
     half = np.linalg.inv(lower).T * size.reshape(-1, 1)
     rows = np.where(of < N_PROPERTIES, of, of + params.places.thrust - N_PROPERTIES)
-    root[rows] = 0.0
+    others = np.setdiff1d(np.arange(len(root)), rows)
     root[np.ix_(rows, rows)] = half
+    # columns of their own: those of the filter's root are shared by parameters and motion
+    root[np.ix_(others, others)] = np.linalg.qr(course.joint.root[others].T, mode="r").T
     return root
 
 
