@@ -73,11 +73,11 @@ class Quiet:
     def begin(
         self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: JointRows
     ) -> None:
-        """Takes rows that cycles are to go through, and those that they fill in.
+        """Sets the samples through which the cycles run, and the log rows that they fill in.
 
         Args:
             samples, stamps_s: see `JointDesk`.
-        beside: tracked readings and onsets, see `besides`.
+            beside: tracked readings and onsets, see `make_besides`.
             rows: to be filled in.
         """
         self._samples, self._besides = samples, make_besides(samples.time_s.size, self._places, *beside)
@@ -85,7 +85,7 @@ class Quiet:
         self._desk = make_shared_holder(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
-        """Goes on from a state, if nothing is happening in it."""
+        """Resumes the compiled cycles from a state, if it has no start, event or alarm."""
         filtered, detector = state.filter, state.detector
         self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
         if not self.on:
@@ -118,7 +118,7 @@ class Quiet:
         self._memory = make_holder(memory, self._compiled)
 
     def advance(self, row: int, until: int) -> int:
-        """Advances from a row as long as nothing happens, or to another that is not taken any more; returns which."""
+        """Runs cycles from a row to the first with an event or alarm, or up to `until`; returns the row reached."""
         self._reached[:] = row, until
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
             self._work.watch(self._memory, self._desk)

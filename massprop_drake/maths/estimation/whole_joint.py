@@ -160,7 +160,7 @@ def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: Join
 
 @kernel
 def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
-    """Makes the sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
+    """Makes the sample of a row, and stores beside it the values that `Quiet` cannot get from the row again."""
     samples, beside = desk.samples, desk.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
     durations, commands = split_sample(command, onset_s, desk.rules.period_s, (0.0, duration_s))

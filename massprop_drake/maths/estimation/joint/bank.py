@@ -237,14 +237,14 @@ def _dispensable(ages: Array) -> int:
 
 
 def averaging(read: Array, places: Places) -> Array | None:
-    """Computes means over the packages that read, rate first, shape (6 or 3, m); None where an axis has no rate."""
+    """Matrix that averages readings over packages, rate first, shape (6 or 3, m); None where an axis has no rate."""
     weights, complete = _averaging(read, places)
     return weights if complete else None
 
 
 @kernel
 def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
-    """Computes the means, and whether every axis has a rate."""
+    """Computes the matrix that averages readings over packages, and whether every axis has a rate."""
     weights, turns, moves = np.zeros((6, read.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
@@ -282,7 +282,7 @@ def _roots(bank: Bank) -> Roots:
 
 @kernel
 def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
-    """Computes the test, and whether there is one."""
+    """Computes the test statistics of all onsets, and whether any onset can be tested."""
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
     nothing = Telescoped(total, likelihood, force)
@@ -408,7 +408,7 @@ class Followed(NamedTuple):
 
 @kernel
 def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
-    """Computes the link of a cycle, the bank over it, and the test before the filter learns from it.
+    """Linearizes a cycle, advances the bank of onsets over it, and tests them on its readings before the update.
 
     Args:
         since, roots: of the bank before it.

@@ -141,7 +141,7 @@ def begun(state: JointState, sample: JointSample, params: JointParams) -> JointS
 
 
 def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
-    """Returns mean and root with modes that may have been shaken by anything, if they have been followed before."""
+    """Resets modes in mean and root to rest, with the 1-sigma of a shaken vehicle, if estimated before."""
     places = params.places
     if places.n_swing == 0 or not state.started:
         return mean, root
@@ -153,7 +153,7 @@ def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParam
 
 
 def _kept_of_slow(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
-    """Computes the share of each z left after a time of which nothing is known, and its 1-sigma then."""
+    """Computes the decay factor of each slow state z over a gap, and its 1-sigma after it, shape (n_slow,) each."""
     places = params.places
     filled = places.n_slow - places.tanks
     others, unstated = filled - places.wheels, places.unstated - places.slow

@@ -63,7 +63,7 @@ class Forces(NamedTuple):
 
 
 def leaks_and_losses(n_jets: int) -> Forces:
-    """Returns a leak of each jet, then a loss of each."""
+    """Returns the forces of a leak of each jet, then those of a loss of each."""
     return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
 
 
@@ -88,7 +88,7 @@ class IntervalEnd(NamedTuple):
 def ahead(
     state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
-    """Computes the end of an interval.
+    """Predicts the truth and the covariance's root at the end of an interval, before its readings.
 
     Args:
         state: before it; its mean is the truth then.
@@ -116,7 +116,7 @@ def ahead(
 def taken_in(
     state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
-    """Computes the bound's state after an interval's readings, and the propagation of errors to it.
+    """Updates the bound by an interval's readings; also returns the propagation of errors to it.
 
     Args:
         state: before the interval.
@@ -154,7 +154,7 @@ def carried_on(
     failing: tuple[Forces, slice],
     params: JointParams,
 ) -> tuple[Array, Array]:
-    """Computes B and G after an interval and its readings.
+    """Propagates effects B of constant forces and their information G over an interval and its readings.
 
     Args:
         before: both before the interval.

@@ -66,7 +66,7 @@ def at_rest(n: int) -> EngineSettings:
 
 
 def burnt(before: EngineSettings, read: Array, duration_s: float, engines: EngineParams) -> tuple[Burn, EngineSettings]:
-    """Computes levels and angles over an interval, and the setting after it.
+    """Computes levels and gimbal angles of the engines over an interval, and their settings after it.
 
     Args:
         before: at the start of the interval.
@@ -107,7 +107,7 @@ class EngineImpulse(NamedTuple):
 
 @kernel
 def idle() -> EngineImpulse:
-    """Returns the impulse of no engine."""
+    """Returns an engine impulse of zero."""
     return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
 
 
@@ -157,7 +157,7 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
 def pushes(
     which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Array, Array, Array, Array]:
-    """Computes impulses of one engine over intervals.
+    """Computes impulses of one engine over several intervals, with derivatives.
 
     Args:
         which: index of the engine.
@@ -188,5 +188,5 @@ def pushes(
 
 @kernel
 def _over(values: Array, duration_s: float) -> Array:
-    """Computes integrals over intervals from values at three points of each, shape (m, k)."""
+    """Integrates over intervals by Simpson's rule, from values at three points of each, shape (m, k)."""
     return (values[0::3] + 4.0 * values[1::3] + values[2::3]) * (duration_s / 6.0)

@@ -70,7 +70,7 @@ def crossed(
 
 @kernel
 def levels_at(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
-    """Computes the levels at the new estimates of lag and ticks, to first order.
+    """Corrects the jets' thrust levels to the new estimates of lag and ticks, to first order.
 
     Args:
         levels: `level`, `slope` and `tick_slope` of a state.

@@ -59,7 +59,7 @@ class Wander(NamedTuple):
 
 @kernel
 def gathered_variance(x: float) -> float:
-    """Computes the variance of e_1 in units of T_d^2, of an interval of x time constants."""
+    """Computes the variance of a disturbance's integral e_1, in units of T_d^2, over x time constants."""
     if x < _SHORT:
         return x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
     lost = -math.expm1(-x)

@@ -56,7 +56,7 @@ class Drive(NamedTuple):
 def drive(
     state: JointState, durations_s: Array, commands: Array, outside: Array, timing: Timing, params: JointParams
 ) -> Drive:
-    """Computes the drive of an interval, with lag and ticks at their present estimates.
+    """Computes forces and impulses on the vehicle over an interval, with lag and ticks as estimated.
 
     Args:
         state: before.

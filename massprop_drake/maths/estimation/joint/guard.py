@@ -29,7 +29,7 @@ def converged(state: JointState, params: JointParams) -> bool:
 
 @kernel
 def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
-    """Returns the state after the guard, which latches.
+    """Sets the guard, which latches, once the estimates have converged, and counts firings from then on.
 
     Args:
         state: after the update.

@@ -259,7 +259,7 @@ def opened(
     share: float = JUMP_SHARES[0],
     expected: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
-    """Returns the state at the onset with the effects of the cause.
+    """Adds the effects of a fault cause to the state at its onset.
 
     Args:
         state: before the first interval that it bears on.

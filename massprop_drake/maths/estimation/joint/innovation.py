@@ -1,4 +1,4 @@
-"""Innovation of a cycle: expected readings, which of them count, and what they tell, by kind of sensor."""
+"""Innovation of a cycle: expected readings, the selection of those that count, and their NIS by kind of sensor."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Expected(NamedTuple):
 
 @kernel
 def expect(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
-    """Predicts the state and its outputs, and selects the components that count."""
+    """Predicts the state and the readings at the end of an interval, and selects the readings that count."""
     read = rate_read(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     root = propagated(state.root, prediction, params)
@@ -114,7 +114,7 @@ def floors(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def sites_of(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
-    """Makes measurements that stand for the readings that count, see `quantized.sites`.
+    """Makes Gaussian measurements equivalent to the quantized readings that count, see `quantized`.
 
     Args:
         used: which components count, shape (m,).
@@ -128,14 +128,14 @@ def sites_of(used: np.ndarray, projected: Array, innovation: Array, given: tuple
 
 @kernel
 def told_by(expected: Expected, params: JointParams) -> Sites:
-    """Makes measurements that stand for a sample's readings that count, as they are expected."""
+    """Makes Gaussian measurements equivalent to a sample's quantized readings that count, at their prediction."""
     projected = expected.projected[np.flatnonzero(expected.used)]
     return sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
 
 @kernel
 def update_by(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
-    """Updates a root by a sample's readings that count; also returns the measurements that stand for them."""
+    """Updates a root by a sample's readings that count; also returns their equivalent Gaussian measurements."""
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
     told = sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
     return updated(root, projected, told.variance, told.innovation, params.places.thrust), told
@@ -178,7 +178,7 @@ def _degrees_of(wide: Array) -> float:
 
 @kernel
 def tested_across(nis: float, degrees: float, spread: float) -> tuple[float, float]:
-    """Returns a NIS and its expectation; none where less than half a component, or too few digits, are left.
+    """Returns a NIS and its expectation, or NaN and 0 where at most half a component or too few digits are left.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
     """
@@ -187,7 +187,7 @@ def tested_across(nis: float, degrees: float, spread: float) -> tuple[float, flo
 
 @kernel
 def counting(expected: Expected, used: np.ndarray) -> Expected:
-    """Returns the expectation with other components that count."""
+    """Replaces the selection of components that count among expected readings."""
     return Expected(
         expected.prediction,
         expected.root,

@@ -129,7 +129,7 @@ class JointEvidence(NamedTuple):
 def step(
     state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray = OWN_CHOICE
 ) -> tuple[JointState, Report]:
-    """Runs a whole cycle.
+    """Runs a cycle of the joint filter on a sample: the first, or prediction and update.
 
     Args:
         state: after the last sample.
@@ -307,7 +307,7 @@ class Cycling(NamedTuple):
 def cycled(
     state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
 ) -> Cycled:
-    """Runs a cycle after the first.
+    """Runs a cycle after the first: prediction, innovation, update and guard.
 
     Args:
         state: after the last sample.
@@ -383,7 +383,7 @@ def cycled(
 def learned(
     state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
-    """Computes the state after a cycle, before the guard.
+    """Applies the update of a cycle to the state, before the guard.
 
     Args:
         state: before it.

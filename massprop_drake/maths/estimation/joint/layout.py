@@ -420,13 +420,13 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
 
 @kernel
 def taken_in(state: JointState) -> JointState:
-    """Returns the state with no reading left to be taken in."""
+    """Returns the state with no reading pending that the update has yet to use."""
     return _remade(state, _learned(state), np.zeros_like(state.fresh), _standing(state), state.lag_open)
 
 
 @kernel
 def flagged(state: JointState, guarded: bool, firing_count: float) -> JointState:
-    """Returns the state with another status of the guard."""
+    """Returns the state with another guard flag and another count of firings since."""
     return _remade(state, _learned(state), state.fresh, (guarded, firing_count), state.lag_open)
 
 
@@ -454,7 +454,7 @@ def _remade(
     standing: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
-    """Returns the state with other fields; compiled code has no `_replace`."""
+    """Replaces fields of the state; compiled code has no `_replace`."""
     mean, root, level, tick_slope = learned
     guarded, firing_count = standing
     return JointState(

@@ -129,7 +129,7 @@ def exponential(matrix: Array) -> Array:
 
 @kernel
 def tuned(errors: Array, modes: ModeParams) -> Array:
-    """Returns participation, frequency and damping of each part over those stated, and its shift, shape (n_parts, 6).
+    """Computes ratios of each part's participation, frequency, damping to those stated; and shifts, shape (n_parts, 6).
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.

@@ -33,7 +33,7 @@ EVERY_PERIOD = Rates(0.0, 1)
 
 @kernel
 def shortened(duration_s: float, rates: Rates) -> float:
-    """Returns the number of such intervals in a control period; 1 where a step is taken every period.
+    """Computes how many intervals of a length fit a control period; 1 where a step is taken every period.
 
     Args:
         duration_s: length of the interval.

@@ -1,4 +1,4 @@
-"""Cycle that is linearized at another estimate, as passes over a start and over a fault are."""
+"""Cycle linearized at another estimate, for smoothing passes over a start and over a fault."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from massprop_drake.maths.linear_algebra import Array
 def gone_over(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Runs a cycle of a start that is gone over again, see `relinearized`.
+    """Repeats a cycle of the start, linearized at another estimate, and chooses the likelier prior of each lag.
 
     Args:
         state: after the last sample, not guarded.

@@ -282,7 +282,7 @@ def _acting(screen: Screen, over: Link) -> Array:
 
 
 def explained(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Computes L against no failure, the amplitudes, and their covariances, for any number of sets of columns.
+    """Computes log likelihood ratios L against no failure, amplitudes, and their covariances, for sets of columns.
 
     Args:
         information: A of each set, shape (..., k, k).

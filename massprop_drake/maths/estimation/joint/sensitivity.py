@@ -160,7 +160,7 @@ class Traces(NamedTuple):
 
 
 def traces(before: JointState, report: Report, sample: JointSample) -> Traces:
-    """Collects what the link of a cycle that was not the first is made of.
+    """Collects the quantities from which a cycle after the first is linearized.
 
     Args:
         before: the state before it.
@@ -174,7 +174,7 @@ def traces(before: JointState, report: Report, sample: JointSample) -> Traces:
 
 @kernel
 def traced(mean: Array, course: Course, sample: JointSample) -> Traces:
-    """Collects what a link is made of from the course of a cycle.
+    """Collects the quantities from which a cycle is linearized, from its course.
 
     Args:
         mean: of the state before the cycle, shape (size,).
@@ -212,7 +212,7 @@ def traced(mean: Array, course: Course, sample: JointSample) -> Traces:
 
 
 def link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
-    """Makes the link of a cycle that was not the first.
+    """Linearizes a cycle after the first.
 
     Args:
         before, report, sample: see `traces`.
@@ -222,7 +222,7 @@ def link(before: JointState, report: Report, sample: JointSample, params: JointP
 
 @kernel
 def linked(seen: Traces, params: JointParams) -> Link:
-    """Makes a link from its traces."""
+    """Makes a linearized cycle from its quantities."""
     gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
     counts = np.flatnonzero(seen.used)
     if counts.shape[0] > 0:

@@ -30,7 +30,7 @@ _MISFIT = 10.0  # probability: standard deviations of chi-square by which readin
 
 
 class Kept(NamedTuple):
-    """Sample of the start, and whether rate and velocity began again with it."""
+    """Sample of the start, and a flag of whether rate and velocity were reset at it."""
 
     sample: JointSample
     anew: bool
@@ -86,7 +86,7 @@ BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 def followed(
     start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
-    """Keeps the sample of a cycle, and returns the filter's state after it.
+    """Stores a cycle's sample, advances the smoothing pass, and returns the start and the filter's state after it.
 
     Args:
         start: before the cycle.

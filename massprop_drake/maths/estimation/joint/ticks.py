@@ -148,7 +148,7 @@ def on_ticks() -> Timing:
 
 @kernel
 def started(stamp_s: float, command: Array) -> Clock:
-    """Returns the clock at the first reading, or after a gap.
+    """Starts the clock at the first reading, or after a gap.
 
     Args:
         stamp_s: of the reading.
@@ -181,7 +181,7 @@ class Commanded(NamedTuple):
 
 
 def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """Returns the command of the row before; where unknown, that of both sides if these are equal, shape (n_jets,).
+    """Returns the last row's command, unknown ones filled in where both neighbors are equal, shape (n_jets,).
 
     Args:
         clock, stamp_s, commands, pace: see `elapsed`.
@@ -229,7 +229,7 @@ def elapsed(
 
 
 def begun(stamp_s: float, told: Commanded) -> Clock:
-    """Runs `started` with the onsets of the command up to it."""
+    """Starts the clock at a reading, with the onsets of the command up to it."""
     return started(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
 
 
