@@ -36,7 +36,7 @@ from massprop_drake import simulate
 from massprop_drake.inputs.params import accelerometers, estimation_params, gyros
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, opened, without_increments
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, apply_cause, without_increments
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.kernels import has_compiler
@@ -104,7 +104,7 @@ def ratio(replayed: Replayed, jet: int, mean: float, sigma: float) -> tuple[floa
         mean, sigma: of the force beforehand, lbf or N.
     """
     params, cause = replayed.params, Cause(Kind.JETS, (jet,), (1,), (1,))
-    state, found = opened(replayed.entry, cause, params, expected=((mean, sigma),)), 0.0
+    state, found = apply_cause(replayed.entry, cause, params, expected=((mean, sigma),)), 0.0
     for cycle in replayed.cycles:
         state, report = step(state, cycle.sample, params, cycle.report.used)
         found += cycle.report.log_likelihood - report.log_likelihood

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.beginning import begun, initial
-from massprop_drake.maths.estimation.joint.bound import ahead, taken_in
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
+from massprop_drake.maths.estimation.joint.bound import predict_interval_end, update_bound
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.linear_algebra import Array
@@ -33,7 +33,7 @@ def start(sample: JointSample, mean: Array, params: JointParams) -> JointState:
         mean: the truth then, see `true_mean`.
         params: see `JointParams`.
     """
-    begins = begun(initial(params)._replace(mean=mean), sample, params)
+    begins = begin_from_readings(initial_joint_state(params)._replace(mean=mean), sample, params)
     return begins._replace(mean=mean, reference=mean[RATE].copy())
 
 
@@ -47,7 +47,9 @@ def step(state: JointState, sample: JointSample, mean: Array, used: np.ndarray, 
         used: the components that the estimator used, shape (m,).
         params: see `JointParams`.
     """
-    return taken_in(state, ahead(state, sample, mean, params), sample.time_s, (used, params.variances), params)[0]
+    return update_bound(
+        state, predict_interval_end(state, sample, mean, params), sample.time_s, (used, params.variances), params
+    )[0]
 
 
 def deviation(state: JointState) -> Array:

@@ -14,13 +14,13 @@ from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, fault_probabilities, update_verdicts
 from massprop_drake.maths.estimation.joint import disturbance_states
-from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, make_drive, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
+from massprop_drake.maths.estimation.joint.measurement import fix_velocity_reference, predict_outputs
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.quantized import FLOOR
 from massprop_drake.maths.linear_algebra import Array
@@ -53,13 +53,13 @@ def make_params(*, quantum: float = 0.0, unstated: int = 0, **priors: float) -> 
         dithered=np.full(12, float(quantum == 0.0)),
     )
     if unstated:
-        joint = joint._replace(unstated=disturbance_states.unstated(effects_of(joint.wrenches, TRUTH), 2))
+        joint = joint._replace(unstated=disturbance_states.unstated_unit_effects(effects_of(joint.wrenches, TRUTH), 2))
     return Params(without_increments(joint), Priors(**priors), np.ones(2 * JETS), np.ones(JETS))
 
 
 def known_vehicle(params: JointParams) -> JointState:
     """The filter's state before the first sample: converged, the ten parameters known to a thousandth."""
-    state = initial(params)
+    state = initial_joint_state(params)
     root = np.zeros_like(state.root)
     root[range(10), range(10)] = 1e-3 * np.abs(TRUTH)
     root[range(10, params.places.force), range(10, params.places.force)] = 1e-4
@@ -100,7 +100,7 @@ def dock(params: JointParams, share: float) -> Change:
     """A payload of some share of the vehicle's mass, which moves the center of mass and adds inertia."""
 
     def change(truth: JointState) -> JointState:
-        truth = rebased(truth, params)
+        truth = fix_velocity_reference(truth, params)
         mean = truth.mean.copy()
         mean[:3] /= 1.0 + share
         mean[CENTER] += share * np.array([0.4, -0.2, 0.3])
@@ -160,7 +160,7 @@ def samples_of(
     for k, command in enumerate(commands):
         truth = (changes or {}).get(k, lambda same: same)(truth)
         sample = some_sample(params, time_s=(k + 1) * PERIOD, commands=command[None])
-        acting = driven(truth, sample, params)
+        acting = make_drive(truth, sample, params)
         prediction = predict(truth, acting, unread(params), params)
         truth = truth._replace(
             mean=prediction.mean,
@@ -170,7 +170,7 @@ def samples_of(
             tick_slope=acting.tick_slope,
             time_s=sample.time_s,
         )
-        read, _ = outputs(truth.mean, truth.reference, truth.spin, params)
+        read, _ = predict_outputs(truth.mean, truth.reference, truth.spin, params)
         read = read + rng.standard_normal(12) * noise
         cells = np.where(params.cells > 0.0, params.cells, 1.0)
         read = np.where(params.cells > 0.0, np.round((read - offset) / cells) * cells + offset, read)

@@ -10,16 +10,16 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import ALONE, predict
-from massprop_drake.maths.estimation.joint.propagation import propagated
+from massprop_drake.maths.estimation.joint.propagation import propagate_root
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.rate_coupling import RateRead
-from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
+from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
@@ -33,10 +33,10 @@ _FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1
 
 
 def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
-    """`ticks.elapsed` of commands that are levels."""
+    """`ticks.measure_interval` of commands that are levels."""
     before, coming = (None if one is None else Commanded(one, level_onsets(one.size)) for one in levels)
     assert before is not None
-    return ticks.elapsed(clock, stamp_s, (before, coming), pace)
+    return ticks.measure_interval(clock, stamp_s, (before, coming), pace)
 
 
 def derivatives(
@@ -46,11 +46,11 @@ def derivatives(
 
     def after(mean: Array) -> Array:
         there = state._replace(mean=mean)
-        return predict(there, driven(there, sample, params), unread(params), params, around).mean
+        return predict(there, make_drive(there, sample, params), unread(params), params, around).mean
 
     expected = central_differences(after, state.mean, 1e-4 * np.maximum(np.abs(state.mean), 1e-2))
-    prediction = predict(state, driven(state, sample, params), unread(params), params, around)
-    return propagated(np.eye(params.places.size), prediction, params)[:, : params.places.size], expected
+    prediction = predict(state, make_drive(state, sample, params), unread(params), params, around)
+    return propagate_root(np.eye(params.places.size), prediction, params)[:, : params.places.size], expected
 
 
 def small_params(**changed: Any) -> JointParams:
@@ -103,7 +103,7 @@ def unrounded(params: JointParams) -> JointParams:
 def some_state(params: JointParams, seed: int = 0) -> JointState:
     """A state in flight: errors of all kinds, correlated, jets half built up, two slots taken."""
     rng = np.random.default_rng(seed)
-    state, places = initial(params), params.places
+    state, places = initial_joint_state(params), params.places
     mean = 0.3 * rng.standard_normal(places.size)
     mean[:10] = params.start
     mean[10:13] = [0.02, -0.03, 0.01]
@@ -127,7 +127,7 @@ def some_sample(params: JointParams, **changed: Any) -> JointSample:
     """A sample of one piece, three jets on, nothing read."""
     unread = (np.full((n, 3), np.nan) for n in (params.places.gyros, params.places.accelerometers))
     fired = np.array([[1.0, 0, 1, 0, 0, 1]])
-    return JointSample(PERIOD, np.array([PERIOD]), fired, np.zeros(6), *unread, on_ticks())._replace(**changed)
+    return JointSample(PERIOD, np.array([PERIOD]), fired, np.zeros(6), *unread, timing_on_ticks())._replace(**changed)
 
 
 def read_as(rate: Array, params: JointParams) -> RateRead:

@@ -67,7 +67,7 @@ def _file_identity(file: Path) -> tuple[int, ...] | None:
 
 
 def _load_massprop() -> Any:
-    """Loads the commands of `massprop`."""
+    """Imports and returns the Typer app of `massprop`."""
     from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
 
     return app

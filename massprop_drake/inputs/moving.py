@@ -290,7 +290,7 @@ def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, ow
 def mode_params(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
 ) -> ModeParams:
-    """Makes the modes of parts that move.
+    """Makes the joint filter's parameters of modes from the parts that the vehicle states.
 
     Args:
         parts: as they are stated.

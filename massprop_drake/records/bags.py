@@ -210,7 +210,7 @@ class _Bag:
         return found
 
     def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields the messages of all files, those of topics that are not wanted without data."""
+        """Yields every message of all files; those of topics that are not wanted have empty data."""
         with ExitStack() as stack:
             for path in self._files:
                 file = path
@@ -243,7 +243,7 @@ class _Bag:
             return message
 
     def differences(self) -> Iterator[Loss]:
-        """Compares the messages that were read with those that the recorder counted."""
+        """Yields a loss for each topic of which fewer messages were read than the recorder counted; notes surpluses."""
         stated, who = self._stated.counts, str(self._path / _METADATA)
         if not (stated and self._path.is_dir()):
             stated, who = self._counts, f"{self._path}: its recorder"

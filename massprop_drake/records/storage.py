@@ -168,7 +168,7 @@ class Storage:
         return chunks
 
     def _mcap_described(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
-        """Reads a schema or a channel."""
+        """Adds a record of MCAP to `schemas` or to the channels; ignores records of other kinds."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
             name, place = _read_text(body, 2)

@@ -220,7 +220,7 @@ def _collect_columns(
             column.clear()
 
     def numeric() -> bool:
-        """Tests whether the last column, of names that are wanted, has numbers so far."""
+        """Tests whether the last column of the header is wanted, and has numbers alone in the rows read so far."""
         if header[-1] not in wanted or header[-1] in as_text:
             return False
         above = held[wanted.index(header[-1])]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt, push
+from massprop_drake.maths.estimation.joint.burns import EngineSettings, engine_impulse, make_burn, shut_engine_settings
 from massprop_drake.maths.estimation.offline import thrust_course
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
@@ -113,13 +113,13 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
     read[:, has] = np.hstack(list(each))
     points = np.zeros((rows, len(has), 3, N_CHANNELS))
     if before is None:
-        _, before = burnt(at_rest(len(has)), read[0], period_s, made)
+        _, before = make_burn(shut_engine_settings(len(has)), read[0], period_s, made)
     lengths_s = np.broadcast_to(_interval_lengths(scenario)(block["time_s"]), rows - 1)
     for row in range(1, rows):
         length_s = float(lengths_s[row - 1])
-        burn, before = burnt(before, read[row], length_s, made)
+        burn, before = make_burn(before, read[row], length_s, made)
         if burn.points.any():
-            given = push(burn, nothing, length_s, made)
+            given = engine_impulse(burn, nothing, length_s, made)
             points[row - 1], used[row - 1] = burn.points, given.used
             loose[row - 1] = (motion_sigma(given.noise, vehicle.nominal) > least).any()
     return _Burns(points, used, loose, before)

@@ -11,7 +11,7 @@ import numpy as np
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Instruments, Setup
-from massprop_drake.maths.estimation.joint.burns import Burn, push
+from massprop_drake.maths.estimation.joint.burns import Burn, engine_impulse
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.offline import flight_model, record_kernels
@@ -130,7 +130,9 @@ def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     """
     at = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
     at[:, :, 0] = 1.0
-    full = push(Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines)
+    full = engine_impulse(
+        Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines
+    )
     gathered = motion_sigma(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
     least = (setup.gyro_variances, setup.accelerometer_variances)
     for place, variances in enumerate(least):

@@ -303,7 +303,7 @@ def read_history(
 
 
 def _require_groups(names: set[str], vehicle: Vehicle) -> None:
-    """Raises ValueError when a signal is missing."""
+    """Raises ValueError when signals that every run has are missing, or some of an optional group."""
     for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _THRUST, _AUTOPILOT, _MASS, _JOINT, _DETECTOR):
         missing = sorted(group - names)
         if missing and ("time_s" in group or group & names):

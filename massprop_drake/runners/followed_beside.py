@@ -157,7 +157,7 @@ def _mask_saturated(readings: Array, package: SensorPackage) -> Array:
 
 
 def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
-    """Computes levels of a simulated vehicle's jets under some commands, with its failures.
+    """Returns times of changes, and levels of a simulated vehicle's jets from then on, under some commands.
 
     Args:
         told: commands from each row on, shape (n, n_jets).

@@ -23,7 +23,12 @@ from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma, without_increments
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, informed, link
+from massprop_drake.maths.estimation.joint.sensitivity import (
+    make_link,
+    propagate_crossings,
+    propagate_to_update,
+    propagate_update,
+)
 from massprop_drake.maths.estimation.joint.start import OVER
 from massprop_drake.maths.linear_algebra import Array
 
@@ -77,16 +82,16 @@ def step(
     by_forces, shown = before.carried, before.shown
     if failing and report.course is not None:
         places, update = params.joint.places, report.course.update
-        over = link(before.filter.joint, report, sample, params.joint)
+        over = make_link(before.filter.joint, report, sample, params.joint)
         crossed = over.crossing_rows @ by_forces
-        by_forces = informed(by_forces, over, places)
+        by_forces = propagate_crossings(by_forces, over, places)
         forcing = np.zeros((6, by_forces.shape[1]))
         forcing[:, : 2 * places.jets] = np.hstack((over.duration_s * over.effects.T, -over.amount * over.effects.T))
-        by_forces = carried(by_forces, forcing, over, places)
+        by_forces = propagate_to_update(by_forces, forcing, over, places)
         shown = shown + crossed.T @ crossed
         counts = np.flatnonzero(report.used)
         if counts.size > 0:
             moved = over.jacobian @ by_forces
             seen = np.linalg.solve(update.upper.T, moved[counts])
-            by_forces, shown = corrected(by_forces, moved, over), shown + seen.T @ seen
+            by_forces, shown = propagate_update(by_forces, moved, over), shown + seen.T @ seen
     return Foretelling(measured.state, by_forces, shown)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
-from massprop_drake.maths.estimation.joint.bank import ONSETS, Following, Roots, Since, empty
+from massprop_drake.maths.estimation.joint.bank import ONSETS, Following, Roots, Since, empty_bank
 from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.crossing import Crossing
 from massprop_drake.maths.estimation.joint.disturbance_states import Wander
@@ -17,8 +17,8 @@ from massprop_drake.maths.estimation.joint.layout import JointState, Places, sta
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Traces
-from massprop_drake.maths.estimation.joint.swing import unswung
-from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, started
+from massprop_drake.maths.estimation.joint.swing import modes_at_rest
+from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, start_clock, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.whole import Samples, allocate_sample
 from massprop_drake.maths.kernels import kernel
@@ -172,7 +172,7 @@ def empty_sample(places: Places) -> JointSample:
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
     around = STILL.copy(), Spun(none, none, none, none), shut_engines(places)
-    return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
+    return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
 
 
 def empty_following(places: Places, sample: JointSample) -> Following:
@@ -193,16 +193,16 @@ def empty_following(places: Places, sample: JointSample) -> Following:
         1.0,
         np.zeros((6, 6)),
         wander,
-        unswung(places.n_swing, places.size),
+        modes_at_rest(places.n_swing, places.size),
         1.0,
     )
     seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
-    return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
+    return Following(Since(*empty_bank(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
 def initial_memory(state: JointState, places: Places) -> JointMemory:
     """Returns the memory before the first cycle, from the filter's initial state."""
-    clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
+    clock, none, since = start_clock(0.0, state.level), np.zeros(places.jets), Since(*empty_bank(places)[1:])
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 

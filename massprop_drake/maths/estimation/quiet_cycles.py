@@ -21,8 +21,8 @@ from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import pack, unpack
 from massprop_drake.maths.estimation.joint.sensitivity import Link
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
-from massprop_drake.maths.estimation.joint.wheels import spun
+from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
+from massprop_drake.maths.estimation.joint.wheels import interval_wheel_speeds
 from massprop_drake.maths.estimation.joint_desk import (
     Besides,
     JointDesk,
@@ -172,12 +172,14 @@ class Quiet:
             outside,
             samples.rates[row],
             samples.velocities[row],
-            on_ticks(),
+            timing_on_ticks(),
         )
         if self._places.trackers:
             plain = plain._replace(attitudes=beside.attitudes[row], frames=beside.frames[row])
         if self._places.wheels:
-            plain = plain._replace(speeds=spun(beside.before[row], beside.speeds[row], duration_s, wheels)[0])
+            plain = plain._replace(
+                speeds=interval_wheel_speeds(beside.before[row], beside.speeds[row], duration_s, wheels)[0]
+            )
         return plain
 
 

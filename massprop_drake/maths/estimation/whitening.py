@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance_states import gathered_variance
+from massprop_drake.maths.estimation.joint.disturbance_states import integral_variance
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -111,7 +111,7 @@ def make_whitener(time_s: Array, noise: Gathering) -> Whitener:
     lost = -np.expm1(-x)
     kept, theta = 1.0 - lost, constant_s * lost
     each, place = np.unique(x, return_inverse=True)
-    integral = np.array([gathered_variance(one) for one in each.tolist()])[place]
+    integral = np.array([integral_variance(one) for one in each.tolist()])[place]
     own = (own + noise.acting * constant_s**2 * integral) / theta**2
     shared = noise.acting * constant_s * lost**2 / theta  # of e_k/theta_k and n_k
     drawn = noise.acting * lost * (2.0 - lost)  # of n_k

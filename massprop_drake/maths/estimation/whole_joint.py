@@ -19,17 +19,25 @@ from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults.tree import SURPRISE
 from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_report, rotation_report
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
-from massprop_drake.maths.estimation.joint.bank import ALARM, ONSETS, Followed, Following, Roots, alarming, followed
-from massprop_drake.maths.estimation.joint.beginning import initial
-from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Cycled, Cycling, course_of, cycled
+from massprop_drake.maths.estimation.joint.bank import (
+    ALARM,
+    ONSETS,
+    Followed,
+    Following,
+    Roots,
+    follow_cycle,
+    is_alarming,
+)
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Cycled, Cycling, make_course, run_cycle
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState, settled
-from massprop_drake.maths.estimation.joint.measurement import rate_read
+from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState, is_initialized
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros
 from massprop_drake.maths.estimation.joint.orientation import shared_attitude
-from massprop_drake.maths.estimation.joint.relinearization import gone_over
-from massprop_drake.maths.estimation.joint.sensitivity import traced
-from massprop_drake.maths.estimation.joint.ticks import LONGEST, Clock, on_ticks, on_time, started
-from massprop_drake.maths.estimation.joint.wheels import spun
+from massprop_drake.maths.estimation.joint.relinearization import repeat_start_cycle
+from massprop_drake.maths.estimation.joint.sensitivity import traces_of_course
+from massprop_drake.maths.estimation.joint.ticks import LONGEST, Clock, is_on_time, start_clock, timing_on_ticks
+from massprop_drake.maths.estimation.joint.wheels import interval_wheel_speeds
 from massprop_drake.maths.estimation.joint_desk import (
     JointDesk,
     JointMemory,
@@ -54,7 +62,7 @@ class Asked(NamedTuple):
 
     Attributes:
         cycling: see `joint_cycle.Cycling`.
-        about: see `relinearization.gone_over`.
+        about: see `relinearization.repeat_start_cycle`.
     """
 
     cycling: Cycling
@@ -66,8 +74,8 @@ def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, hold
     """Runs the part of the joint filter's cycle that `part` names; a kernel compiled once for all parts.
 
     Args:
-        part: GO_ON: see `run_quiet_cycles`; CYCLE: see `joint_cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
-            `relinearization.gone_over`.
+        part: GO_ON: see `run_quiet_cycles`; CYCLE: see `joint_cycle.run_cycle`; FOLLOW: see `bank.follow_cycle`;
+            GO_OVER: see `relinearization.repeat_start_cycle`.
         asked: holder of `Asked`, for CYCLE and GO_OVER.
         following: holder of `bank.Following`, for FOLLOW.
         memory, desk: holders of `JointMemory` and `JointDesk`, for GO_ON.
@@ -82,13 +90,13 @@ def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, hold
         run_quiet_cycles(memory, desk.value, params)
     elif part == FOLLOW:
         told = following.value
-        found = followed(told.since, told.roots, told.seen, told.cycle, told.least, params)
+        found = follow_cycle(told.since, told.roots, told.seen, told.cycle, told.least, params)
     else:
         cycling = asked.value.cycling
         if part == CYCLE:
-            one = cycled(cycling.state, cycling.sample, cycling.thresholds, cycling.counts, params)
+            one = run_cycle(cycling.state, cycling.sample, cycling.thresholds, cycling.counts, params)
         else:
-            over = gone_over(cycling.state, cycling.sample, asked.value.about, params)
+            over = repeat_start_cycle(cycling.state, cycling.sample, asked.value.about, params)
     return one, found, over
 
 
@@ -119,17 +127,17 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     outside = samples.outside[row] * duration_s
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
     sample = _make_sample(kept, desk, row, duration_s, params)
-    done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
+    done = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traced(kept.joint.mean, course_of(done), sample)
+    seen = traces_of_course(kept.joint.mean, make_course(done), sample)
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
-    found = followed(kept.since, roots, seen, cycle, ALARM, params)
+    found = follow_cycle(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
     if found.some:
         likelihood = found.tested.likelihood.max()
-        if alarming(likelihood, found.tested.total.max()):
+        if is_alarming(likelihood, found.tested.total.max()):
             return kept, False
     newest = 0.5 * (found.link.nis - found.link.degrees)
     if newest - _mean_excess(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
@@ -140,7 +148,7 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     desk.rows.detector_report[row, _TESTED] = found.complete
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
-    clock = started(stamp_s, command)
+    clock = start_clock(stamp_s, command)
     clock.earlier_onset_s[:] = desk.besides.onsets_s[row]
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
     speeds = select_where(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
@@ -153,7 +161,7 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
 def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
     """Returns the length of the interval that ends with a stamp, s; 0: it is not as usual."""
     if params.rates.period_s == 0.0:
-        return period_s if on_time(clock, stamp_s, period_s) else 0.0
+        return period_s if is_on_time(clock, stamp_s, period_s) else 0.0
     passed_s = stamp_s - clock.stamp_s
     return passed_s if 0.0 < passed_s <= LONGEST * period_s else 0.0
 
@@ -168,11 +176,11 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
     frames, attitudes = np.zeros((2, 4)), np.zeros((params.places.trackers, 3))
     if params.places.trackers > 0:
         before = kept.joint.mean[RATE]
-        shown = rate_read(rates, kept.joint.mean, params).rate
+        shown = combine_gyros(rates, kept.joint.mean, params).rate
         rate = 0.5 * (before + select_where(np.isnan(shown), before, shown))
         frames[0] = kept.frame
         frames[1], attitudes = shared_attitude(kept.frame, rate, duration_s, beside.quaternions[row])
-    speeds, _ = spun(kept.speeds, beside.speeds[row], duration_s, params.wheels)
+    speeds, _ = interval_wheel_speeds(kept.speeds, beside.speeds[row], duration_s, params.wheels)
     beside.durations_s[row] = duration_s
     beside.frames[row], beside.attitudes[row], beside.before[row] = frames, attitudes, kept.speeds
     outside = samples.outside[row] * duration_s
@@ -183,7 +191,7 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
         outside,
         rates,
         velocities,
-        on_ticks(),
+        timing_on_ticks(),
         attitudes,
         frames,
         speeds,
@@ -239,7 +247,7 @@ def _fill_log_rows(rows: JointRows, row: int, impulses: Impulses, done: Cycled, 
     )
     fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
     fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros, accelerometers))
-    fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, settled(done.state, params)))
+    fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, is_initialized(done.state, params)))
 
 
 class Work:
@@ -253,7 +261,7 @@ class Work:
     def __init__(self, params: JointParams, *, compile_it: bool = True):
         self._work, self._compiled = compile_kernel_if(run_part, compile_it), compile_it
         self._params = make_holder(params, compile_it)
-        state, sample = initial(params), empty_sample(params.places)
+        state, sample = initial_joint_state(params), empty_sample(params.places)
         cycling = Cycling(state, sample, params.thresholds, OWN_CHOICE)
         self._no_asked = make_holder(Asked(cycling, state.mean), compile_it)
         self._no_following = make_holder(empty_following(params.places, sample), compile_it)
@@ -267,12 +275,12 @@ class Work:
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
-        """Runs `joint_cycle.cycled`, see there."""
+        """Runs `joint_cycle.run_cycle`, see there."""
         one, _, _ = self._asked(CYCLE, Asked(cycling, cycling.state.mean))
         return one
 
     def gone_over(self, state: JointState, sample: JointSample, about: Array) -> tuple[JointState, float, float]:
-        """Runs `relinearization.gone_over`, see there."""
+        """Runs `relinearization.repeat_start_cycle`, see there."""
         _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
         return over
 
@@ -281,7 +289,7 @@ class Work:
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
     def followed(self, following: Following) -> Followed:
-        """Runs `bank.followed`, see there."""
+        """Runs `bank.follow_cycle`, see there."""
         given = make_shared_holder(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.joint.screen import explained
+from massprop_drake.maths.estimation.joint.screen import maximize_likelihood
 from massprop_drake.maths.linear_algebra import Array, scaled_root
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -146,6 +146,6 @@ def expected_llr_jumps(left: Array, own: np.ndarray, force: Array, variances: Ar
         variances: see `hypotheses.jump_variances`.
     """
     jumps = slice(-variances.shape[1], None)
-    leads = explained(left[jumps, jumps], (force * left[jumps, own]).T, variances[:, None])[0]
+    leads = maximize_likelihood(left[jumps, jumps], (force * left[jumps, own]).T, variances[:, None])[0]
     found: Array = np.logaddexp.reduce(leads, axis=0)
     return found

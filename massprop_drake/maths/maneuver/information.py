@@ -22,17 +22,17 @@ import numpy as np
 from massprop_drake.maths.attitude import propagate_attitude as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.beginning import begun, initial
-from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
+from massprop_drake.maths.estimation.joint.bound import advance_force_effects, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.forcing import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
+from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array, scaled_inverse, scaled_root
 from massprop_drake.maths.maneuver.aims import Known
@@ -94,7 +94,7 @@ def initial_course(properties: Array, rate: Array, speeds: Array, params: JointP
         params: see `JointParams`.
     """
     places, known = params.places, n_known(params)
-    before = initial(params)
+    before = initial_joint_state(params)
     root = before.root.copy()
     root[:N_PROPERTIES], root[places.thrust :] = 0.0, 0.0
     mean = np.zeros(places.size)
@@ -102,7 +102,7 @@ def initial_course(properties: Array, rate: Array, speeds: Array, params: JointP
     mean[places.fill : places.fill + places.tanks] = params.tanks.fill
     step = Step(np.zeros(places.jets), np.zeros(places.wheels), 0.0, np.ones(places.outputs, dtype=bool))
     sample = _zero_sample(before, step, (UNTURNED, UNTURNED), (speeds, speeds), params)
-    joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
+    joint = begin_from_readings(before._replace(root=root, mean=mean), sample, params)._replace(
         mean=mean, reference=mean[RATE].copy()
     )
     size = known + 2 * places.jets + N_PROPERTIES
@@ -140,12 +140,12 @@ def advance_course(
     doubt = None
     if before_it is not None and (step.command.any() or step.torques.any()):
         doubt = _covariance_root(course, before_it, params)
-    end = bound.ahead(before, sample, None, params, doubt)
+    end = bound.predict_interval_end(before, sample, None, params, doubt)
     weighed = ~step.missing, _reading_variances(before, end, params)
-    after, done = bound.taken_in(before, end, sample.time_s, weighed, params)
+    after, done = bound.update_bound(before, end, sample.time_s, weighed, params)
     first = n_known(params)
     failing = leaks_and_losses(places.jets), slice(first, first + 2 * places.jets)
-    carried, shown = carried_on((course.carried, course.shown), before, done, failing, params)
+    carried, shown = advance_force_effects((course.carried, course.shown), before, done, failing, params)
     force = effective_seconds(before, done.acting.firing, params) @ wrenches_of(before.mean, params)[:, 3:]
     middle = 0.5 * (before.mean[RATE] + after.mean[RATE])
     turn = rotation_matrix(turned_on(course.attitude, middle, 0.5 * step.period_s))
@@ -172,14 +172,14 @@ def _covariance_root(course: FollowedCourse, before_it: Known, params: JointPara
     others = np.setdiff1d(np.arange(len(root)), rows)
     root[np.ix_(rows, rows)] = half
     # columns of their own: those of the filter's root are shared by parameters and motion
-    root[np.ix_(others, others)] = np.linalg.qr(course.joint.root[others].T, mode="r").T
+    root[np.ix_(others, others)] = np.linalg.qr(course.joint.root[others].T)[1].T
     return root
 
 
 def _reading_variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
     """Computes variances of the readings, shape (m,): a rounded one without noise is new only when it changes."""
-    moved = outputs(end.mean, before.reference, end.spin, params)[0]
-    moved -= outputs(before.mean, before.reference, before.spin, params)[0]
+    moved = predict_outputs(end.mean, before.reference, end.spin, params)[0]
+    moved -= predict_outputs(before.mean, before.reference, before.spin, params)[0]
     changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))
     return params.variances / np.clip(changes, _SELDOM, 1.0)
 
@@ -200,7 +200,7 @@ def _zero_sample(
         np.zeros(6),
         rates,
         velocities,
-        on_ticks(),
+        timing_on_ticks(),
         attitudes,
         np.stack(frames),
         Spun(*speeds, np.zeros(n_wheels), np.ones(n_wheels)),
@@ -221,6 +221,6 @@ def prior_information(state: JointState, params: JointParams) -> tuple[Array, np
     if places.n_scale > 0:
         errors[: places.n_thrust] += state.root[places.scale]
         errors[places.scale - places.thrust] = 0.0
-    rows = np.vstack((reported(state, params)[1], errors))
+    rows = np.vstack((parameters_with_scale(state, params)[1], errors))
     open_ones = np.flatnonzero(rows.any(axis=1))
     return scaled_inverse(rows[open_ones] @ rows[open_ones].T), open_ones

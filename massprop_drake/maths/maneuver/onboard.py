@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array, scaled_inverse
 from massprop_drake.maths.maneuver.actions import Craft, candidate_actions
@@ -140,7 +140,7 @@ def _separation_aims(among: tuple[int, ...], settings: FiringTest) -> Aims:
 
 def _known_from_estimates(covariance: Array, craft: Craft) -> Known:
     """Computes information: the estimators' on the ten parameters, the prior one on the rest."""
-    information, of = prior_information(initial(craft.params), craft.params)
+    information, of = prior_information(initial_joint_state(craft.params), craft.params)
     ten = of[of < N_PROPERTIES]
     ten = ten[np.isfinite(np.diagonal(covariance)[ten])]
     rest = np.isin(of, ten, invert=True)

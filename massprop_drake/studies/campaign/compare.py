@@ -184,7 +184,7 @@ def _median(
 
 
 def _false_rate(of: Sequence[tuple[Row, Row]]) -> Measure:
-    """Computes false declarations per hour: the mean of differences, for most cases have none."""
+    """Measures false declarations per hour of both campaigns, and their paired mean difference."""
     hours = [sum(pair[which]["duration_s"] for pair in of) / _HOUR_S for which in (0, 1)]
     counts = [sum(pair[which]["n_false"] for pair in of) for which in (0, 1)]
     differences = [second["n_false"] - first["n_false"] for first, second in of]

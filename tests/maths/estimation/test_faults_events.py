@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.faults.priors import (
     log_event_probability,
     log_feasible_force,
 )
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, apply_cause
 
 PARAMS = make_params()
 JOINT = PARAMS.joint
@@ -39,7 +39,7 @@ def hypothesis(*causes: Cause) -> Hypothesis:
     """A hypothesis with these events, the forces of its jets in slots, half of full thrust each."""
     state = known_vehicle(JOINT)
     for cause in causes:
-        state = opened(state, cause, JOINT) if cause.kind == Kind.JETS else state
+        state = apply_cause(state, cause, JOINT) if cause.kind == Kind.JETS else state
     mean = state.mean.copy()
     mean[JOINT.places.force :] = np.where(state.slot_jet >= 0, 0.5 * JOINT.thrusts[state.slot_jet.astype(int)], 0.0)
     one = no_fault_hypothesis(state._replace(mean=mean), 5, JOINT)

@@ -108,7 +108,7 @@ def test_parameters_that_are_known_after_all_count_as_if_they_never_were_estimat
         jump_projection=projection[jump],
         scores=(),
     )
-    found = screens.constrained(screen, rows, value - estimate[rows], covariance[np.ix_(rows, rows)])
+    found = screens.condition_screen(screen, rows, value - estimate[rows], covariance[np.ix_(rows, rows)])
     rest = np.setdiff1d(np.arange(n), rows)
     whole, pulled, _ = explained_by(x[:, rest], prior[rest], y - x[:, rows] @ value)
     np.testing.assert_allclose(found.information[0], whole[jets, jets], rtol=1e-9)

@@ -16,12 +16,12 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint import relinearization
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, failure_slot
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.start import Kept
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 
 ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
 SETTINGS = ("plant.lag_factor=0.9523809523809523", "seed=3", "execution.engine=loop")
@@ -77,7 +77,7 @@ def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tu
 
 def force_of(found: SearchOutcome, params: JointParams) -> tuple[float, float]:
     """Force of the failed jet, and its 1-sigma."""
-    row = params.places.force + slot_of(found.state, found.cause.jets[0], found.cause.signs[0])
+    row = params.places.force + failure_slot(found.state, found.cause.jets[0], found.cause.signs[0])
     return float(found.state.mean[row]), float(np.sqrt(np.sum(found.state.root[row] ** 2)))
 
 
@@ -96,7 +96,7 @@ def probabilities(found: tuple[SearchOutcome, ...], params: JointParams) -> dict
 
 def nees(found: SearchOutcome, run: Run, time_s: float, params: JointParams) -> float:
     """Square of the errors of the ten parameters over their covariance."""
-    estimate, rows = reported(found.state, params)
+    estimate, rows = parameters_with_scale(found.state, params)
     error = estimate - run["truth"][int(np.searchsorted(run.time_s, time_s))]
     deviation = np.sqrt(np.sum(rows * rows, axis=1))
     half = rows / deviation[:, None]
@@ -163,7 +163,7 @@ def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: J
 
     def after(share: float) -> np.ndarray:
         mean = (1.0 - share) * state.mean + share * there
-        return relinearization.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
+        return relinearization.run_relinearized(state._replace(mean=mean), sample, about, own)[0].mean
 
     scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
     np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

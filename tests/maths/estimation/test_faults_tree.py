@@ -27,14 +27,14 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Cause,
     Kind,
     Score,
-    blurred,
-    opened,
-    size_of_unstated,
+    add_disturbance_drift,
+    apply_cause,
+    unstated_disturbance_sigmas,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.layout import RATE
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import propagated
+from massprop_drake.maths.estimation.joint.propagation import propagate_root
 
 ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
 THRUSTS = NOISY.joint.thrusts
@@ -202,7 +202,7 @@ def test_something_unstated_is_said_with_its_size_and_no_jet_is_named() -> None:
     said = [one for _, one in flown.said]
     assert not [one for one in said if isinstance(one, JetsDeclared)]
     first = next(one for one in said if isinstance(one, DisturbanceDeclared))
-    torque, force = size_of_unstated(0.02, JOINT)
+    torque, force = unstated_disturbance_sigmas(0.02, JOINT)
     assert 0.1 * torque < first.torque < 10.0 * torque
     assert 0.1 * force < first.force < 10.0 * force
 
@@ -215,10 +215,10 @@ def test_a_failed_jet_is_named_where_something_unstated_may_act() -> None:
 
 
 def test_it_stays_as_strong_as_it_is_while_nothing_is_read() -> None:
-    acts = opened(KNOWN, Cause(Kind.WANDER, component=4), JOINT)
+    acts = apply_cause(KNOWN, Cause(Kind.WANDER, component=4), JOINT)
     sample = some_sample(JOINT, commands=np.zeros((1, 6)))
-    prediction = predict(acts, driven(acts, sample, JOINT), unread(JOINT), JOINT)
-    root = propagated(acts.root, prediction, JOINT)
+    prediction = predict(acts, make_drive(acts, sample, JOINT), unread(JOINT), JOINT)
+    root = propagate_root(acts.root, prediction, JOINT)
     np.testing.assert_allclose(root[OWN] @ root[OWN].T, STIRS[4][0] ** 2 * np.eye(6), rtol=1e-9, atol=1e-15)
     turned = np.sqrt(np.sum(root[RATE] ** 2, axis=1))
     given = STIRS[4][0] * PERIOD * JOINT.unstated.diagonal()[:3]
@@ -227,9 +227,9 @@ def test_it_stays_as_strong_as_it_is_while_nothing_is_read() -> None:
 
 def test_what_has_acted_until_now_has_made_parameters_less_well_known() -> None:
     acts = KNOWN._replace(stir=0.1)
-    once = blurred(acts, 0.0, PERIOD, JOINT)
+    once = add_disturbance_drift(acts, 0.0, PERIOD, JOINT)
     share = once.root[0, 0] / KNOWN.root[0, 0]
     assert share > 2.0
     np.testing.assert_allclose(abs(once.root[:10, :10]), share * abs(KNOWN.root[:10, :10]), atol=1e-18)
-    again = blurred(acts, 0.1, PERIOD, JOINT)
+    again = add_disturbance_drift(acts, 0.1, PERIOD, JOINT)
     np.testing.assert_allclose(abs(again.root[:10, :10]), abs(KNOWN.root[:10, :10]), atol=1e-18)

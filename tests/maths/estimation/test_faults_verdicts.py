@@ -27,7 +27,7 @@ from massprop_drake.maths.estimation.faults.verdicts import (
     pending_probability,
     update_verdicts,
 )
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, apply_cause
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 
 PARAMS = make_params(quantum=3e-3)
@@ -40,7 +40,7 @@ def hypothesis(weight: float, *failures: tuple[int, int, float], others: tuple[C
     state, events = known_vehicle(JOINT)._replace(time_s=9.0), []
     for jet, sign, share in failures:
         cause = Cause(Kind.JETS, (jet,), (sign,), (0,))
-        state = opened(state, cause, JOINT)
+        state = apply_cause(state, cause, JOINT)
         mean, root = state.mean.copy(), state.root.copy()
         row = JOINT.places.force + len(events)
         mean[row], root[row] = share * THRUSTS[jet], 0.0

@@ -17,10 +17,10 @@ from scipy.stats import chi2
 from massprop_drake.maths.estimation.joint.forcing import drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
-from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
 from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
@@ -87,7 +87,7 @@ def flight(
     commands = np.repeat(rng.uniform(size=(ROWS // 4, 6)) < 0.3, 4, axis=0).astype(float)
     noise = rng.standard_normal((ROWS + 1, 2, 3)) * np.sqrt(PARAMS.variances).reshape(2, 3)
     sample = JointSample(
-        0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), on_ticks()
+        0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), timing_on_ticks()
     )
     state = bound.start(sample, bound.true_mean(TRUTH, rate * np.ones(3), errors, PARAMS), PARAMS)
     least, readings = state, np.zeros((ROWS + 1, 2, 3))
@@ -103,11 +103,11 @@ def flight(
             given = outside.copy()
             if momentum is not None:
                 given[:3] += np.cross(momentum, 0.5 * (state.mean[10:13] + ahead)) * PERIOD
-            acting = drive(state, sample.durations_s, commands[k : k + 1], given, on_ticks(), actual)
+            acting = drive(state, sample.durations_s, commands[k : k + 1], given, timing_on_ticks(), actual)
             prediction = predict(state, acting, read_as(ahead, actual), actual)
             ahead = prediction.mean[10:13]
         spin = state.spin + prediction.spin
-        shown, _ = outputs(prediction.mean, state.reference, spin, actual)
+        shown, _ = predict_outputs(prediction.mean, state.reference, spin, actual)
         state = state._replace(mean=prediction.mean, level=acting.firing.level, slope=acting.firing.slope, spin=spin)
         readings[k + 1] = shown.reshape(2, 3)
         told = sample._replace(commands=commands[k : k + 1], rates=ahead.reshape(1, 3))

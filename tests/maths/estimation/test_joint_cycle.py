@@ -13,12 +13,12 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, JointMeasurement
 from massprop_drake.maths.estimation.filters.registry import FILTERS
-from massprop_drake.maths.estimation.joint.beginning import initial
-from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.innovation import expect
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
+from massprop_drake.maths.estimation.joint.covariance import order_root_rows
+from massprop_drake.maths.estimation.joint.innovation import predict_cycle
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, pack, state_layout, unpack
-from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.linear_algebra import (
     NotPositiveDefiniteError,
     skew,
@@ -34,7 +34,7 @@ STILL = np.zeros((1, 6))
 
 
 def test_a_start_is_as_its_readings_say() -> None:
-    state, report = step(initial(PARAMS), READ, PARAMS)
+    state, report = step(initial_joint_state(PARAMS), READ, PARAMS)
     assert state.started
     assert not report.used.any()
     np.testing.assert_allclose(state.mean[10:13], (2 * RATES[0] + RATES[1]) / 3)  # variances 1 and 2
@@ -44,7 +44,7 @@ def test_a_start_is_as_its_readings_say() -> None:
     shares = PARAMS.gyro_bias_sigma**2 * (4 / 9 + 1 / 9)
     assert covariance[10, 10] == pytest.approx(1 / (1 / 1e-10 + 1 / 2e-10) + shares)
     # accelerometers have their own error then, whatever that of the rate is, and tell nothing of it
-    _, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    _, jacobian = predict_outputs(state.mean, state.reference, state.spin, PARAMS)
     read = jacobian[6:] @ state.root
     np.testing.assert_allclose(read @ read.T, np.diag(PARAMS.variances[6:]), atol=1e-20)
     np.testing.assert_allclose(read @ state.root[10:13].T, np.zeros((6, 3)), atol=1e-20)
@@ -138,7 +138,9 @@ def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> 
     innovations = np.append(own.rotation.rotation_innovation, own.mass.mass_innovation)
     np.testing.assert_array_equal(innovations, report.innovation[[0, 1, 2, 6, 7, 8]])
     before, sample = measurement.evidence.before, measurement.evidence.sample
-    projected = expect(before, driven(before, sample, PARAMS), sample, PARAMS).projected  # before any increment
+    projected = predict_cycle(
+        before, make_drive(before, sample, PARAMS), sample, PARAMS
+    ).projected  # before any increment
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.variances)
     deviations = np.append(own.rotation.rotation_innovation_std, own.mass.mass_innovation_std)
     np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])
@@ -176,7 +178,7 @@ def test_a_gap_keeps_the_vehicle_and_begins_rates_anew() -> None:
         of_rate = skew(position - after.joint.mean[6:9]) @ covariance[RATE]
         rows = covariance[13 + 3 * package : 16 + 3 * package]
         np.testing.assert_allclose(rows[:, :10], of_rate[:, :10], rtol=1e-9, atol=1e-15)
-    assert triangular_rows(in_order(after.joint.root, PLACES.thrust)) == PLACES.size
+    assert triangular_rows(order_root_rows(after.joint.root, PLACES.thrust)) == PLACES.size
     # outside impulses are of the true interval
     wrench, late = np.array([0.0, 0, 0, 1.0, 0, 0]), state.clock.stamp_s + 1.04 * PERIOD
     measurement = joint.step(state, RATES, VELOCITIES, told(13 * PERIOD, stamp_s=late, outside_wrench=wrench), FILTER)

@@ -11,13 +11,19 @@ from joint_probe import PERIOD, elapsed, small_params, some_sample, some_state, 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import hypotheses as h
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link, smeared
-from massprop_drake.maths.estimation.joint.ticks import Pace, stamped, started
+from massprop_drake.maths.estimation.joint.sensitivity import (
+    Link,
+    make_link,
+    propagate_to_update,
+    propagate_update,
+    unit_force_errors,
+)
+from massprop_drake.maths.estimation.joint.ticks import Pace, start_clock, update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
 
 UNSURE = small_params(second_order=False, flows=np.zeros(6))  # of thrusts
@@ -39,20 +45,20 @@ def flight(first: JointState, params: JointParams, jitter_s: float = 0.0) -> Fli
     """A settled filter whose readings are what it predicts, and noise; stamps are off their ticks by so much."""
     rng, of_stamps = np.random.default_rng(5), np.random.default_rng(1)
     states, samples, links, commands = [first], [], [], np.zeros((2, 6))
-    clock = started(0.0, commands[0])
+    clock = start_clock(0.0, commands[0])
     for k in range(CYCLES):
         commands = np.vstack((commands[1], rng.uniform(size=6) < 0.4)).astype(float)
         stamp_s = (k + 1) * PERIOD + jitter_s * of_stamps.standard_normal()
         clock, interval = elapsed(clock, stamp_s, (commands[0], commands[1]), Pace(PERIOD))
         pieces = {"durations_s": interval.durations_s, "commands": interval.commands, "timing": interval.timing}
         sample = some_sample(params, time_s=(k + 1) * PERIOD, **pieces)
-        told, _ = stamped(states[-1], sample.timing, params)
-        prediction = predict(told, driven(told, sample, params), unread(params), params)
-        read, _ = outputs(prediction.mean, first.reference, states[-1].spin + prediction.spin, params)
+        told, _ = update_by_stamp(states[-1], sample.timing, params)
+        prediction = predict(told, make_drive(told, sample, params), unread(params), params)
+        read, _ = predict_outputs(prediction.mean, first.reference, states[-1].spin + prediction.spin, params)
         read = read + rng.standard_normal(12) * np.sqrt(params.variances)
         samples.append(sample._replace(rates=read[:6].reshape(2, 3), velocities=read[6:].reshape(2, 3)))
         after, report = step(states[-1], samples[-1], params)
-        links.append(link(states[-1], report, samples[-1], params))
+        links.append(make_link(states[-1], report, samples[-1], params))
         states.append(after)
     return Flight(states, samples, links)
 
@@ -85,10 +91,10 @@ def sound() -> dict[float, Flight]:
 
 def banked(flown: Flight) -> banks.Bank:
     """The bank before the update of the last cycle."""
-    bank = banks.empty(PLACES)
+    bank = banks.empty_bank(PLACES)
     for cycle, over in enumerate(flown.links):
-        before = banks.advanced(bank, over, PLACES)
-        bank = banks.taken(before, over, flown.states[cycle + 1], cycle, UNSURE)
+        before = banks.advance_bank(bank, over, PLACES)
+        bank = banks.add_onset(before, over, flown.states[cycle + 1], cycle, UNSURE)
     return before
 
 
@@ -98,12 +104,12 @@ def unlearned(mean: Array, flown: Flight, onset: int) -> Array:
     moved_s = UNSURE.tick_sigma * (mean - state.mean)[PLACES.ticks : PLACES.ticks + 2]
     state = state._replace(mean=mean, level=state.level + moved_s @ state.tick_slope)
     for sample in flown.samples[onset + 1 :]:
-        acting = driven(state, sample, UNSURE)
-        prediction = predict(state, acting, rate_read(sample.rates, state.mean, UNSURE), UNSURE)
+        acting = make_drive(state, sample, UNSURE)
+        prediction = predict(state, acting, combine_gyros(sample.rates, state.mean, UNSURE), UNSURE)
         firing, spin = acting.firing, state.spin + prediction.spin
         state = state._replace(mean=prediction.mean, spin=spin, tick_slope=acting.tick_slope)
         state = state._replace(level=firing.level, slope=firing.slope)
-    return outputs(state.mean, state.reference, state.spin, UNSURE)[0]
+    return predict_outputs(state.mean, state.reference, state.spin, UNSURE)[0]
 
 
 @pytest.mark.parametrize("jitter_s", [ON_TICKS, OFF_TICKS])
@@ -112,7 +118,7 @@ def test_the_bank_has_residual_and_derivative_of_the_filters_own_prediction_from
 ) -> None:
     of, rng = flown[jitter_s], np.random.default_rng(2)
     bank, over, last = banked(of), of.links[-1], of.samples[-1]
-    read, mean = readings(last.rates, last.velocities, last.attitudes), banks.averaging(over.read, PLACES)
+    read, mean = readings(last.rates, last.velocities, last.attitudes), banks.averaging_matrix(over.read, PLACES)
     scale = np.sqrt(np.sum(of.states[3].root ** 2, axis=1))
     for index, onset in enumerate(bank.cycles.astype(int).tolist()):
         at = of.states[onset + 1].mean
@@ -131,7 +137,7 @@ def test_the_bank_has_residual_and_derivative_of_the_filters_own_prediction_from
 
 def test_statistics_agree_with_dense_linear_algebra(flown: dict[float, Flight]) -> None:
     bank, over = banked(flown[ON_TICKS]), flown[ON_TICKS].links[-1]
-    found = banks.tested(bank, over, 0.0, UNSURE)
+    found = banks.test_onsets(bank, over, 0.0, UNSURE)
     mean = np.kron(np.eye(2), np.hstack([0.5 * np.eye(3)] * 2))
     on_outputs = np.hstack([mean @ over.jacobian[:, 10:13], mean @ (over.jacobian[:, 13:16] + over.jacobian[:, 16:19])])
     for index in (0, 4, 8):
@@ -159,11 +165,11 @@ def test_an_error_left_out_goes_through_the_filter_as_a_column() -> None:
     state, column = start._replace(mean=start.mean + off), off.reshape(-1, 1)
     for over, sample in zip(of.links, of.samples, strict=True):
         state, report = step(state, sample, UNSURE)
-        before = carried(column, np.zeros((6, 1)), over, PLACES)
+        before = propagate_to_update(column, np.zeros((6, 1)), over, PLACES)
         shown = over.jacobian @ before
         least = 3e-2 * np.abs(shown).max() + 1e-12
         np.testing.assert_allclose(report.innovation - over.innovation, -shown[:, 0], atol=least)
-        column = corrected(before, shown, over)
+        column = propagate_update(before, shown, over)
     deviation = np.sqrt(np.sum(state.root**2, axis=1))
     np.testing.assert_allclose((state.mean - of.states[-1].mean) / deviation, column[:, 0] / deviation, atol=2e-3)
 
@@ -171,16 +177,16 @@ def test_an_error_left_out_goes_through_the_filter_as_a_column() -> None:
 def screen_of(of: Flight, onsets: tuple[int, ...], *, single: bool = False) -> screens.Screen:
     """The screen over the whole flight; its cycles count from one, after the first state."""
     gaps = tuple(1 for _ in onsets)
-    screen = screens.begin((of.states[0], 0), onsets, gaps, np.zeros(12), PARAMS, single=single)
+    screen = screens.begin_screen((of.states[0], 0), onsets, gaps, np.zeros(12), PARAMS, single=single)
     for over in of.links:
-        screen = screens.screened(screen, over, PARAMS)
+        screen = screens.advance_screen(screen, over, PARAMS)
     return screen
 
 
 def run_of(of: Flight, run: h.Runner) -> h.Runner:
     """A filter of its own over the rest of the flight."""
     for cycle in range(run.cycle, CYCLES):
-        run = h.stepped(run, of.samples[cycle], of.links[cycle], NONE, 0.0, QUIET)
+        run = h.step_runner(run, of.samples[cycle], of.links[cycle], NONE, 0.0, QUIET)
     return run
 
 
@@ -201,10 +207,10 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(
     index, kick = np.array([column, 12 + jet, 18 + jet]), 0.1
     prior = np.array([PARAMS.thrusts[jet], kick, h.SHARES[1] * kick]) ** 2
     information, projection = screen.information[0][np.ix_(index, index)], screen.projection[0][index]
-    lead, amplitude, covariance = screens.explained(information, projection, prior)
+    lead, amplitude, covariance = screens.maximize_likelihood(information, projection, prior)
     cause, none = h.Cause(h.Kind.JETS, (jet,), (sign,), (on_top,)), nothing(of, onset)
     run = run_of(of, none._replace(cause=cause, onset=onset, kicks=((kick,), (h.SHARES[1] * kick,), (0.0,))))
-    row = PLACES.force + h.slot_of(run.state, jet, sign)
+    row = PLACES.force + h.failure_slot(run.state, jet, sign)
     assert run.state.mean[row] == pytest.approx(amplitude[0], abs=0.1 * np.sqrt(covariance[0, 0]))
     assert np.linalg.norm(run.state.root[row]) == pytest.approx(np.sqrt(covariance[0, 0]), rel=2e-2)
     assert run.score.likelihood - run_of(of, none).score.likelihood == pytest.approx(lead, abs=0.3)
@@ -228,19 +234,21 @@ def test_a_force_above_its_stated_thrust_is_as_rare_as_a_second_failure(
 ) -> None:
     thrust, params = PARAMS.thrusts[2], PARAMS._replace(thrust_sigma=stated)
     variance, jets = np.array([[[(0.005 * thrust) ** 2]]]), np.array([[2]])
-    assert screens.too_much(np.array([[force * thrust]]), variance, jets, params)[0] == pytest.approx(
+    assert screens.excess_force_cost(np.array([[force * thrust]]), variance, jets, params)[0] == pytest.approx(
         expected, abs=1e-9
     )
-    np.testing.assert_allclose(screens.most_forces(params), max(1.05, 1.0 + 3.0 * stated) * params.thrusts)
+    np.testing.assert_allclose(screens.largest_jet_forces(params), max(1.05, 1.0 + 3.0 * stated) * params.thrusts)
 
 
 def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share(sound: dict[float, Flight]) -> None:
     """Of a vehicle that has not changed a small jump is likelier than a large one; of the mass that tells nothing."""
     of = sound[ON_TICKS]
-    large_lead, small_lead = screens.jumps(screen_of(of, (3,)), PARAMS)
+    large_lead, small_lead = screens.jump_log_likelihoods(screen_of(of, (3,)), PARAMS)
     assert small_lead > large_lead
     before = of.states[3].root[:10]
-    roots = [h.opened(of.states[3], h.Cause(h.Kind.JUMP), PARAMS, share).root[:10] for share in reversed(h.JUMP_SHARES)]
+    roots = [
+        h.apply_cause(of.states[3], h.Cause(h.Kind.JUMP), PARAMS, share).root[:10] for share in reversed(h.JUMP_SHARES)
+    ]
     added = [np.diag(root @ root.T - before @ before.T) for root in roots]
     assert added[0] / added[1] == pytest.approx([*0.04 * np.ones(9), 1.0], rel=1e-6)
     # a shift of the center of mass is by the vehicle's size, however small its coordinates are
@@ -252,26 +260,26 @@ def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share(sound: 
 def test_a_hypothesis_of_failed_jets_opens_with_their_forces_and_impulses(sound: dict[float, Flight]) -> None:
     state, over = sound[ON_TICKS].states[2], sound[ON_TICKS].links[2]
     cause = h.Cause(h.Kind.JETS, (4, 1), (1, -1), (0, 0))
-    found = h.kicked(h.opened(state, cause, PARAMS), cause, np.array([0.2, 0.3]), over, PARAMS)
+    found = h.add_failure_impulses(h.apply_cause(state, cause, PARAMS), cause, np.array([0.2, 0.3]), over, PARAMS)
     assert (found.slot_jet.tolist(), found.slot_sign.tolist()) == ([4.0, 1.0], [1.0, -1.0])
-    impulses, slots = smeared(over, PLACES)[:, [4, 1]] * [0.2, 0.3], np.zeros((PLACES.size, 2))
+    impulses, slots = unit_force_errors(over, PLACES)[:, [4, 1]] * [0.2, 0.3], np.zeros((PLACES.size, 2))
     slots[PLACES.force :] = np.diag(PARAMS.thrusts[[4, 1]])
     expected = state.root @ state.root.T + impulses @ impulses.T + slots @ slots.T
     turned = h.BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * np.linalg.norm(impulses[RATE])
     expected[RATE, RATE] += turned**2 * np.eye(3)
     np.testing.assert_allclose(found.root @ found.root.T, expected, atol=1e-12)
     # the same jet again: its force may have changed, in the slot it has
-    again, row = h.opened(found, h.Cause(h.Kind.JETS, (4,), (1,), (0,)), PARAMS), PLACES.force
+    again, row = h.apply_cause(found, h.Cause(h.Kind.JETS, (4,), (1,), (0,)), PARAMS), PLACES.force
     assert again.slot_jet.tolist() == [4.0, 1.0]
     assert again.root[row] @ again.root[row] == pytest.approx(2 * PARAMS.thrusts[4] ** 2)
-    assert h.slot_of(found, 3, 1) == -1
+    assert h.failure_slot(found, 3, 1) == -1
     # that of an intermittent one is drawn anew every time, that of a drifting one walks by a share of its thrust
     covariance = again.root @ again.root.T
     for walk, kept, own in ((1.0, 0.0, 0.0), (0.02, 1.0, covariance[row, row])):
-        after = h.restless(again, np.array([walk, 0.0]), PARAMS)
+        after = h.add_force_noise(again, np.array([walk, 0.0]), PARAMS)
         expected = covariance.copy()
         expected[row] *= kept
         expected[:, row] *= kept
         expected[row, row] = own + (walk * PARAMS.thrusts[4]) ** 2
         np.testing.assert_allclose(after.root @ after.root.T, expected, atol=1e-12)
-    assert h.restless(again, NONE, PARAMS) is again
+    assert h.add_force_noise(again, NONE, PARAMS) is again

@@ -13,12 +13,12 @@ from massprop_drake.maths.attitude import (
     propagate_attitude,
     to_rotation_vector,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, make_places
-from massprop_drake.maths.estimation.joint.measurement import told_by_trackers
-from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turned
+from massprop_drake.maths.estimation.joint.measurement import add_tracker_variances
+from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turn_attitude
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import propagated as propagated_root
+from massprop_drake.maths.estimation.joint.propagation import propagate_root as propagated_root
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN
 from massprop_drake.maths.linear_algebra import Array
 
@@ -58,7 +58,7 @@ def integrated(attitude: Array, rates: Array, steps: int = 400) -> Array:
 def test_an_interval_turns_the_attitude_as_integration_does() -> None:
     psi = np.array([0.02, -0.01, 0.03])
     start = multiply(from_rotation_vector(psi), FRAMES[0])
-    after, _ = turned(psi, FRAMES, RATES, np.zeros(3), PERIOD)
+    after, _ = turn_attitude(psi, FRAMES, RATES, np.zeros(3), PERIOD)
     expected = integrated(start, RATES)
     plain = propagate_attitude(start, RATES.mean(axis=0), PERIOD)  # without coning
     for found, off in ((multiply(from_rotation_vector(after), FRAMES[1]), 1e-7), (plain, 1.0)):
@@ -70,13 +70,15 @@ def test_the_attitude_by_the_rates_and_by_their_bow() -> None:
     frames = np.stack((FRAMES[0], integrated(FRAMES[0], RATES)))
 
     def after(rates: Array) -> Array:
-        return turned(np.zeros(3), frames, rates.reshape(2, 3), np.zeros(3), PERIOD)[0]
+        return turn_attitude(np.zeros(3), frames, rates.reshape(2, 3), np.zeros(3), PERIOD)[0]
 
-    found = np.hstack(turned(np.zeros(3), frames, RATES, np.zeros(3), PERIOD)[1])
+    found = np.hstack(turn_attitude(np.zeros(3), frames, RATES, np.zeros(3), PERIOD)[1])
     expected = central_differences(after, RATES.ravel(), np.full(6, 1e-5))
     np.testing.assert_allclose(found, expected, atol=5e-5 * PERIOD)
     bow = np.array([1e-3, -2e-3, 3e-3])  # turns it by its mean for the interval
-    np.testing.assert_allclose(turned(np.zeros(3), STILL, np.zeros((2, 3)), bow, PERIOD)[0], PERIOD * bow, rtol=1e-6)
+    np.testing.assert_allclose(
+        turn_attitude(np.zeros(3), STILL, np.zeros((2, 3)), bow, PERIOD)[0], PERIOD * bow, rtol=1e-6
+    )
 
 
 def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
@@ -99,7 +101,7 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
 def test_errors_go_over_to_the_attitude_as_differences_and_its_own_noise_say() -> None:
     state, sample = some_state(PARAMS), some_sample(PARAMS)
     state.mean[ATTITUDE] = 0.0
-    acting = driven(state, sample, PARAMS)
+    acting = make_drive(state, sample, PARAMS)
     reached = predict(state, acting, unread(PARAMS), PARAMS, (FRAMES, UNSPUN)).mean[ATTITUDE]
     frames = np.stack((FRAMES[0], multiply(from_rotation_vector(reached), FRAMES[1])))  # the second one is predicted
     found, expected = (each[ATTITUDE] for each in derivatives(state, sample, PARAMS, (frames, UNSPUN)))
@@ -133,7 +135,9 @@ def test_the_variance_of_a_trackers_reading(
     )
     innovation, projected = np.append(np.zeros(12), [off * STD, 0.0, 0.0]), np.zeros((15, 3))
     projected[12:] = 0.5 * STD * np.eye(3)
-    variances, floors = told_by_trackers(innovation, projected, np.array([0.6, 0.0, 0.8]) * rate, params.floors, params)
+    variances, floors = add_tracker_variances(
+        innovation, projected, np.array([0.6, 0.0, 0.8]) * rate, params.floors, params
+    )
     np.testing.assert_allclose(variances[12:], variance)
     np.testing.assert_array_equal(variances[12:], floors[12:])
     np.testing.assert_array_equal([variances[:12], floors[:12]], [params.variances[:12], params.floors[:12]])

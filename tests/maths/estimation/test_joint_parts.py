@@ -30,10 +30,14 @@ from scipy.spatial.transform import Rotation
 from massprop_drake.inputs.moving import Slosh, mode_params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint.beginning import begun, initial
-from massprop_drake.maths.estimation.joint.burns import Burn, at_rest, burnt, push
-from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams, come, wandered
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
+from massprop_drake.maths.estimation.joint.burns import Burn, engine_impulse, make_burn, shut_engine_settings
+from massprop_drake.maths.estimation.joint.disturbance_states import (
+    DisturbanceParams,
+    disturbance_course,
+    disturbance_noise,
+)
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -50,9 +54,9 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagated
-from massprop_drake.maths.estimation.joint.sensitivity import carried, link
-from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
+from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.sensitivity import make_link, propagate_to_update
+from massprop_drake.maths.estimation.joint.tanks import TankParams, draw_propellant
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
 from massprop_drake.maths.estimation.offline.swings import Locked, add_modes
 from massprop_drake.maths.linear_algebra import Array, skew
@@ -217,7 +221,7 @@ def test_derivatives_agree_with_central_differences(name: str) -> None:
 def predicted(state: JointState, sample: JointSample, params: JointParams, rate: Array | None = None) -> Prediction:
     """A prediction, with the rate at its end known or not."""
     read = unread(params) if rate is None else read_as(rate, params)
-    return predict(state, driven(state, sample, params), read, params, (sample.frames, sample.speeds))
+    return predict(state, make_drive(state, sample, params), read, params, (sample.frames, sample.speeds))
 
 
 PRODUCTS = {
@@ -312,7 +316,7 @@ def test_an_engine_moves_the_vehicle_as_the_equations_of_motion_have_it() -> Non
         return np.concatenate((INVERSE @ (torque - np.cross(at[:3], inertia @ at[:3])), acting))
 
     after = solve_ivp(flow, (0.0, PERIOD), np.append(mean[RATE], np.zeros(6)), rtol=1e-11, atol=1e-14).y[:, -1]
-    pushed = push(BURN, ERRORS, PERIOD, ENGINES)
+    pushed = engine_impulse(BURN, ERRORS, PERIOD, ENGINES)
     np.testing.assert_allclose(pushed.impulse, after[3:], rtol=1e-6)
     levels = np.array([0.6, 0.65, 0.7])
     np.testing.assert_allclose(pushed.used, PERIOD * (2e-3 + (levels.mean() - 0.5) / 0.5 * 3e-3))
@@ -325,10 +329,10 @@ def test_an_engine_moves_the_vehicle_as_the_equations_of_motion_have_it() -> Non
 
 def test_noise_of_an_engine_is_that_of_level_and_angles_over_the_whole_interval() -> None:
     def shifted(offsets: Array) -> Array:
-        return push(Burn(BURN.points + offsets, BURN.std), STEADY, PERIOD, ENGINES).impulse
+        return engine_impulse(Burn(BURN.points + offsets, BURN.std), STEADY, PERIOD, ENGINES).impulse
 
     by_offsets = central_differences(shifted, np.zeros(3), np.full(3, 1e-4))
-    np.testing.assert_allclose(push(BURN, STEADY, PERIOD, ENGINES).noise, 1e-3 * by_offsets.T, atol=1e-9)
+    np.testing.assert_allclose(engine_impulse(BURN, STEADY, PERIOD, ENGINES).noise, 1e-3 * by_offsets.T, atol=1e-9)
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -336,15 +340,15 @@ def test_readings_of_an_engine_are_what_is_or_what_is_to_be(measured: bool) -> N
     quick = {"rates": np.full((1, 3), 1e4), "constants_s": np.zeros((1, 3))}
     engines, told = ENGINES._replace(measured=np.array([float(measured)]), **quick), np.array([[0.5, 0.1, 0.0]])
     missing = np.full((1, 3), np.nan)
-    first, setting = burnt(at_rest(1), told, PERIOD, engines)
+    first, setting = make_burn(shut_engine_settings(1), told, PERIOD, engines)
     assert first.points[0, -1, 0] == (0.5 if measured else 0.0)
     moved = np.hypot(0.5 / np.sqrt(12.0), 0.25 * 0.002)  # when the level has moved is not known
     assert first.std[0, 0] == pytest.approx(moved if measured else 0.0, rel=1e-3)
-    second, setting = burnt(setting, missing, PERIOD, engines)
+    second, setting = make_burn(setting, missing, PERIOD, engines)
     np.testing.assert_allclose(second.points[0, -1], told[0], atol=1e-6)
     if not measured:  # Simpson's rule has the mean of a level that jumps as the interval begins
         np.testing.assert_allclose(np.array([1.0, 4.0, 1.0]) @ second.points[0] / 6.0, told[0], atol=1e-3)
-    third, _ = burnt(setting, missing, PERIOD, engines)
+    third, _ = make_burn(setting, missing, PERIOD, engines)
     lost_s = 2.0 * PERIOD if measured else 0.0  # a command holds
     np.testing.assert_allclose(third.std, np.hypot(engines.read_std * [[0.5, 1.0, 1.0]], engines.rates * lost_s))
 
@@ -360,16 +364,16 @@ TRUE = Tanks(TANKS.outlets, TANKS.columns, TANKS.spreads, TANKS.feeds)
 def test_slices_leave_a_tank_by_the_parallel_axis_theorem() -> None:
     """The estimate changes as the true vehicle does, by an oracle of a tank done by hand: a disk less."""
     used = np.array([0.004, 0.0])  # one after the other is of the second order
-    found = drawn(TRUTH, TANKS.fill, used, 1.0, TANKS)
+    found = draw_propellant(TRUTH, TANKS.fill, used, 1.0, TANKS)
     after = structure_after_draining(structure_of(TRUTH), 1.0 / TRUTH[MASS], TANKS.fill, used, TRUE)
     inverse = six_elements(np.linalg.inv(after[:6][ELEMENT]))
     np.testing.assert_allclose(TRUTH[:6] + found.change[:6], inverse, atol=1e-5 * np.abs(inverse - TRUTH[:6]).max())
     shift = after[6:] - TRUTH[CENTER]
     np.testing.assert_allclose(found.change[CENTER], shift, atol=1e-9 * np.abs(shift).max())
     np.testing.assert_array_equal(found.change[N_PROPERTIES:], -used)
-    both, second = (drawn(TRUTH, TANKS.fill, np.array([each, 0.003]), 1.0, TANKS) for each in (0.004, 0.0))
+    both, second = (draw_propellant(TRUTH, TANKS.fill, np.array([each, 0.003]), 1.0, TANKS) for each in (0.004, 0.0))
     np.testing.assert_allclose(both.change, found.change + second.change, rtol=1e-12, atol=1e-15)
-    below, empty = (drawn(TRUTH, np.array([fill, 2.1]), used, 1.0, TANKS) for fill in (-0.5, 2e-3))
+    below, empty = (draw_propellant(TRUTH, np.array([fill, 2.1]), used, 1.0, TANKS) for fill in (-0.5, 2e-3))
     np.testing.assert_array_equal(below.change[:N_PROPERTIES], empty.change[:N_PROPERTIES])  # no lower than its outlet
     assert not below.by_state[:N_PROPERTIES, N_PROPERTIES].any()
 
@@ -382,31 +386,31 @@ def test_a_disturbance_goes_over_as_the_matrix_exponential_has_it(constant_s: fl
     flow[:6, 6:], flow[6:, 6:], white[6:, 6:] = a, -np.eye(n) / constant_s, 2.0 / constant_s * np.eye(n)
     both = expm(PERIOD * np.block([[-flow, white], [np.zeros_like(flow), flow.T]]))
     through = both[11:, 11:].T
-    covariance, wander = through @ both[:11, 11:], wandered(disturbance, PERIOD)
+    covariance, wander = through @ both[:11, 11:], disturbance_course(disturbance, PERIOD)
     np.testing.assert_allclose(wander.begun, through[:6, 6:], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(wander.kept * np.eye(n), through[6:, 6:], rtol=1e-9, atol=1e-15)
     columns = np.block([[wander.drawn, np.zeros((6, n))], [wander.along * np.eye(n), wander.apart * np.eye(n)]])
     scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal())) + 1e-300
     np.testing.assert_allclose(columns @ columns.T / scale, covariance / scale, atol=2e-6)
-    np.testing.assert_allclose(come(wander), (columns @ columns.T)[:6, :6], atol=1e-30)
+    np.testing.assert_allclose(disturbance_noise(wander), (columns @ columns.T)[:6, :6], atol=1e-30)
 
 
 def test_the_bank_knows_how_uncertain_a_disturbance_makes_the_outputs_since() -> None:
     params = DISTURBED._replace(rate_walk=1e-4)
     slow, size = part(params, "slow"), params.places.size
-    state = first = initial(params)._replace(root=1e-9 * np.eye(size), started=True, guarded=True)
-    bank, covariance, along = banks.empty(params.places), np.zeros((size, 1)), np.zeros((size, 5))
+    state = first = initial_joint_state(params)._replace(root=1e-9 * np.eye(size), started=True, guarded=True)
+    bank, covariance, along = banks.empty_bank(params.places), np.zeros((size, 1)), np.zeros((size, 5))
     along[slow] = np.eye(5)
     for number in range(6):
         still = {"commands": STILLNESS, "rates": np.zeros((2, 3)), "velocities": np.zeros((2, 3))}
         sample = some_sample(params, time_s=(number + 1) * PERIOD, **still)
         after, report = step(state, sample, params)
-        over = link(state, report, sample, params)
-        bank = banks.advanced(bank, over, params.places)
+        over = make_link(state, report, sample, params)
+        bank = banks.advance_bank(bank, over, params.places)
         if number > 0:
-            covariance = propagated(covariance, report.course.expected.prediction, params)
-            along = propagated(along, predicted(first, sample, params), params)[:, :5]
-        bank, state = banks.taken(bank, over, after, number, params), after
+            covariance = propagate_root(covariance, report.course.expected.prediction, params)
+            along = propagate_root(along, predicted(first, sample, params), params)[:, :5]
+        bank, state = banks.add_onset(bank, over, after, number, params), after
         first = after if number == 0 else first
     rows = np.r_[10:13, VELOCITY : VELOCITY + 3, slow]
     expected = covariance[rows] @ covariance[rows].T
@@ -507,16 +511,18 @@ def test_a_stretch_of_a_record_swings_and_its_derivatives_agree_with_differences
 
 def test_after_a_gap_is_known_what_is_left_of_each_part() -> None:
     state, slow = some_state(DISTURBED)._replace(time_s=1.0), part(DISTURBED, "slow")
-    after = begun(state, some_sample(DISTURBED, time_s=3.0), DISTURBED)  # a gap of one time constant
+    after = begin_from_readings(state, some_sample(DISTURBED, time_s=3.0), DISTURBED)  # a gap of one time constant
     kept = np.exp(-1.0)
     np.testing.assert_allclose(after.mean[slow], kept * state.mean[slow])
     before, now = (each.root[slow] @ each.root[slow].T for each in (state, after))
     np.testing.assert_allclose(now, kept**2 * before + (1.0 - kept**2) * np.eye(5))
-    tanks = begun(initial(WITH_TANKS), some_sample(WITH_TANKS, time_s=30.0), WITH_TANKS)
+    tanks = begin_from_readings(initial_joint_state(WITH_TANKS), some_sample(WITH_TANKS, time_s=30.0), WITH_TANKS)
     np.testing.assert_array_equal(tanks.mean[FILL], TANKS.fill)
-    shaken = begun(state_of(SWINGING)._replace(started=True), some_sample(SWINGING, time_s=3.0), SWINGING)
+    shaken = begin_from_readings(state_of(SWINGING)._replace(started=True), some_sample(SWINGING, time_s=3.0), SWINGING)
     wheels = SPEEDS._replace(kept=np.array([0.0, 1.0, 0.0]))  # the readings of the others have new errors
-    turned_on = begun(some_state(WITH_WHEELS), some_sample(WITH_WHEELS, time_s=3.0, speeds=wheels), WITH_WHEELS)
+    turned_on = begin_from_readings(
+        some_state(WITH_WHEELS), some_sample(WITH_WHEELS, time_s=3.0, speeds=wheels), WITH_WHEELS
+    )
     for found, own, expected in (
         (tanks, FILL, TANKS.fill_sigma),
         (shaken, SWING, np.append(MODES.shaken, MODES.shaken * MODES.frequencies)),
@@ -531,8 +537,8 @@ def test_a_force_beside_the_filter_shakes_modes_as_thrust_does_within_it() -> No
     state, sample = state._replace(root=1e-3 * state.root), some_sample(SWINGING, time_s=PERIOD)
     state.mean[SWING] = 0.0  # what is displaced swings otherwise, to second order
     _, report = step(state, sample, SWINGING)
-    over = link(state, report, sample, SWINGING)
+    over = make_link(state, report, sample, SWINGING)
     by_jets = report.course.expected.prediction.swung.rows[:, thrust]
     shares = report.course.acting.firing.amount * SWINGING.thrust_sigma * SWINGING.thrusts / over.duration_s
-    shaken = carried(np.zeros((places.size, 6)), over.duration_s * over.effects.T, over, places)[SWING]
+    shaken = propagate_to_update(np.zeros((places.size, 6)), over.duration_s * over.effects.T, over, places)[SWING]
     np.testing.assert_allclose(by_jets, shaken * shares, atol=0.05 * np.abs(by_jets).max())

@@ -18,12 +18,12 @@ from joint_probe import (
 from scipy.integrate import solve_ivp
 
 from massprop_drake.maths.estimation.joint.forcing import Drive
-from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import gathered_rows, propagated
-from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning
+from massprop_drake.maths.estimation.joint.propagation import propagate_root, velocity_gain_rows
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning_matrix
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
@@ -38,12 +38,12 @@ UNREAD = unread(PARAMS)
 def predicted(
     state: JointState, params: JointParams = PARAMS, read: RateRead = UNREAD, sample: JointSample = SAMPLE
 ) -> Prediction:
-    return predict(state, driven(state, sample, params), read, params)
+    return predict(state, make_drive(state, sample, params), read, params)
 
 
 def straight(state: JointState, sample: JointSample = SAMPLE) -> Drive:
     """Impulses whose bows are left out, as their derivatives are."""
-    acting = driven(state, sample, PARAMS)
+    acting = make_drive(state, sample, PARAMS)
     return acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
 
 
@@ -58,7 +58,7 @@ def moved(state: JointState, **parts: Array) -> JointState:
 def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_variances() -> None:
     state = some_state(PARAMS)
     alone = predicted(state)
-    spread = np.sum(propagated(state.root, alone, PARAMS)[10:13] ** 2, axis=1)
+    spread = np.sum(propagate_root(state.root, alone, PARAMS)[10:13] ** 2, axis=1)
     read, variance = np.array([0.3, -0.2, np.nan]), np.array([spread[0], 4.0 * spread[1], np.inf])
     found = predicted(state, read=RateRead(read, np.zeros((3, PLACES.size)), variance))
     mean = (alone.end / spread + np.nan_to_num(read) / variance) / (1.0 / spread + 1.0 / variance)
@@ -79,7 +79,7 @@ def test_jacobian_agrees_with_central_differences(read: float) -> None:
     def after(mean: Array) -> Array:
         at = state._replace(mean=mean)
         found = predict(at, straight(at), rate_read, PARAMS)
-        both = found.mean[13:19].reshape(2, 3) + arms @ turning(np.zeros(3), np.zeros(3), found.spin).T
+        both = found.mean[13:19].reshape(2, 3) + arms @ turning_matrix(np.zeros(3), np.zeros(3), found.spin).T
         return np.concatenate([found.mean[10:13], both.ravel(), found.mean[9:10]])
 
     found = central_differences(after, state.mean, 1e-5 * np.maximum(np.abs(state.mean), 1e-2))
@@ -99,7 +99,7 @@ def transition(prediction: Prediction) -> Array:
     result[10:13] += prediction.rate_rows
     for package in range(2):
         rows, bias = slice(13 + 3 * package, 16 + 3 * package), PLACES.acceleration_bias + 3 * package
-        result[rows] += gathered_rows(prediction, package)
+        result[rows] += velocity_gain_rows(prediction, package)
         result[rows, bias : bias + 3] += PERIOD * PARAMS.acceleration_bias_sigma * np.eye(3)
     result[9, 9] = prediction.mass_factor
     return result
@@ -113,12 +113,12 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     spread[10:13, :3], spread[13:16, 3:], spread[16:19, 3:] = np.eye(3), np.eye(3), np.eye(3)
     spread[13:16, :3], spread[16:19, :3] = prediction.apart[1]
     # what accelerometers have gathered stays as it was
-    moves[13:16, 6:9] = moves[16:19, 6:9] = turning(state.mean[10:13], state.reference, state.spin)
+    moves[13:16, 6:9] = moves[16:19, 6:9] = turning_matrix(state.mean[10:13], state.reference, state.spin)
     over = transition(prediction) @ state.root
     expected = over @ over.T + spread @ prediction.noise @ spread.T + moves @ np.diag(prediction.drift) @ moves.T
-    root, scale = propagated(state.root, prediction, params), np.sqrt(np.diag(expected))
+    root, scale = propagate_root(state.root, prediction, params), np.sqrt(np.diag(expected))
     np.testing.assert_allclose(root @ root.T / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-12)
-    used = float(driven(state, SAMPLE, params).firing.amount @ params.flows)
+    used = float(make_drive(state, SAMPLE, params).firing.amount @ params.flows)
     assert prediction.drift[6] == pytest.approx(0.1**2 * 0.01 * TRUTH[9] * used, rel=0.1)
     assert prediction.noise[0, 0] > (1e-6) ** 2 * PERIOD
 
@@ -139,11 +139,11 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     whole = rigid_body.motion_constants(MassProperties(10.0, TRUTH[6:9], np.linalg.inv(INVERSE)))
     after = rigid_body.step(body, SAMPLE.commands[0] @ seven, transient, (0.015, 0.03), PERIOD, whole)
     rate, spin = after[rigid_body.RATE], after[rigid_body.SPIN_INTEGRAL]
-    turned = np.cross(rate - state.mean[10:13], TRUTH[6:9]) + turning(rate, rate, spin) @ TRUTH[6:9]
+    turned = np.cross(rate - state.mean[10:13], TRUTH[6:9]) + turning_matrix(rate, rate, spin) @ TRUTH[6:9]
     gathered = after[rigid_body.ORIGIN_VELOCITY] + turned
 
     params = PARAMS._replace(wrenches=factor * PARAMS.wrenches, flows=np.zeros(6))
-    bowed = driven(state, ALONE, params)
+    bowed = make_drive(state, ALONE, params)
     lines = bowed._replace(firing=bowed.firing._replace(bow=np.zeros((3, 6))))
     first, second = (predict(state, acting, read_as(rate, params), params) for acting in (lines, bowed))
     np.testing.assert_allclose(second.mean[13:16], gathered, rtol=2e-2)

@@ -13,13 +13,13 @@ from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterState
-from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, cycled
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, run_cycle
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.relinearization import gone_over
+from massprop_drake.maths.estimation.joint.relinearization import repeat_start_cycle
 from massprop_drake.maths.estimation.joint.start import BEGUN, OVER
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
+from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 
 ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
 
@@ -37,12 +37,12 @@ class Flown(NamedTuple):
         velocities = np.stack([self.run[name][row] for name in ACCELEROMETERS])
         fired, rates = self.run["command"][command].reshape(1, -1), self.run["gyro"][row].reshape(1, 3)
         return JointSample(
-            float(self.run.time_s[row]), np.array([0.08]), fired, np.zeros(6), rates, velocities, on_ticks()
+            float(self.run.time_s[row]), np.array([0.08]), fired, np.zeros(6), rates, velocities, timing_on_ticks()
         )
 
     def error(self, state: JointState) -> float:
         """Square of the errors of the ten parameters over their covariance: ten if it is honest."""
-        estimate, rows = reported(state, self.params)
+        estimate, rows = parameters_with_scale(state, self.params)
         deviation = np.sqrt(np.sum(rows * rows, axis=1))
         scaled, half = (estimate - self.run["truth"][-1]) / deviation, rows / deviation[:, None]
         return float(scaled @ np.linalg.solve(half @ half.T, scaled))
@@ -80,8 +80,8 @@ def test_a_pass_about_the_filters_own_estimate_is_its_own_cycle(flown: Flown) ->
     known.root[:N_PROPERTIES] *= 1e-9  # nothing of second order
     sample = flown.sample(-1, int(np.flatnonzero(flown.run["command"].any(axis=1))[-1]))
     sample = sample._replace(time_s=known.time_s + 0.08)
-    expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), OWN_CHOICE, own)
-    after, nis, components = gone_over(known, sample, known.mean, own)
+    expected = run_cycle(known, sample, np.full_like(own.thresholds, np.inf), OWN_CHOICE, own)
+    after, nis, components = repeat_start_cycle(known, sample, known.mean, own)
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)
     assert components == expected.expected.used.sum()

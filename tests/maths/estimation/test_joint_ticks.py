@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from joint_probe import elapsed, small_params, some_state, unread
 
-from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.forcing import Drive, drive
 from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, fire, time_constants
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import gathered_rows
-from massprop_drake.maths.estimation.joint.sensitivity import Link, informed
+from massprop_drake.maths.estimation.joint.propagation import velocity_gain_rows
+from massprop_drake.maths.estimation.joint.sensitivity import Link, propagate_crossings
 from massprop_drake.maths.estimation.joint.ticks import (
     JITTER,
     PERIOD,
@@ -22,9 +22,9 @@ from massprop_drake.maths.estimation.joint.ticks import (
     Elapsed,
     Pace,
     Timing,
-    bridged,
-    stamped,
-    started,
+    fill_missing_command,
+    start_clock,
+    update_by_stamp,
 )
 from massprop_drake.maths.linear_algebra import Array
 
@@ -54,10 +54,10 @@ class Found(NamedTuple):
 
 def record(stamps: Array, commands: Array, params: JointParams = PARAMS, pace: Pace = PACE) -> list[Found]:
     """The intervals of a record, and a state that learns from its stamps alone."""
-    clock, state, found = started(stamps[0], np.zeros(commands.shape[1])), initial(params), []
+    clock, state, found = start_clock(stamps[0], np.zeros(commands.shape[1])), initial_joint_state(params), []
     for k in range(1, stamps.size):
         clock, interval = elapsed(clock, stamps[k], (commands[k - 1], commands[k]), pace)
-        state, _ = stamped(state, interval.timing, params)
+        state, _ = update_by_stamp(state, interval.timing, params)
         acting = drive(state, interval.durations_s, interval.commands, np.zeros(6), interval.timing, params)
         state = state._replace(level=acting.firing.level, slope=acting.firing.slope, tick_slope=acting.tick_slope)
         found.append(Found(clock, interval, state, acting))
@@ -98,7 +98,7 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
         stamps = stamps.copy()
         stamps[0] -= offset  # the line begins at the first stamp
         commands[0] = 0.0
-        total, worst, state = np.zeros(6), 0.0, initial(PARAMS)
+        total, worst, state = np.zeros(6), 0.0, initial_joint_state(PARAMS)
         true = _given(stamps, ticks, commands)
         for k, found in enumerate(record(stamps, commands)):
             interval, timing = found.interval, found.interval.timing
@@ -117,7 +117,7 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
 def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
     """Of the rate and of what accelerometers gather, with jets that have failed, and levels that ticks have moved."""
     params = small_params(tick_sigma=SIGMA, second_order=False)
-    clock = started(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
+    clock = start_clock(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
     commands = np.array([[0.0, 1, 0, 1, 1, 0], [1.0, 0, 0, 1, 0, 1], [0.0, 0, 1, 0, 1, 1]])
     clock, _ = elapsed(clock, T - 3e-4, (commands[0], commands[1]), PACE)
     _, interval = elapsed(clock, 2.0 * T + 4e-4, (commands[1], commands[2]), PACE)
@@ -130,7 +130,7 @@ def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
         acting = drive(at, interval.durations_s, interval.commands, np.zeros(6), interval.timing, params)
         acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
         found = predict(at, acting, unread(params), params)
-        return found.mean[10:16], np.vstack((found.rate_rows, gathered_rows(found, 0)))[:, THETA]
+        return found.mean[10:16], np.vstack((found.rate_rows, velocity_gain_rows(found, 0)))[:, THETA]
 
     rows = predicted(np.zeros(2))[1]
     for column, step in enumerate(0.1 * np.eye(2)):
@@ -144,7 +144,7 @@ def test_a_switch_about_its_reading_is_as_likely_on_either_side_as_the_tick_says
     """Mean, share and spread of what acted before the reading, against draws; with the next interval, all of it."""
     sigma = 2e-4
     commands = np.array([0.0]), np.array([1.0])
-    before = started(0.0, commands[0])._replace(off=True, scatter=1e9)  # the stamp itself tells nothing
+    before = start_clock(0.0, commands[0])._replace(off=True, scatter=1e9)  # the stamp itself tells nothing
     before = before._replace(covariance=np.diag([sigma**2, 0.0]))
     stamp = T + late * sigma
     clock, interval = elapsed(before, stamp, commands, PACE)
@@ -182,7 +182,7 @@ def test_a_stamp_is_an_update_that_moves_levels_with_the_ticks(anew: bool) -> No
     """And an error goes through it as two filters differ."""
     state, timing = some_state(PARAMS), _timing(late_s=5e-4, number=3.0)._replace(anew=anew)
     state.root[THETA] *= 1e4
-    after, told = stamped(state, timing, PARAMS)
+    after, told = update_by_stamp(state, timing, PARAMS)
     moved = after.mean - state.mean
     assert told.kept == float(not anew)
     if not anew:
@@ -191,10 +191,10 @@ def test_a_stamp_is_an_update_that_moves_levels_with_the_ticks(anew: bool) -> No
         np.testing.assert_allclose(moved, told.gain * (5e-4 - told.row @ state.mean))
         assert np.abs(SIGMA * moved[THETA]).max() > 1e-6
     error = np.random.default_rng(0).standard_normal(PLACES.size)
-    other, _ = stamped(state._replace(mean=state.mean + error), timing, PARAMS)
+    other, _ = update_by_stamp(state._replace(mean=state.mean + error), timing, PARAMS)
     nothing: Any = dict.fromkeys(Link._fields, np.zeros(0))
     over = Link(**nothing)._replace(stamp_row=told.row, stamp_gain=told.gain, ticks_kept=told.kept)
-    found = informed(error.reshape(-1, 1), over, PLACES)[:, 0]
+    found = propagate_crossings(error.reshape(-1, 1), over, PLACES)[:, 0]
     np.testing.assert_allclose(found, other.mean - after.mean, rtol=1e-9, atol=1e-12)
     assert np.abs(found - error)[THETA].max() > 1e-2
 
@@ -208,11 +208,15 @@ def _timing(late_s: float, number: float) -> Timing:
 
 def test_missing_rows_have_the_command_of_both_neighbors() -> None:
     unknown = np.full(2, np.nan)
-    clock, interval = elapsed(started(0.0, C), T, (A, unknown), PACE)  # the last row before it: its command is known
+    clock, interval = elapsed(
+        start_clock(0.0, C), T, (A, unknown), PACE
+    )  # the last row before it: its command is known
     np.testing.assert_array_equal(interval.commands, [A])
     both = unknown, np.array([1.0, 1.0])
-    np.testing.assert_array_equal(bridged(clock, 2 * T, both, PACE), [1.0, np.nan])  # on, and off, before; on after
-    np.testing.assert_array_equal(bridged(clock, 5 * T, both, PACE), unknown)
+    np.testing.assert_array_equal(
+        fill_missing_command(clock, 2 * T, both, PACE), [1.0, np.nan]
+    )  # on, and off, before; on after
+    np.testing.assert_array_equal(fill_missing_command(clock, 5 * T, both, PACE), unknown)
     _, interval = elapsed(clock, 2 * T, both, PACE)
     np.testing.assert_array_equal(interval.commands, [unknown])
     assert not interval.anew

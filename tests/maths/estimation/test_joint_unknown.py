@@ -7,13 +7,13 @@ import pytest
 from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.joint.forcing import drive
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointState
-from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.relinearization import relinearized
-from massprop_drake.maths.estimation.joint.unknown import indifferent, is_anything, spread
+from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
+from massprop_drake.maths.estimation.joint.unknown import is_untestable, remove_directions, reopening_covariance
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(time_constants_s=np.zeros(6))
@@ -33,24 +33,24 @@ def read(sample: JointSample, openings_s: Array) -> JointSample:
     told = np.where(np.isnan(sample.commands), openings_s / PERIOD, sample.commands)
     acting = drive(STATE, sample.durations_s, told, sample.outside, sample.timing, PARAMS)
     prediction = predict(STATE, acting, unread(PARAMS), PARAMS)
-    values, _ = outputs(prediction.mean, STATE.reference, STATE.spin + prediction.spin, PARAMS)
+    values, _ = predict_outputs(prediction.mean, STATE.reference, STATE.spin + prediction.spin, PARAMS)
     return sample._replace(rates=values[:6].reshape(2, 3), velocities=values[6:].reshape(2, 3))
 
 
 @pytest.mark.parametrize(("jets", "number"), [((), 0), ((1,), 1), ((1, 4), 2), (range(6), 6)])
 def test_jets_open_the_directions_that_they_span(jets: tuple[int, ...], number: int) -> None:
-    anything = driven(STATE, unknown(*jets), PARAMS).anything
+    anything = make_drive(STATE, unknown(*jets), PARAMS).anything
     assert anything.number == number
-    covariance = spread(anything)
+    covariance = reopening_covariance(anything)
     assert np.linalg.matrix_rank(covariance, tol=1e-9 * np.abs(covariance).max() if jets else None) == number
     rows = np.random.default_rng(1).standard_normal((6, PARAMS.places.size))
-    left = np.vstack(indifferent(rows[:3], rows[3:], anything))
+    left = np.vstack(remove_directions(rows[:3], rows[3:], anything))
     np.testing.assert_allclose(anything.dual.T @ left, 0.0, atol=1e-9 * np.abs(anything.dual).max())
     if number == 0:
         np.testing.assert_array_equal(left, rows)
     wrenches = PARAMS.wrenches.copy()
     wrenches[4] = -2.0 * wrenches[1]  # on one line
-    lines = driven(STATE, unknown(*jets), PARAMS._replace(wrenches=wrenches)).anything
+    lines = make_drive(STATE, unknown(*jets), PARAMS._replace(wrenches=wrenches)).anything
     assert lines.number == number - (4 in jets)
 
 
@@ -58,7 +58,7 @@ def test_jets_open_the_directions_that_they_span(jets: tuple[int, ...], number: 
 def test_readings_show_how_long_jets_were_open(openings_s: tuple[float, ...], shown: tuple[float, ...]) -> None:
     """No longer than the interval."""
     sample = read(unknown(1, 4), np.array([0.0, openings_s[0], 0.0, 0.0, openings_s[1], 0.0]))
-    amount = driven(STATE, sample, PARAMS).firing.amount
+    amount = make_drive(STATE, sample, PARAMS).firing.amount
     np.testing.assert_allclose(amount[[1, 4]], shown, rtol=0.01)
     np.testing.assert_array_equal(amount[[0, 2, 3, 5]], PERIOD * COMMANDS[0, [0, 2, 3, 5]])
 
@@ -70,7 +70,7 @@ def test_where_no_command_is_known_nothing_is_learned_and_nothing_tested() -> No
     np.testing.assert_allclose(after.mean[:9], STATE.mean[:9], rtol=1e-6)
     before, now = (state.root[:9] @ state.root[:9].T for state in (STATE, after))
     np.testing.assert_allclose(np.sqrt(np.diag(now)), np.sqrt(np.diag(before)), rtol=1e-4)
-    assert is_anything(report.course.acting.firing, report.course.acting.anything)
+    assert is_untestable(report.course.acting.firing, report.course.acting.anything)
     assert report.gyro_degrees == 0.0
     biases = PARAMS.gyro_bias_sigma * after.mean[PARAMS.places.gyro_bias : PARAMS.places.gyro_bias + 3]
     np.testing.assert_allclose(after.mean[RATE] + biases, sample.rates[0], atol=5e-5)
@@ -80,7 +80,7 @@ def test_where_no_command_is_known_nothing_is_learned_and_nothing_tested() -> No
 def test_nothing_is_learned_of_how_long_a_jet_was_open(again: bool) -> None:
     def after(opening_s: float) -> JointState:
         sample = read(unknown(1), np.full(6, opening_s))
-        return relinearized(STATE, sample, STATE.mean, PARAMS)[0] if again else step(STATE, sample, PARAMS)[0]
+        return run_relinearized(STATE, sample, STATE.mean, PARAMS)[0] if again else step(STATE, sample, PARAMS)[0]
 
     closed, half, open_ = (after(opening_s) for opening_s in (0.0, 0.05, 0.1))
     first = VELOCITY + 3 * PARAMS.places.accelerometers

@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, TRUTH, central_differences, small_params, some_sample, some_state
 
-from massprop_drake.maths.estimation.joint.beginning import begun, initial
-from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.crossing import Crossing, crossed
-from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
+from massprop_drake.maths.estimation.joint.covariance import compress_root, joseph_update
+from massprop_drake.maths.estimation.joint.crossing import Crossing, update_by_crossings
+from massprop_drake.maths.estimation.joint.guard import is_converged, reset_guard, update_guard
 from massprop_drake.maths.estimation.joint.joint_cycle import step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointState, make_places
-from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs, rate_read, rebased
-from massprop_drake.maths.estimation.joint.quantized import sites
+from massprop_drake.maths.estimation.joint.measurement import (
+    combine_gyros,
+    find_changed,
+    fix_velocity_reference,
+    predict_outputs,
+    select_counting,
+)
+from massprop_drake.maths.estimation.joint.quantized import match_moments
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params()
@@ -39,7 +45,7 @@ def test_update_is_josephs() -> None:
     root, jacobian, innovation = np.tril(RNG.standard_normal((7, 7))), RNG.standard_normal((3, 7)), np.ones(3)
     variances = np.array([0.1, 0.2, 0.3])
     gain, covariance = josephs(root @ root.T, jacobian, variances)
-    found = updated(root, jacobian @ root, variances, innovation, 0)
+    found = joseph_update(root, jacobian @ root, variances, innovation, 0)
     close(found.root @ found.root.T, covariance)
     np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
     total = jacobian @ root @ root.T @ jacobian.T + np.diag(variances)
@@ -54,30 +60,32 @@ def test_a_root_is_triangular_in_its_order_and_keeps_the_rows_that_are_so(still:
     ordered = RNG.standard_normal((5, 9))
     ordered[:still] = np.tril(ordered)[:still]
     columns = np.vstack((ordered[3:], ordered[:3]))
-    found = compressed(columns, 2)
+    found = compress_root(columns, 2)
     np.testing.assert_allclose(found @ found.T, columns @ columns.T, rtol=1e-12, atol=1e-14)
     np.testing.assert_array_equal(np.triu(np.vstack((found[2:], found[:2])), 1), np.zeros((5, 5)))
     np.testing.assert_array_equal(found[2 : 2 + min(still, 3)], columns[2 : 2 + min(still, 3), :5])
     scale = 2.0 ** np.array([[-40.0], [3], [0], [20], [-7]])
-    np.testing.assert_array_equal(np.abs(compressed(scale * columns, 2)), np.abs(scale * found))
+    np.testing.assert_array_equal(np.abs(compress_root(scale * columns, 2)), np.abs(scale * found))
 
 
 def test_outputs_and_rate_read_have_their_derivatives() -> None:
     state = some_state(PARAMS)
     # C is known, and w's part of it is not differentiated
-    _, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    _, jacobian = predict_outputs(state.mean, state.reference, state.spin, PARAMS)
     steps = np.full(PLACES.size, 1e-4)
-    found = central_differences(lambda mean: outputs(mean, state.reference, state.spin, PARAMS)[0], state.mean, steps)
+    found = central_differences(
+        lambda mean: predict_outputs(mean, state.reference, state.spin, PARAMS)[0], state.mean, steps
+    )
     np.testing.assert_allclose(found, jacobian, atol=1e-9)
 
     mean = np.zeros(PLACES.size)
     mean[PLACES.gyro_bias : PLACES.gyro_bias + 6] = [100.0, 0, 0, -50, 0, 0]
     rates = np.array([[0.001, 0.02, np.nan], [-0.0005, 0.05, np.nan]])
-    read = rate_read(rates, mean, PARAMS)
+    read = combine_gyros(rates, mean, PARAMS)
     np.testing.assert_allclose(read.rate, [0.0, (2 * 0.02 + 0.05) / 3, np.nan], atol=1e-15)  # variances 1 and 2
     expected = 1.0 / (1.0 / PARAMS.variances[:3] + 1.0 / PARAMS.variances[3:6])
     np.testing.assert_allclose(read.variance, [*expected[:2], np.inf])
-    differences = central_differences(lambda at: rate_read(rates, at, PARAMS).rate, mean, steps)
+    differences = central_differences(lambda at: combine_gyros(rates, at, PARAMS).rate, mean, steps)
     np.testing.assert_allclose(read.rows[:2], differences[:2], atol=1e-12)
     assert not read.rows[2].any()
 
@@ -98,11 +106,13 @@ def test_which_readings_count() -> None:
     read, before, predicted, deviation, counts = (np.array(column) for column in zip(*cases, strict=True))
     n = read.size
     params = small_params(cells=np.ones(n), floors=np.full(n, 1e-4), dithered=np.zeros(n), variances=np.full(n, 1 / 12))
-    found, floors = counted(read, before, predicted, deviation**2, params.floors, params)
+    found, floors = select_counting(read, before, predicted, deviation**2, params.floors, params)
     np.testing.assert_array_equal(found, counts)
     assert (floors[4], floors[5]) == (params.variances[4], 1e-4)  # one that stays and is off: rounding as noise
-    np.testing.assert_array_equal(changed(read, before, params), [False, True, *[False] * 6, True])
-    every, _ = counted(read, before, predicted, deviation**2, params.floors, params._replace(dithered=np.ones(n)))
+    np.testing.assert_array_equal(find_changed(read, before, params), [False, True, *[False] * 6, True])
+    every, _ = select_counting(
+        read, before, predicted, deviation**2, params.floors, params._replace(dithered=np.ones(n))
+    )
     np.testing.assert_array_equal(every, ~np.isnan(read))
 
 
@@ -131,7 +141,7 @@ def reading(first: float, number: int) -> JointSample:
 
 def after(*first: float) -> JointState:
     """The state after some samples."""
-    state = begun(initial(ROUNDED), reading(first[0], 0), ROUNDED)
+    state = begin_from_readings(initial_joint_state(ROUNDED), reading(first[0], 0), ROUNDED)
     for number, each in enumerate(first[1:], start=1):
         state, _ = step(state, reading(each, number), ROUNDED)
     return state
@@ -139,16 +149,16 @@ def after(*first: float) -> JointState:
 
 def taken_in(state: JointState, first: float, number: int) -> tuple[JointState, Crossing]:
     """The state with readings taken in that the sample shows to have been the last of their cell."""
-    return crossed(state, state.mean[:N_PROPERTIES], reading(first, number), ROUNDED.floors, ROUNDED)
+    return update_by_crossings(state, state.mean[:N_PROPERTIES], reading(first, number), ROUNDED.floors, ROUNDED)
 
 
 def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_once() -> None:
     state = after(0, 0)
     assert state.fresh.tolist() == [1.0] * 6
     now, told = taken_in(state, 1, 2)
-    values, jacobian = outputs(state.mean, state.reference, state.spin, ROUNDED)
+    values, jacobian = predict_outputs(state.mean, state.reference, state.spin, ROUNDED)
     before, row = state.root @ state.root.T, jacobian[:1]
-    site = sites(-values[:1], row @ before @ row.T, ROUNDED.cells[:1], ROUNDED.floors[:1])
+    site = match_moments(-values[:1], row @ before @ row.T, ROUNDED.cells[:1], ROUNDED.floors[:1])
     gain, covariance = josephs(before, row, site.variance)
     assert told.log_likelihood == pytest.approx(site.log_likelihood[0])
     np.testing.assert_allclose(told.half_gain @ told.rows, gain @ row, rtol=1e-7, atol=1e-16)  # K H
@@ -167,10 +177,10 @@ def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_onc
 
 def test_rebase_keeps_outputs_and_their_covariance() -> None:
     state = some_state(PARAMS)
-    now = rebased(state, PARAMS)
+    now = fix_velocity_reference(state, PARAMS)
     assert not now.spin.any()
     (values, jacobian), (after_values, after_jacobian) = (
-        outputs(each.mean, each.reference, each.spin, PARAMS) for each in (state, now)
+        predict_outputs(each.mean, each.reference, each.spin, PARAMS) for each in (state, now)
     )
     np.testing.assert_allclose(after_values, values, rtol=1e-12, atol=1e-15)
     left, right = jacobian @ state.root, after_jacobian @ now.root
@@ -182,14 +192,14 @@ def test_rebase_keeps_outputs_and_their_covariance() -> None:
 def test_guard_latches_and_lets_go_at_a_jump() -> None:
     state = some_state(PARAMS)
     poor = state._replace(root=1e3 * state.root)
-    assert not guarded(poor, True, PARAMS).guarded
-    first = guarded(state, True, PARAMS)
+    assert not update_guard(poor, True, PARAMS).guarded
+    first = update_guard(state, True, PARAMS)
     assert (first.guarded, first.firing_count) == (True, 1.0)
-    assert guarded(first, False, PARAMS).firing_count == 1.0
-    worse = guarded(first._replace(root=1e3 * first.root), True, PARAMS)
+    assert update_guard(first, False, PARAMS).firing_count == 1.0
+    worse = update_guard(first._replace(root=1e3 * first.root), True, PARAMS)
     assert (worse.guarded, worse.firing_count) == (True, 2.0)
-    assert (unguarded(worse).guarded, unguarded(worse).firing_count) == (False, 0.0)
+    assert (reset_guard(worse).guarded, reset_guard(worse).firing_count) == (False, 0.0)
     # what a vehicle cannot show is not judged
     unjudged = PARAMS._replace(guard_relative=np.full(4, np.inf), guard_center=np.full(3, np.inf))
-    assert converged(poor, unjudged)
-    assert not converged(poor, PARAMS)
+    assert is_converged(poor, unjudged)
+    assert not is_converged(poor, PARAMS)

@@ -9,8 +9,8 @@ import pytest
 from joint_probe import small_params, some_state
 from scipy.stats import norm
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, log_odds, reconsidered
+from massprop_drake.maths.estimation.joint.covariance import compress_root
+from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors, log_mixture, log_odds, switch_lag_priors
 from massprop_drake.maths.estimation.joint.layout import JointState
 
 PARAMS = small_params()
@@ -28,7 +28,7 @@ def start(wide: bool) -> JointState:
     root[lags, -2:] = np.diag([WIDE if wide else 1.0, 1.0])
     mean[lags] = [OFF if wide else 0.0, 0.0]
     lag_open = np.array([float(wide), 0.0])
-    return state._replace(mean=mean, root=compressed(root, PARAMS.places.thrust), lag_open=lag_open)
+    return state._replace(mean=mean, root=compress_root(root, PARAMS.places.thrust), lag_open=lag_open)
 
 
 def told(state: JointState, value: float, sigma: float) -> tuple[JointState, float]:
@@ -43,13 +43,13 @@ def told(state: JointState, value: float, sigma: float) -> tuple[JointState, flo
     after = covariance - np.outer(gain, gain) * variance
     root = np.linalg.cholesky(after + 1e-13 * np.eye(n) * np.diag(after))
     likelihood = float(norm.logpdf(off, scale=math.sqrt(variance)))
-    return state._replace(mean=state.mean + gain * off, root=compressed(root, PARAMS.places.thrust)), likelihood
+    return state._replace(mean=state.mean + gain * off, root=compress_root(root, PARAMS.places.thrust)), likelihood
 
 
 @pytest.mark.parametrize("value", [-5.0, 10.0])
 def test_the_filter_goes_on_as_if_the_wide_prior_had_been_its_own(value: float) -> None:
     narrow, wide = (told(start(one), value, 0.2) for one in (False, True))
-    found, more = reconsidered(narrow[0], PARAMS)
+    found, more = switch_lag_priors(narrow[0], PARAMS)
     assert found.lag_open.tolist() == [1.0, 0.0]
     np.testing.assert_allclose(found.mean, wide[0].mean, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.root @ found.root.T, wide[0].root @ wide[0].root.T, rtol=1e-5, atol=1e-9)
@@ -60,8 +60,8 @@ def test_the_filter_goes_on_as_if_the_wide_prior_had_been_its_own(value: float) 
 
 def test_a_pass_begins_with_the_prior_that_the_one_before_has_ended_with() -> None:
     entry = start(False)
-    end, _ = reconsidered(told(entry, 10.0, 0.2)[0], PARAMS)
-    again = begun_as(entry, end, PARAMS)
+    end, _ = switch_lag_priors(told(entry, 10.0, 0.2)[0], PARAMS)
+    again = choose_lag_priors(entry, end, PARAMS)
     np.testing.assert_allclose(again.mean, start(True).mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(again.root @ again.root.T, start(True).root @ start(True).root.T, rtol=1e-9, atol=1e-12)
-    assert begun_as(entry, entry, PARAMS) is entry
+    assert choose_lag_priors(entry, entry, PARAMS) is entry

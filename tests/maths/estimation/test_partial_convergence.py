@@ -42,7 +42,7 @@ def params() -> JointParams:
 def test_rotation_is_known_whatever_the_mass_and_not_without_any_other(
     row: int, matters: bool, params: JointParams
 ) -> None:
-    state = beginning.initial(params)
+    state = beginning.initial_joint_state(params)
     assert not knows_rotation(state, params)  # 30 %
     state = state._replace(root=0.1 * state.root)
     assert knows_rotation(state, params)

@@ -6,7 +6,7 @@ import numpy as np
 from joint_probe import small_params, some_state
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointState
-from massprop_drake.maths.estimation.joint.payload import brought
+from massprop_drake.maths.estimation.joint.payload import gained_payload
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(thrust_sigma=0.01)
@@ -60,7 +60,7 @@ def test_size_and_place_are_those_of_both_estimates_together() -> None:
         both = np.append(seen, p)
         states.append(state_of(mean[seen], mean[p], covariance[np.ix_(both, both)]))
     earlier, now = states
-    found = brought(earlier, now, PARAMS)
+    found = gained_payload(earlier, now, PARAMS)
 
     scale = 20 + PLACES.scale - PLACES.thrust
     best = gain(mean[before][:, None], mean[after][:, None], mean[[scale]])[:, 0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from massprop_drake.maths.estimation.joint.quantized import FLOOR, Sites, sites, truncated_moments
+from massprop_drake.maths.estimation.joint.quantized import FLOOR, Sites, match_moments, truncated_moments
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -72,11 +72,13 @@ def test_readings_one_after_the_other_are_measurements_all_at_once(quantum: floa
     """Those that are not quantized with their own noise, and its likelihood."""
     errors, quanta, floors = np.array([0.4, -0.9, 1.3]), np.full(3, quantum), np.array([0.1, 0.2, 0.3])
     projected = JACOBIAN @ PRIOR @ JACOBIAN.T
-    found = sites(errors, projected, quanta, floors)
+    found = match_moments(errors, projected, quanta, floors)
     mean, covariance = np.zeros(5), PRIOR
     for j in range(3):
         row = JACOBIAN[j : j + 1]
-        one = sites(errors[j : j + 1] - row @ mean, row @ covariance @ row.T, quanta[j : j + 1], floors[j : j + 1])
+        one = match_moments(
+            errors[j : j + 1] - row @ mean, row @ covariance @ row.T, quanta[j : j + 1], floors[j : j + 1]
+        )
         assert one.log_likelihood[0] == pytest.approx(found.log_likelihood[j])
         shift, covariance = taken_in(covariance, row, one)
         mean = mean + shift
@@ -96,7 +98,7 @@ def test_readings_one_after_the_other_are_measurements_all_at_once(quantum: floa
 def test_all_cells_together_are_certain_and_their_nis_is_as_expected(quantum: float) -> None:
     """Over all that one reading may be: probabilities sum to one, E[nis] = E[degrees]."""
     floor, marks = np.array([(FLOOR * quantum) ** 2]), quantum * (np.arange(-50, 51) + 0.3)
-    cells = [sites(np.array([mark]), np.eye(1), np.array([quantum]), floor) for mark in marks]
+    cells = [match_moments(np.array([mark]), np.eye(1), np.array([quantum]), floor) for mark in marks]
     probability = np.exp([each.log_likelihood[0] for each in cells])
     assert probability.sum() == pytest.approx(1.0, abs=1e-9)
     nis, degrees = (probability @ [getattr(each, name)[0] for each in cells] for name in ("nis", "degrees"))
@@ -108,7 +110,7 @@ def test_all_cells_together_are_certain_and_their_nis_is_as_expected(quantum: fl
 def test_one_reading_at_most_halves_a_variance(quantum: float, sigma: float, error: float) -> None:
     """However far off its cell lies; a cell that is narrower than a sigma leaves what uniform rounding would."""
     floor = (FLOOR * quantum) ** 2
-    found = sites(np.array([error]), np.array([[sigma**2]]), np.array([quantum]), np.array([floor]))
+    found = match_moments(np.array([error]), np.array([[sigma**2]]), np.array([quantum]), np.array([floor]))
     total, uniform = sigma**2 + floor, quantum**2 / 12.0
     exact = truncated_moments(*((error + side * quantum / 2.0) / math.sqrt(total) for side in (-1.0, 1.0))).variance
     left = 1.0 - total / (sigma**2 + found.variance[0])

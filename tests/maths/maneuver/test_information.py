@@ -8,11 +8,11 @@ import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs import params
-from massprop_drake.maths.estimation.joint.beginning import begun, initial
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.maneuver.information import (
     FollowedCourse,
@@ -58,15 +58,20 @@ def filtered(made: JointParams, flown: list[Step], means: list[Array]) -> Array:
     speeds, mean = np.zeros(places.wheels), means[0]
     none = [np.full((n, 3), np.nan) for n in (places.gyros, places.accelerometers, places.trackers)]
     unspun = Spun(speeds, speeds, np.zeros(places.wheels), np.ones(places.wheels))
-    first = JointSample(0.0, np.zeros(1), np.zeros((1, places.jets)), np.zeros(6), *none[:2], on_ticks(), none[2])
+    first = JointSample(
+        0.0, np.zeros(1), np.zeros((1, places.jets)), np.zeros(6), *none[:2], timing_on_ticks(), none[2]
+    )
     first = first._replace(speeds=unspun, frames=np.stack((UNTURNED, UNTURNED)))
-    state = begun(initial(made)._replace(mean=mean), first, made)._replace(mean=mean, reference=mean[RATE].copy())
+    state = begin_from_readings(initial_joint_state(made)._replace(mean=mean), first, made)._replace(
+        mean=mean, reference=mean[RATE].copy()
+    )
     for row, step in enumerate(flown):
         after = speeds + step.torques * step.period_s / made.wheels.inertias
         there = [np.zeros((n, 3)) for n in (places.gyros, places.accelerometers, places.trackers)]
         sample = JointSample(
             state.time_s + step.period_s, np.array([step.period_s]), step.command.reshape(1, -1), np.zeros(6),
-            *there[:2], on_ticks(), there[2], speeds=Spun(speeds, after, np.zeros(after.size), np.ones(after.size)),
+            *there[:2], timing_on_ticks(), there[2],
+            speeds=Spun(speeds, after, np.zeros(after.size), np.ones(after.size)),
         )  # fmt: skip
         state = bound.step(state, sample, means[row + 1], ~step.missing, made)
         speeds = after
@@ -82,7 +87,7 @@ def test_with_a_prior_it_is_the_filters_covariance(name: str) -> None:
     courses = [initial_course(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)]
     for step in flown:
         courses.append(advance_course(courses[-1], step, made))
-    information, of = prior_information(initial(made), made)
+    information, of = prior_information(initial_joint_state(made), made)
     covariance = np.linalg.inv(information + courses[-1].shown[np.ix_(of, of)])
     expected = filtered(made, flown, [each.joint.mean for each in courses])[np.ix_(of, of)]
     size = np.sqrt(np.diagonal(expected))

@@ -7,7 +7,7 @@ import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs.crafts import craft
-from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.maneuver.actions import Craft, candidate_actions, coast_action, fly_action
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import n_known, prior_information
@@ -40,7 +40,12 @@ def task(made: Craft, share: float, limits: ManeuverLimits = FREE) -> Task:
     deviations = share * np.abs(made.properties[[0, 9]]) * np.array([1.0, 10.0])
     aims = Aims(elements, deviations, np.zeros((0, 2), dtype=int), *np.zeros((3, 0)))
     return Task(
-        made, Known(*prior_information(initial(made.params), made.params)), aims, limits, Cost(400.0, 0.05), 0.0
+        made,
+        Known(*prior_information(initial_joint_state(made.params), made.params)),
+        aims,
+        limits,
+        Cost(400.0, 0.05),
+        0.0,
     )
 
 

@@ -13,13 +13,13 @@ from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
-from massprop_drake.maths.estimation.joint.hypotheses import Score, told
+from massprop_drake.maths.estimation.joint.hypotheses import Score, cycle_score
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
-from massprop_drake.maths.estimation.joint.unknown import is_anything
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, collect_traces, link_from_traces
+from massprop_drake.maths.estimation.joint.unknown import is_untestable
 from massprop_drake.maths.linear_algebra import Array
 
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
@@ -109,29 +109,29 @@ def advance_watch(
             alarm is of what has happened, and what moves its state since is no onset.
     """
     run, sample = each.run, evidence.sample
-    score = run.score.plus(told(evidence.report))
+    score = run.score.plus(cycle_score(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
     if not _is_testable(evidence, params) or each.push > 0.0:
         return record_cycle(each, done, params)._replace(watch=None)
-    watch = each.watch or Watch(banks.empty(params.places), ())
-    seen = traces(evidence.before, evidence.report, sample)
+    watch = each.watch or Watch(banks.empty_bank(params.places), ())
+    seen = collect_traces(evidence.before, evidence.report, sample)
     seen = _add_walk_noise(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
+    over, found, tested, bank = banks.run_follow_cycle(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
     record, statistic = WatchedCycle(sample, over, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm
     if found is not None:
         statistic = float(found.likelihood.max())
     if alarm is not None:
-        alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
-    if found is not None and banks.alarming(statistic, float(found.total.max())):
-        index = banks.onset_of(found.total, _SHARE)
+        alarm = alarm._replace(screen=screens.advance_screen(alarm.screen, over, params))
+    if found is not None and banks.is_alarming(statistic, float(found.total.max())):
+        index = banks.youngest_likely_onset(found.total, _SHARE)
         if alarm is None or (likely and watch.bank.cycles[index] > alarm.cycle):  # something new
             alarm = _make_alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     course = evidence.report.course
     assert course is not None, "the first sample is no cycle"
-    tested = tested and not is_anything(course.acting.firing, course.acting.anything)
+    tested = tested and not is_untestable(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return record_cycle(each, done, params)._replace(watch=watch)
 
@@ -180,7 +180,7 @@ def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: Join
 
 def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
     """Computes the first-order effects of errors over the cycle that the filter has made."""
-    return linked(traces(evidence.before, evidence.report, evidence.sample), params)
+    return link_from_traces(collect_traces(evidence.before, evidence.report, evidence.sample), params)
 
 
 def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
@@ -191,8 +191,8 @@ def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle
     gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
     began = int(cycles[first])
     read = records[began - cycle - 1].link.read
-    screen = screens.begin((bank.states[first], began), onsets, gaps, read, params)
+    screen = screens.begin_screen((bank.states[first], began), onsets, gaps, read, params)
     for record in records[len(records) - (cycle - began) :]:
-        screen = screens.screened(screen, record.link, params)
+        screen = screens.advance_screen(screen, record.link, params)
     scores = tuple(records[onset - cycle - 1].score for onset in onsets)
     return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read)

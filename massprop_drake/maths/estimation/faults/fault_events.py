@@ -9,17 +9,17 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_feasible_force
 from massprop_drake.maths.estimation.joint.bank import OLDEST
-from massprop_drake.maths.estimation.joint.guard import unguarded
+from massprop_drake.maths.estimation.joint.guard import reset_guard
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     Cause,
     Kind,
     Runner,
     Score,
-    kicks_at,
-    pushed,
-    restless,
-    stepped,
+    add_force_noise,
+    add_push_impulse,
+    extra_impulse_sigmas,
+    step_runner,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -160,7 +160,7 @@ def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
 def needs_special_cycle(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
     """Tests whether the next cycle needs more than the plain filter: an onset, or a reading that is left out."""
     run = each.run
-    return run.lying or (run.cause.kind == Kind.JETS and kicks_at(run, duration_s, params) is not None)
+    return run.lying or (run.cause.kind == Kind.JETS and extra_impulse_sigmas(run, duration_s, params) is not None)
 
 
 def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> JointState:
@@ -171,8 +171,8 @@ def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> Joi
         over: an interval like the next.
         params: see `JointParams`.
     """
-    state = restless(each.run.state, force_change_shares(each, over.duration_s), params)
-    return pushed(state, each.push, over, params)
+    state = add_force_noise(each.run.state, force_change_shares(each, over.duration_s), params)
+    return add_push_impulse(state, each.push, over, params)
 
 
 def force_change_shares(each: Hypothesis, duration_s: float) -> Array:
@@ -210,8 +210,8 @@ def advance_hypothesis(
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
-    run = stepped(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
-    return record_cycle(each, run._replace(state=unguarded(run.state)) if starting else run, params)
+    run = step_runner(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
+    return record_cycle(each, run._replace(state=reset_guard(run.state)) if starting else run, params)
 
 
 def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:

@@ -26,10 +26,10 @@ from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, 
 from massprop_drake.maths.estimation.faults.tree import Tree, advance, tree_from_search
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, fault_probabilities, update_verdicts
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
+from massprop_drake.maths.estimation.joint.hypotheses import failure_slot, without_increments
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import JointParams
-from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
+from massprop_drake.maths.estimation.joint.thrust_scale import force_with_scale
 from massprop_drake.maths.linear_algebra import Array
 
 GROUP = "hypothesis_detector"  # its part of a saved state
@@ -124,7 +124,7 @@ def _declared_forces(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
     state = tree.leader.run.state
     for jet, sign in verdicts.ways & tree.leader.ways:
         if sign > 0:
-            found, sigma = reported_force(state, slot_of(state, jet, sign), params)
+            found, sigma = force_with_scale(state, failure_slot(state, jet, sign), params)
             force[jet], variance[jet] = max(found, 0.0), sigma**2
     return force, variance
 

@@ -13,15 +13,23 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.crossing import crossed
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Score, kicked, opened, slot_of
+from massprop_drake.maths.estimation.joint.crossing import update_by_crossings
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    NO_SCORE,
+    Cause,
+    Kind,
+    Score,
+    add_failure_impulses,
+    apply_cause,
+    failure_slot,
+)
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
-from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, reconsidered
+from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors, log_mixture, switch_lag_priors
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.relinearization import relinearized
+from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
-from massprop_drake.maths.estimation.joint.start import Kept, stays
+from massprop_drake.maths.estimation.joint.sensitivity import link_from_traces, traces_of_course
+from massprop_drake.maths.estimation.joint.start import Kept, is_pass_converged
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 MOST = 6  # passes, three as a rule: compute budget
@@ -80,14 +88,16 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
     """
     about, cause = about.copy(), contender.cause
     for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
-        about[params.places.force + slot_of(entry, jet, sign)] = min(max(force, 0.0), screens.most_forces(params)[jet])
+        about[params.places.force + failure_slot(entry, jet, sign)] = min(
+            max(force, 0.0), screens.largest_jet_forces(params)[jet]
+        )
     return PassFit(contender, log_prior, about, entry)
 
 
 def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Begins the next Gauss-Newton pass, linearized about the end of the last."""
     contender = fit.contender._replace(cause=_cause_by_force(fit, params), force=_failed_jet_forces(fit, params)[0])
-    begins = begun_as(entry, fit.state, params)
+    begins = choose_lag_priors(entry, fit.state, params)
     again = begin_fit(contender, fit.log_prior, linearization_point(fit.state, entry, params), begins, params)
     return again._replace(earlier=fit.scores, passes=fit.passes + 1)
 
@@ -125,26 +135,28 @@ def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[Joint
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
     if cause.kind == Kind.WANDER and age == 0:
-        state = opened(state, cause, params)
+        state = apply_cause(state, cause, params)
     if cause.jets and (age == 0 or 0 < age < len(kicks)):
-        state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
+        state, crossing = update_by_crossings(state, about[:N_PROPERTIES], sample, params.floors, params)
         score = score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
-        state = opened(state, cause, params) if age == 0 else state
+        state = apply_cause(state, cause, params) if age == 0 else state
         if age < len(kicks) and not kept.anew:
-            _, course, _ = relinearized(state, sample, about, params)
-            over = linked(traced(about, course, sample), params)
-            state = kicked(state, cause, np.array(kicks[age]), over, params)
+            _, course, _ = run_relinearized(state, sample, about, params)
+            over = link_from_traces(traces_of_course(about, course, sample), params)
+            state = add_failure_impulses(state, cause, np.array(kicks[age]), over, params)
     if kept.anew:
         return restart(state, sample, params)[0], score
-    state, course, of_gyros = relinearized(state, sample, about, params)
-    state, likelier = reconsidered(state, params)
+    state, course, of_gyros = run_relinearized(state, sample, about, params)
+    state, likelier = switch_lag_priors(state, params)
     return state, score.plus(Score(course.log_likelihood + likelier, course.nis, course.degrees, *of_gyros))
 
 
 def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Ends a pass over all samples: marks the fit as arrived, or begins another pass where it may still converge."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
-    stays_so = stays(fit.state, fit.about, params.places) and _cause_by_force(fit, params) == fit.contender.cause
+    stays_so = (
+        is_pass_converged(fit.state, fit.about, params.places) and _cause_by_force(fit, params) == fit.contender.cause
+    )
     if wanders or fit.passes >= MOST or stays_so:
         return fit._replace(arrived=True)
     return begin_pass(fit, entry, params)
@@ -152,7 +164,7 @@ def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
 
 def has_moved(fit: PassFit, params: JointParams) -> bool:
     """Tests whether samples that came since the last pass have moved its end, so that another one is due."""
-    return fit.passes < _LATE and not stays(fit.state, fit.about, params.places, _CLOSE)
+    return fit.passes < _LATE and not is_pass_converged(fit.state, fit.about, params.places, _CLOSE)
 
 
 def begin_last_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
@@ -171,7 +183,7 @@ def _cause_by_force(fit: PassFit, params: JointParams) -> Cause:
 def _failed_jet_forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Returns estimates and 1-sigmas of the failed jets' forces, lbf or N; empty without a failed jet."""
     cause = fit.contender.cause
-    rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
+    rows = [params.places.force + failure_slot(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
     mean, root = fit.state.mean[rows], fit.state.root[rows]
     return tuple(mean.tolist()), tuple(np.sqrt(np.sum(root**2, axis=1)).tolist())
 

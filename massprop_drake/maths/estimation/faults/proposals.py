@@ -27,15 +27,15 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Kind,
     Runner,
     Score,
-    first_of_engines,
+    failure_slot,
+    first_engine_index,
     known_forces,
-    slot_of,
-    stirs_beyond,
+    stronger_disturbances,
 )
 from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender
 from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
-from massprop_drake.maths.estimation.joint.wheels import size_of
+from massprop_drake.maths.estimation.joint.wheels import largest_wheel_turn
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, thrust
@@ -142,7 +142,7 @@ def rank_proposals(
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
     free = int((state.slot_jet < 0).sum())
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
-    found = screens.contenders(alarm.screen, allowed, known, joint, -_NEAR)
+    found = screens.find_contenders(alarm.screen, allowed, known, joint, -_NEAR)
     new = [
         sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
         for one in found
@@ -353,7 +353,7 @@ def _branch_hypothesis(
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
     for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
-        slot = slot_of(state._replace(slot_jet=slots), *way)
+        slot = failure_slot(state._replace(slot_jet=slots), *way)
         known = slots[slot] >= 0
         slots[slot] = way[0]
         opened_at[slot] = state.mean[params.places.force + slot] if known else np.nan
@@ -397,7 +397,7 @@ def _make_drifting_child(each: Hypothesis, one: Contender, alarm: Alarm, params:
     run = Runner(one.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
     child = _branch_hypothesis(each, run, prior, params.joint)
     walks = child.walks.copy()
-    walks[slot_of(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
+    walks[failure_slot(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
     return child._replace(walks=walks)
 
 
@@ -430,7 +430,7 @@ def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: i
         place = min(int(np.searchsorted(bank.cycles, cycle - _BEFORE)), len(bank.states) - 1)
         onset = int(bank.cycles[place])
         begins.append((onset, bank.states[place], each.watch.records[onset - cycle - 1].score, 0.0))
-    for stir in stirs_beyond(now, joint):
+    for stir in stronger_disturbances(now, joint):
         each_sample = _following_cost(*STIRS[stir], unit, seconds) - by_now
         for since, state, score, jumps in begins:
             same = STIRS[stir] == (now.stir, now.stir_s)
@@ -455,7 +455,7 @@ def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params)
     """
     screen, found = alarm.screen, list[Birth]()
     least = (1.0 - _BENT) * 0.5 * screen.misfit - _NEAR
-    for share, lead in zip(JUMP_SHARES, screens.jumps(screen, params.joint).tolist(), strict=True):
+    for share, lead in zip(JUMP_SHARES, screens.jump_log_likelihoods(screen, params.joint).tolist(), strict=True):
         if lead < least:
             continue
         for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
@@ -477,7 +477,7 @@ def _propose_component_faults(each: Hypothesis, alarm: Alarm, entry: float, cycl
     causes, rare = [], params.priors.reading_per_hour
     for wheel in range(places.wheels):
         if math.isnan(each.run.state.assumed[wheel]):
-            wide = size_of(wheel, inverse, each.watch.records[-1].link.duration_s, joint.wheels) / finest
+            wide = largest_wheel_turn(wheel, inverse, each.watch.records[-1].link.duration_s, joint.wheels) / finest
             causes.append((Cause(Kind.SPEED, component=places.outputs + wheel), rare, 0.0, math.log1p(wide)))
     if places.trackers == 1:
         wide = TURNED / math.sqrt(float(joint.trackers.variances[0]))
@@ -509,7 +509,7 @@ def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams)
             place = params.places.wheels + N_CHANNELS * engine + channel
             if force.any() and math.isnan(each.run.state.assumed[place]):
                 turned = float(np.linalg.norm(inverse @ np.cross(arm, full * force)))
-                component = first_of_engines(params.places) + N_CHANNELS * engine + channel
+                component = first_engine_index(params.places) + N_CHANNELS * engine + channel
                 found.append((Cause(Kind.ENGINE, component=component), math.log1p(turned / finest)))
     return found
 

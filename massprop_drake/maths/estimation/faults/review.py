@@ -17,12 +17,19 @@ from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, forc
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, rank_proposals
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    Kind,
+    Runner,
+    Score,
+    cycle_score,
+    failure_slot,
+    prepare_cycle,
+)
 from massprop_drake.maths.estimation.joint.joint_cycle import step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, link
+from massprop_drake.maths.estimation.joint.sensitivity import Link, make_link
 from massprop_drake.maths.linear_algebra import Array
 
 _NEAR = 10.0  # nats behind the likeliest within which a hypothesis explains its readings as well as others
@@ -57,7 +64,7 @@ def begin_review(each: Hypothesis, params: JointParams) -> Review:
     origin: Origin = each.origin
     run = each.run
     state, first = origin.states[0], origin.onsets[0]
-    screen = screens.begin((state, first), origin.onsets, origin.gaps, origin.read, params)
+    screen = screens.begin_screen((state, first), origin.onsets, origin.gaps, origin.read, params)
     return Review(
         Runner(run.cause, run.onset, run.kicks, first, state, origin.scores[0]),
         screen,
@@ -79,13 +86,13 @@ def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: 
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     run = review.run
-    before, likelihood = prepared(run, sample, over, force_change_shares(each, over.duration_s), 0.0, params)
+    before, likelihood = prepare_cycle(run, sample, over, force_change_shares(each, over.duration_s), 0.0, params)
     before = before._replace(
         slot_on_top=np.where(before.slot_jet == each.run.state.slot_jet, each.run.state.slot_on_top, before.slot_on_top)
     )
     after, report = step(before, sample, params)
-    score = run.score.plus(Score(likelihood, 0.0, 0.0)).plus(told(report))
-    screen = screens.screened(review.screen, link(before, report, sample, params), params)
+    score = run.score.plus(Score(likelihood, 0.0, 0.0)).plus(cycle_score(report))
+    screen = screens.advance_screen(review.screen, make_link(before, report, sample, params), params)
     return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
 
 
@@ -124,7 +131,7 @@ def draw_alternatives(
 def _reset_event_forces(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
     """Resets the newest event's forces in the screen; returns it, and the change in log likelihood, nats."""
     (rows, away, covariance), posterior = _event_force_density(review, each, params)
-    return screens.constrained(review.screen, rows, away, covariance), posterior
+    return screens.condition_screen(review.screen, rows, away, covariance), posterior
 
 
 def _event_force_density(
@@ -135,7 +142,7 @@ def _event_force_density(
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """
     state, cause = review.run.state, each.run.cause
-    slots = np.array([slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)])
+    slots = np.array([failure_slot(state, *way) for way in zip(cause.jets, cause.signs, strict=True)])
     rows = params.places.force + slots
     before: Array = np.nan_to_num(each.opened_at[slots])
     away, half = before - state.mean[rows], state.root[rows]

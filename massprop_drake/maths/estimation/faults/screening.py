@@ -17,9 +17,9 @@ from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
-from massprop_drake.maths.estimation.joint.relinearization import relinearized
+from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
-from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
+from massprop_drake.maths.estimation.joint.sensitivity import link_from_traces, traces_of_course
 from massprop_drake.maths.estimation.joint.start import Kept
 from massprop_drake.maths.linear_algebra import Array
 
@@ -64,7 +64,7 @@ def begin_screening(
     onsets = tuple(range(least, count, gap))[: _ONSETS + 1]
     gaps = tuple(gap if onset > 0 else 1 for onset in onsets)
     read = readings(first.rates, first.velocities, first.attitudes)
-    return Screening(entry, about, entry, screens.begin((entry, 0), onsets, gaps, read, params, single=True))
+    return Screening(entry, about, entry, screens.begin_screen((entry, 0), onsets, gaps, read, params, single=True))
 
 
 def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Screening:
@@ -81,8 +81,10 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
     none = np.zeros_like(params.cells)
     rounded = params._replace(cells=none, quanta=none, floors=params.variances)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        state, course, _ = relinearized(screening.state, sample, screening.about, rounded)
-        screen = screens.screened(screen, linked(traced(screening.about, course, sample), params), params)
+        state, course, _ = run_relinearized(screening.state, sample, screening.about, rounded)
+        screen = screens.advance_screen(
+            screen, link_from_traces(traces_of_course(screening.about, course, sample), params), params
+        )
     return screening._replace(state=state, screen=screen)
 
 
@@ -102,7 +104,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
     allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
     found: dict[object, Contender] = {}
-    for each in (*screens.contenders(screening.screen, allowed, known, lenient), *screening.coarse):
+    for each in (*screens.find_contenders(screening.screen, allowed, known, lenient), *screening.coarse):
         if each.cause.kind == Kind.JETS:
             found.setdefault(each.cause.key, each)
     return list(found.values())

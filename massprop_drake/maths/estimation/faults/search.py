@@ -30,12 +30,12 @@ from massprop_drake.maths.estimation.faults import screening as screenings
 from massprop_drake.maths.estimation.faults.passes import PassFit
 from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.estimation.faults.screening import Screening
-from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
-from massprop_drake.maths.estimation.joint.hypotheses import STIRS, Cause, Kind, Score, stirs_beyond
+from massprop_drake.maths.estimation.joint.covariance import compress_root
+from massprop_drake.maths.estimation.joint.guard import reset_guard, update_guard
+from massprop_drake.maths.estimation.joint.hypotheses import STIRS, Cause, Kind, Score, stronger_disturbances
 from massprop_drake.maths.estimation.joint.joint_cycle import Report, incremented_root
-from massprop_drake.maths.estimation.joint.joint_sample import JointSample, acts
-from massprop_drake.maths.estimation.joint.lag_prior import begun_as
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, has_impulse
+from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
@@ -151,7 +151,7 @@ def advance_search(
         search = BEGUN._replace(rotation_known=True)
     search = _add_sample(search, before, Kept(sample, report.course is None), params)
     if not search.contradicted and (report.contradicted or report.incremented):
-        wide = compressed(incremented_root(search.beginning.root, params), params.places.thrust)
+        wide = compress_root(incremented_root(search.beginning.root, params), params.places.thrust)
         entry = search.beginning._replace(root=wide)
         search = search._replace(entry=entry, contradicted=True, due_s=sample.time_s + _WAIT_S)
     if search.until == 0:
@@ -173,7 +173,7 @@ def advance_search(
 def _add_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
     """Adds a sample to those kept; forgets older ones while nothing acts."""
     entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
-    acted = search.acted or acts(latest.sample, params)
+    acted = search.acted or has_impulse(latest.sample, params)
     if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
         entry, kept = before, (latest,)
     return search._replace(entry=entry, kept=kept, acted=acted)
@@ -195,7 +195,7 @@ def _begin_disturbance_fits(search: StartSearch, priors: Priors, params: JointPa
     near, entry = _fits_near_likeliest(search, priors, params), search.beginning
     about = passes.linearization_point(near[0].state if near else entry, entry, params)
     prior = math.log(priors.disturbed / len(STIRS))
-    causes = (Cause(Kind.WANDER, component=stir) for stir in stirs_beyond(entry, params) if stir % 4 == 1)
+    causes = (Cause(Kind.WANDER, component=stir) for stir in stronger_disturbances(entry, params) if stir % 4 == 1)
     fits = (passes.begin_fit(_NOTHING._replace(cause=one), prior, about, entry, params) for one in causes)
     return tuple(one._replace(passes=passes.MOST) for one in fits)
 
@@ -251,7 +251,7 @@ def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors,
 
 
 def _tried_key(contender: Contender, sure: bool) -> object:
-    """Returns the key of a contender that has had passes: its jet, and its onset if nothing explains the readings."""
+    """Returns a contender's key in the passes: its cause, and its onset too unless `sure` that the cause explains."""
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
@@ -294,7 +294,7 @@ def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) 
         rounds = 2
     else:
         end = entry
-    about, begins = passes.linearization_point(end, entry, params), begun_as(entry, end, params)
+    about, begins = passes.linearization_point(end, entry, params), choose_lag_priors(entry, end, params)
     screening = screenings.begin_screening(begins, about, kept, around, params)
     return search._replace(rounds=rounds, screening=screening)
 
@@ -332,8 +332,8 @@ def _fits_near_likeliest(search: StartSearch, priors: Priors, params: JointParam
 
 def _make_outcome(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
     """Makes the outcome of a fit: its state, cause, onset, score and prior."""
-    onset, state = fit.contender.onset, guarded(fit.state, acts(search.kept[-1].sample, params), params)
+    onset, state = fit.contender.onset, update_guard(fit.state, has_impulse(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s
     onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s
-    state = state if state.guarded else unguarded(state)
+    state = state if state.guarded else reset_guard(state)
     return SearchOutcome(state, fit.contender.cause, onset_s, since_s, fit.score, fit.log_prior)

@@ -43,8 +43,8 @@ from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import Birth, draw_proposals, end_push, proposal_key
 from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepared
+from massprop_drake.maths.estimation.joint.guard import reset_guard
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepare_cycle
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
@@ -192,7 +192,7 @@ def _advance_with_kick(
     What else fails meanwhile is proposed from its own state.
     """
     erratic = force_change_shares(each, over.duration_s)
-    before, likelihood = prepared(each.run, evidence.sample, over, erratic, each.push, params)
+    before, likelihood = prepare_cycle(each.run, evidence.sample, over, erratic, each.push, params)
     run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
     return _advance_from_state(before, each._replace(run=run), evidence, cycle, params, likely=likely)
 
@@ -202,7 +202,7 @@ def _advance_from_state(
 ) -> Hypothesis:
     """Advances a hypothesis and its watch by a cycle of its own filter from a given state."""
     after, report = step(before, evidence.sample, params)
-    after = unguarded(after) if evidence.report.starting else after
+    after = reset_guard(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
     return advance_watch(
         each, JointEvidence(before, after, report, evidence.sample, False), cycle, params, likely=likely

@@ -29,11 +29,11 @@ from massprop_drake.maths.estimation.faults.tree import (
     probabilities,
     relative_log_weights,
 )
-from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, size_of_unstated, slot_of
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
-from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
-from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
+from massprop_drake.maths.estimation.joint.apart import Apart, find_separation
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, failure_slot, unstated_disturbance_sigmas
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, is_initialized
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, gained_payload
+from massprop_drake.maths.estimation.joint.thrust_scale import force_with_scale
 
 _GROUP_S = 2.0  # for which that of a group must be there
 _GROUP = 3  # jets that a group may have
@@ -86,7 +86,7 @@ def probability_above_floor(way: Way, each: Hypothesis, params: JointParams) -> 
     jet, sign = way
     if sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
         return 1.0
-    force, sigma = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
+    force, sigma = force_with_scale(each.run.state, failure_slot(each.run.state, jet, sign), params)
     floor = (_LEAST_LOSS if sign < 0 else _LEAST_LEAK) * float(params.thrusts[jet])
     return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
 
@@ -127,7 +127,7 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
             failed[jet] += share * probability_above_floor(way, each, params)
             if share > best[jet]:
                 best[jet], modes[jet] = share, float(mode_of(way, each, params))
-                force, sigmas[jet] = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
+                force, sigmas[jet] = force_with_scale(each.run.state, failure_slot(each.run.state, jet, sign), params)
                 forces[jet] = sign * force
     healthy -= failed
     return Odds(len(tree.hypotheses), min(none, 1.0), min(unknown, 1.0), np.minimum(failed, 1.0), modes, forces, sigmas)
@@ -136,8 +136,11 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
 def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
     """Returns the fault mode of a failed jet."""
     jet, sign = way
-    slot = slot_of(each.run.state, jet, sign)
-    walk, share = float(each.walks[slot]), reported_force(each.run.state, slot, params)[0] / float(params.thrusts[jet])
+    slot = failure_slot(each.run.state, jet, sign)
+    walk, share = (
+        float(each.walks[slot]),
+        force_with_scale(each.run.state, slot, params)[0] / float(params.thrusts[jet]),
+    )
     if walk == ANEW:
         return Mode.INTERMITTENT
     if walk > 0.0:
@@ -243,7 +246,7 @@ def _declare_part(
     if not isinstance(part[0], Kind):
         way: Way = (part[0], part[1])
         event = next(event for event in holder.events if way in event.cause.failures)
-        force, sigma = reported_force(holder.run.state, slot_of(holder.run.state, *way), params)
+        force, sigma = force_with_scale(holder.run.state, failure_slot(holder.run.state, *way), params)
         said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
         return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
     verdicts = verdicts._replace(others=verdicts.others | {part})
@@ -254,7 +257,9 @@ def _declare_part(
         case Kind.LIES | Kind.SPEED | Kind.TURN | Kind.ENGINE:
             return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
         case Kind.WANDER:
-            return verdicts, [DisturbanceDeclared(event.onset_s, *size_of_unstated(holder.run.state.stir, params))]
+            return verdicts, [
+                DisturbanceDeclared(event.onset_s, *unstated_disturbance_sigmas(holder.run.state.stir, params))
+            ]
         case _:
             begins = part[2] % 2 == 0  # pushes begin and end in turn
             return verdicts, [Unexplained(event.onset_s)] if begins else []
@@ -293,7 +298,7 @@ def _declare_group(
     ways = [way for way in likely if way in group]
     holders = [next(each for each in tree.hypotheses if way in each.ways) for way in ways]
     forces = [
-        reported_force(each.run.state, slot_of(each.run.state, *way), params.joint)
+        force_with_scale(each.run.state, failure_slot(each.run.state, *way), params.joint)
         for way, each in zip(ways, holders, strict=True)
     ]
     event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
@@ -311,7 +316,7 @@ def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: J
     if alarm is None:
         return Apart()
     members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
-    return told_apart(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
+    return find_separation(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
 
 
 def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
@@ -319,8 +324,8 @@ def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
     leader, said = tree.leader, list[Declaration]()
     now = leader.run.state
     earlier = verdicts.earlier
-    if earlier is not None and settled(now, params):
-        size = brought(earlier, now, params)
+    if earlier is not None and is_initialized(now, params):
+        size = gained_payload(earlier, now, params)
         if is_measured(size):
             said.append(JumpDeclared(True, earlier.time_s, *size))
             earlier = None
@@ -339,8 +344,8 @@ def _update_declared(one: Declared, leader: Hypothesis, params: JointParams) -> 
     if one.way not in leader.ways:
         return one, None
     now = leader.run.state
-    slot = slot_of(now, *one.way)
-    force, sigma = reported_force(now, slot, params)
+    slot = failure_slot(now, *one.way)
+    force, sigma = force_with_scale(now, slot, params)
     if leader.walks[slot] == ANEW:
         sigma = math.hypot(sigma, float(params.thrusts[one.way[0]]))  # it may give anything at any time
         erratic = one._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)

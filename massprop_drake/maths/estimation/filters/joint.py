@@ -32,7 +32,7 @@ from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_rep
 from massprop_drake.maths.estimation.filters.kept_joint_states import check_state_rules
 from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
-from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
+from massprop_drake.maths.estimation.joint.burns import EngineSettings, make_burn, shut_engine_settings
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
@@ -43,19 +43,19 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
     PartCounts,
+    is_initialized,
     make_places,
     pack,
-    settled,
     state_layout,
     unpack,
 )
-from massprop_drake.maths.estimation.joint.measurement import rate_read
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Commanded, Elapsed, Pace
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, interval_wheel_speeds
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask
@@ -64,7 +64,7 @@ from massprop_drake.maths.vehicle.on_times import Place, command_onsets, split_s
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _BETWEEN = 0.01  # probability that a missing command between two equal ones was another
-_NO_SETTING = at_rest(0)  # of no engine
+_NO_SETTING = shut_engine_settings(0)  # of no engine
 
 # what is logged of every cycle besides the reports that all filters give
 # the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
@@ -149,7 +149,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     detects = options.detector.kind == "hypotheses"
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     effects = effects_of(thrust.wrenches, np.ascontiguousarray(setup.nominal))
-    unstated = disturbance_states.unstated(effects, packages[1]) if detects else np.zeros((6, 0))
+    unstated = disturbance_states.unstated_unit_effects(effects, packages[1]) if detects else np.zeros((6, 0))
     counts = PartCounts(
         n_jets,
         *packages,
@@ -254,14 +254,17 @@ def _covariance_root(covariance: Array) -> Array:
 
 def initial_state(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
-    clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    begun = _make_filter_state(beginning.initial(params.joint), clock, params)
-    return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
+    clock, unread = (
+        ticks.start_clock(0.0, np.zeros(params.joint.places.jets)),
+        np.full(params.joint.places.wheels, np.nan),
+    )
+    begun = _make_filter_state(beginning.initial_joint_state(params.joint), clock, params)
+    return begun._replace(start=starts.BEGUN, speeds=unread, setting=shut_engine_settings(params.joint.places.engines))
 
 
 def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
     """Makes the filter's state with its reported estimate and covariance from the joint state and the clock."""
-    estimate, rows = reported(joint, params.joint)
+    estimate, rows = parameters_with_scale(joint, params.joint)
     return _make_state_of_estimate(joint, clock, estimate, rows @ rows.T, params)
 
 
@@ -310,7 +313,7 @@ def step(
             other = _run_cycle(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
     (clock, sample, anew, kept), own, report = made
-    start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
+    start, after = starts.advance_start(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
     if after.mean is own.mean:
@@ -343,7 +346,7 @@ def _measure_attitudes(
     if params.places.trackers == 0:
         return UNTRACKED, STILL
     before = state.joint.mean[RATE]
-    shown = rate_read(rates, state.joint.mean, params).rate
+    shown = combine_gyros(rates, state.joint.mean, params).rate
     rate, duration_s = 0.5 * (before + np.where(np.isnan(shown), before, shown)), float(over.durations_s.sum())
     after, attitudes = shared_attitude(state.frame, rate, duration_s, quaternions)
     return attitudes, np.stack((state.frame, after))
@@ -389,21 +392,21 @@ def make_sample(
     now = _command_with_onsets(told.command, told.onset_s, params)
     if before.started:
         coming = None if told.coming is None else _command_with_onsets(told.coming, told.coming_onset_s, params)
-        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (now, coming), pace)
+        clock, interval = ticks.measure_interval(state.clock, told.stamp_s, (now, coming), pace)
         needed = readings[:1] if params.joint.rates.period_s > 0.0 else readings  # others are read at their own times
         if np.isnan(interval.commands).all(axis=1).any() and not _all_read(needed):
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
-        clock = ticks.begun(told.stamp_s, now)
+        clock = ticks.start_clock_with_onsets(told.stamp_s, now)
         interval = ticks.Elapsed(
-            *split_sample(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.on_ticks(), anew=False
+            *split_sample(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.timing_on_ticks(), anew=False
         )
     duration_s = float(interval.durations_s.sum())
     outside = told.outside_wrench * duration_s
     attitudes, read, engines = _split_tracked_columns(told, params.joint)
     seen = _measure_attitudes(state, interval, (readings[0], attitudes), params.joint)
-    speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
-    burn, setting = burnt(state.setting, engines, duration_s, params.joint.engines)
+    speeds, last = interval_wheel_speeds(state.speeds, read, duration_s, params.joint.wheels)
+    burn, setting = make_burn(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
     sample = JointSample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
     return Sampled(clock, sample, interval.anew, (last, setting))
@@ -422,7 +425,7 @@ def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) 
     pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
     if onset_s is not None and told.coming_onset_s is not None:
         onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)
-    command = ticks.bridged(clock, told.stamp_s, (told.command, told.coming), pace)
+    command = ticks.fill_missing_command(clock, told.stamp_s, (told.command, told.coming), pace)
     return told._replace(command=command, onset_s=onset_s)
 
 
@@ -487,7 +490,7 @@ def publish_state(step: FilterStep, joint: JointState, params: JointFilterParams
 
 
 def _initialized_flag(state: JointFilterState, params: JointFilterParams) -> float:
-    return float(settled(state.joint, params.joint))
+    return float(is_initialized(state.joint, params.joint))
 
 
 def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import in_order
+from massprop_drake.maths.estimation.joint.covariance import order_root_rows
 from massprop_drake.maths.estimation.joint.layout import JointState, Places
 from massprop_drake.maths.estimation.joint.ticks import Clock
 from massprop_drake.maths.linear_algebra import Array, triangular_rows
@@ -26,7 +26,7 @@ def check_state_rules(joint: JointState, clock: Clock, frame: Array, places: Pla
         not _are_all_one_of(joint.fresh, 0.0, 1.0) or bool(unread),
         "fresh must be 0 or 1, and 0 where no reading is kept",
     )
-    rows = triangular_rows(in_order(joint.root, places.thrust))
+    rows = triangular_rows(order_root_rows(joint.root, places.thrust))
     yield rows < joint.root.shape[0], "the covariance's root must be lower triangular, parameters first"
     yield not _are_all_within(joint.level_std, 0.0, 1.0), "level_std must be between 0 and 1"
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
-from massprop_drake.maths.estimation.joint.screen import Screen, as_found
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
+from massprop_drake.maths.estimation.joint.screen import Screen, columns_matching_forces
+from massprop_drake.maths.estimation.joint.sensitivity import Link, propagate_to_update, propagate_update
 from massprop_drake.maths.linear_algebra import Array
 
 _CYCLES = 25  # of firing or coasting that are looked at, 2 s of the orbiter: who fires a jet alone for longer turns
@@ -38,7 +38,7 @@ class Apart(NamedTuple):
     coasting_s: float = np.nan
 
 
-def told_apart(
+def find_separation(
     screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
 ) -> Apart:
     """Finds the soonest way to tell the first member from all others.
@@ -54,14 +54,14 @@ def told_apart(
     index = screen.onsets.index(onset)
     h = 5 * jets + over.read.shape[0]
     ways = np.array([jet + (jets if sign < 0 else 0) for jet, sign, _ in members])
-    steps = as_found(ways, np.array([force for _, _, force in members]), params)
+    steps = columns_matching_forces(ways, np.array([force for _, _, force in members]), params)
     columns = screen.columns[:, N_PROPERTIES + index * h + steps]
     information = screen.information[index][np.ix_(steps, steps)]
     force = members[0][2]
 
     def separations(alone: int) -> Array:
         """Computes the separation of the first member from the nearest other after each cycle, shape (cycles,)."""
-        return _least(information, _foreseen(columns, steps, over, alone, params), force)
+        return _least_separation(information, _predicted_information(columns, steps, over, alone, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
     soonest = {jet: np.flatnonzero(found >= least) for jet, found in by_jet.items()}
@@ -72,7 +72,7 @@ def told_apart(
     return Apart(coasting_s=coasting_s)
 
 
-def _foreseen(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
+def _predicted_information(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
     """Computes the information of each cycle to come with one jet firing alone, or none, shape (cycles, k, k)."""
     jets = params.places.jets
     jet = steps % jets
@@ -83,15 +83,15 @@ def _foreseen(columns: Array, steps: np.ndarray, over: Link, alone: int, params:
     half = np.linalg.cholesky(over.covariance[np.ix_(present, present)])
     gained = np.zeros((_CYCLES, steps.shape[0], steps.shape[0]))
     for cycle in range(_CYCLES):
-        columns = carried(columns, forcing, over, params.places)
+        columns = propagate_to_update(columns, forcing, over, params.places)
         shown = over.jacobian @ columns
-        columns = corrected(columns, shown, over)
+        columns = propagate_update(columns, shown, over)
         whitened = np.linalg.solve(half, shown[present])
         gained[cycle] = whitened.T @ whitened
     return gained
 
 
-def _least(information: Array, gained: Array, force: float) -> Array:
+def _least_separation(information: Array, gained: Array, force: float) -> Array:
     """Computes the least separation of the first from any other after each cycle, shape (cycles,)."""
     total = information + np.cumsum(gained, axis=0)
     others = np.diagonal(total, axis1=1, axis2=2)[:, 1:]

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState, Places
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, carried, linked
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, link_from_traces, propagate_to_update
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import (
     Array,
@@ -114,7 +114,7 @@ class Telescoped(NamedTuple):
     force: Array
 
 
-def empty(places: Places) -> Bank:
+def empty_bank(places: Places) -> Bank:
     """Returns a bank without onsets."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     return Bank(
@@ -130,18 +130,18 @@ def empty(places: Places) -> Bank:
     )
 
 
-def advanced(bank: Bank, over: Link, places: Places) -> Bank:
+def advance_bank(bank: Bank, over: Link, places: Places) -> Bank:
     """Advances the bank by one interval, before the filter learns from its readings."""
-    return Bank(bank.states, *_advanced(Since(*bank[1:]), over, places)) if bank.states else bank
+    return Bank(bank.states, *_advance_recursion(Since(*bank[1:]), over, places)) if bank.states else bank
 
 
 @kernel
-def _advanced(since: Since, over: Link, places: Places) -> Since:
+def _advance_recursion(since: Since, over: Link, places: Places) -> Since:
     learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
         learned += over.stamp_correction
-    learned = carried(learned.T, np.zeros((6, 1)), over, places).T
+    learned = propagate_to_update(learned.T, np.zeros((6, 1)), over, places).T
     rate, gathered = since.rows[:, :3], since.rows[:, 3:6]
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
     swing = slice(places.swing, places.swing + places.n_swing)
@@ -192,9 +192,9 @@ def _noise_since(noise: Array, over: Link, places: Places) -> Array:
     return after
 
 
-def taken(bank: Bank, over: Link, state: JointState, cycle: int, params: JointParams) -> Bank:
+def add_onset(bank: Bank, over: Link, state: JointState, cycle: int, params: JointParams) -> Bank:
     """Updates the bank with a cycle, which becomes the youngest onset; an old one is dropped if the bank is full."""
-    since, keep = _taken(Since(*bank[1:]), over.correction, float(cycle), params)
+    since, keep = _add_onset_to_recursion(Since(*bank[1:]), over.correction, float(cycle), params)
     return _with_states(bank, keep, state, since)
 
 
@@ -203,13 +203,15 @@ def _with_states(bank: Bank, keep: np.ndarray, state: JointState, since: Since) 
 
 
 @kernel
-def _taken(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
+def _add_onset_to_recursion(
+    since: Since, correction: Array, cycle: float, params: JointParams
+) -> tuple[Since, np.ndarray]:
     """Adds a new onset to the recursion since each onset; also returns which onsets stay."""
     size, jets, places = since.learned.shape[1], since.given.shape[1], params.places
     ages = (cycle - since.cycles) / params.rates.steps
     keep = np.flatnonzero(ages <= OLDEST)
     if keep.shape[0] >= ONSETS:
-        keep = np.delete(keep, _dispensable(ages[keep]))
+        keep = np.delete(keep, _onset_to_drop(ages[keep]))
     start = np.zeros((1, 6 + places.n_swing, size))
     start[0, :3, RATE] = _IDENTITY
     for element in range(places.n_swing):
@@ -228,7 +230,7 @@ def _taken(since: Since, correction: Array, cycle: float, params: JointParams) -
 
 
 @kernel
-def _dispensable(ages: Array) -> int:
+def _onset_to_drop(ages: Array) -> int:
     """Returns the index of the onset to drop: the youngest whose neighbors can stand for it, else the oldest."""
     for index in range(ages.shape[0] - 1 - _KEPT_YOUNG, 0, -1):
         if ages[index - 1] - ages[index + 1] <= max(_LEAST_GAP, _GAP * ages[index]):
@@ -236,14 +238,14 @@ def _dispensable(ages: Array) -> int:
     return 0
 
 
-def averaging(read: Array, places: Places) -> Array | None:
+def averaging_matrix(read: Array, places: Places) -> Array | None:
     """Matrix that averages readings over packages, rate first, shape (6 or 3, m); None where an axis has no rate."""
-    weights, complete = _averaging(read, places)
+    weights, complete = _make_averaging(read, places)
     return weights if complete else None
 
 
 @kernel
-def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
+def _make_averaging(read: Array, places: Places) -> tuple[Array, bool]:
     """Computes the matrix that averages readings over packages, and whether every axis has a rate."""
     weights, turns, moves = np.zeros((6, read.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
@@ -262,8 +264,8 @@ def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
     return weights if moves else weights[:3].copy(), turns
 
 
-def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
-    """Tests every onset after `advanced`; None where a reading is missing or nothing can reach a level.
+def test_onsets(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
+    """Tests every onset after `advance_bank`; None where a reading is missing or nothing can reach a level.
 
     Args:
         over: the interval that ends now.
@@ -271,22 +273,22 @@ def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telesco
     """
     if not bank.states:
         return None
-    found, some = _tested(Since(*bank[1:]), _roots(bank), over, least, params)
+    found, some = _test_onsets(Since(*bank[1:]), _state_roots(bank), over, least, params)
     return found if some else None
 
 
-def _roots(bank: Bank) -> Roots:
+def _state_roots(bank: Bank) -> Roots:
     """Returns the roots of the bank's states, without a copy."""
     return Roots(tuple(state.root for state in bank.states), range(len(bank.states)))
 
 
 @kernel
-def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
+def _test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
     """Computes the test statistics of all onsets, and whether any onset can be tested."""
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
     nothing = Telescoped(total, likelihood, force)
-    mean, complete = _averaging(over.read, params.places)
+    mean, complete = _make_averaging(over.read, params.places)
     if not complete:
         return nothing, False
     present = np.flatnonzero(~np.isnan(over.read))
@@ -298,9 +300,9 @@ def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointP
     looked_at = np.flatnonzero((bounds >= least) & (since.elapsed_s > 0.0))
     if looked_at.shape[0] == 0:
         return nothing, False
-    on_outputs = _on_outputs(jacobian, params.places)
-    covariance = _covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
-    looked_at, covariance = _resolved(looked_at, covariance, variances)
+    on_outputs = _rate_output_derivative(jacobian, params.places)
+    covariance = _output_covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
+    looked_at, covariance = _select_resolved(looked_at, covariance, variances)
     if looked_at.shape[0] == 0:
         return nothing, False
     half = inverses(triangular_roots(covariance))
@@ -317,7 +319,7 @@ def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointP
 
 
 @kernel
-def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
+def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
     """Selects onsets whose predicted outputs are accurate enough for the readings to add something despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
@@ -329,7 +331,7 @@ def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tup
 
 
 @kernel
-def _on_outputs(jacobian: Array, places: Places) -> Array:
+def _rate_output_derivative(jacobian: Array, places: Places) -> Array:
     """Computes the derivative of the averaged outputs by w and by the growth common to all c, shape (r, 6)."""
     result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
@@ -340,7 +342,7 @@ def _on_outputs(jacobian: Array, places: Places) -> Array:
 
 def output_rows(bank: Bank, index: int, jacobian: Array, params: JointParams) -> Array:
     """Computes M: derivative of the averaged outputs now by the state at an onset, shape (r, size)."""
-    return _output_rows(Since(*bank[1:]), index, jacobian, _on_outputs(jacobian, params.places), params)
+    return _output_rows(Since(*bank[1:]), index, jacobian, _rate_output_derivative(jacobian, params.places), params)
 
 
 @kernel
@@ -358,7 +360,7 @@ def _output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, p
 
 
 @kernel
-def _covariances(
+def _output_covariances(
     since: Since,
     roots: Roots,
     looked_at: np.ndarray,
@@ -377,7 +379,7 @@ def _covariances(
 
 
 class Following(NamedTuple):
-    """Inputs of `followed` besides the parameters, see there."""
+    """Inputs of `follow_cycle` besides the parameters, see there."""
 
     since: Since
     roots: Roots
@@ -407,37 +409,37 @@ class Followed(NamedTuple):
 
 
 @kernel
-def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
+def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
     """Linearizes a cycle, advances the bank of onsets over it, and tests them on its readings before the update.
 
     Args:
         since, roots: of the bank before it.
         cycle: its number.
-        least: see `tested`.
+        least: see `test_onsets`.
     """
-    over = linked(seen, params)
-    reached = _advanced(since, over, params.places)
-    _, complete = _averaging(over.read, params.places)
-    found, some = _tested(reached, roots, over, least, params)
-    after, keep = _taken(reached, over.correction, cycle, params)
+    over = link_from_traces(seen, params)
+    reached = _advance_recursion(since, over, params.places)
+    _, complete = _make_averaging(over.read, params.places)
+    found, some = _test_onsets(reached, roots, over, least, params)
+    after, keep = _add_onset_to_recursion(reached, over.correction, cycle, params)
     return Followed(over, found, some, complete, after, keep)
 
 
-def followed_on(
+def run_follow_cycle(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
 ) -> tuple[Link, Telescoped | None, bool, Bank]:
-    """Runs `followed`, compiled where asked: link, test, whether every axis had a rate, and the bank.
+    """Runs `follow_cycle`, compiled where asked: link, test, whether every axis had a rate, and the bank.
 
     Args:
-        bank, seen, cycle, least: see `followed`.
+        bank, seen, cycle, least: see `follow_cycle`.
         state: after the cycle, the youngest onset then.
     """
     if not bank.states:
-        over = linked(seen, params)
-        return over, None, False, taken(bank, over, state, cycle, params)
-    since, roots, made = Since(*bank[1:]), _roots(bank), params.compiled
+        over = link_from_traces(seen, params)
+        return over, None, False, add_onset(bank, over, state, cycle, params)
+    since, roots, made = Since(*bank[1:]), _state_roots(bank), params.compiled
     if made is None:
-        done = followed(since, roots, seen, float(cycle), float(least), params)
+        done = follow_cycle(since, roots, seen, float(cycle), float(least), params)
     else:
         roots = Roots(np.stack(roots.stack), np.arange(len(bank.states)))
         done = made.followed(Following(since, roots, seen, float(cycle), float(least)))
@@ -445,7 +447,7 @@ def followed_on(
     return done.link, done.tested if done.some else None, done.complete, after
 
 
-def onset_of(total: Array, share: float) -> int:
+def youngest_likely_onset(total: Array, share: float) -> int:
     """Returns the index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
 
     Args:
@@ -456,7 +458,7 @@ def onset_of(total: Array, share: float) -> int:
 
 
 @kernel
-def alarming(likelihood: float, total: float) -> bool:
+def is_alarming(likelihood: float, total: float) -> bool:
     """Tests whether the statistics reach the level at which a hypothesis does not explain its readings.
 
     Args:

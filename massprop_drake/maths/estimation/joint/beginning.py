@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.covariance import compress_root
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -16,15 +16,15 @@ from massprop_drake.maths.estimation.joint.layout import (
     n_assumed,
 )
 from massprop_drake.maths.estimation.joint.measurement import POOR, readings
-from massprop_drake.maths.estimation.joint.modes import spread_of
-from massprop_drake.maths.estimation.joint.wheels import first_spread
+from massprop_drake.maths.estimation.joint.modes import mode_sigmas
+from massprop_drake.maths.estimation.joint.wheels import initial_speed_sigmas
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.vehicle.disturbance import decay_factor
 
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
 
 
-def initial(params: JointParams) -> JointState:
+def initial_joint_state(params: JointParams) -> JointState:
     """Returns the state before the first sample."""
     places = params.places
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
@@ -33,7 +33,7 @@ def initial(params: JointParams) -> JointState:
     for element in range(places.slow, places.slow + places.n_slow):
         root[element, element] = 0.0 if 0 <= element - places.unstated < places.n_unstated else 1.0
     swing = slice(places.swing, places.swing + places.n_swing)
-    root[swing, swing] = np.diag(spread_of(params.modes.start, params.modes))
+    root[swing, swing] = np.diag(mode_sigmas(params.modes.start, params.modes))
     for element in range(places.thrust, places.size):
         root[element, element] = params.prior_sigma[element - places.thrust]
     for tank in range(places.tanks):
@@ -42,7 +42,7 @@ def initial(params: JointParams) -> JointState:
     jets = places.jets
     return JointState(
         mean=mean,
-        root=compressed(root, places.thrust),
+        root=compress_root(root, places.thrust),
         level=np.zeros(jets),
         slope=np.zeros(jets),
         tick_slope=np.zeros((2, jets)),
@@ -65,7 +65,7 @@ def initial(params: JointParams) -> JointState:
     )
 
 
-def begun(state: JointState, sample: JointSample, params: JointParams) -> JointState:
+def begin_from_readings(state: JointState, sample: JointSample, params: JointParams) -> JointState:
     """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude as read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
@@ -119,18 +119,18 @@ def begun(state: JointState, sample: JointSample, params: JointParams) -> JointS
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
     if places.n_slow > 0:
-        kept, spread = _kept_of_slow(state, sample, params)
+        kept, spread = _slow_state_decay(state, sample, params)
         come = np.zeros((places.size, places.n_slow))
         slow = slice(places.slow, places.slow + places.n_slow)
         come[slow] = np.diag(spread * np.sqrt(1.0 - kept**2))
         mean[slow] *= kept
         root[slow] *= kept.reshape(-1, 1)
         root = np.hstack((root, come))
-    mean, root = _with_shaken(state, mean, root, params)
+    mean, root = _reopen_shaken_modes(state, mean, root, params)
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
-        root=compressed(root, places.thrust),
+        root=compress_root(root, places.thrust),
         spin=np.zeros(6),
         reference=mean[RATE].copy(),
         read=read,
@@ -140,19 +140,19 @@ def begun(state: JointState, sample: JointSample, params: JointParams) -> JointS
     )
 
 
-def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
+def _reopen_shaken_modes(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
     """Resets modes in mean and root to rest, with the 1-sigma of a shaken vehicle, if estimated before."""
     places = params.places
     if places.n_swing == 0 or not state.started:
         return mean, root
     swing = slice(places.swing, places.swing + places.n_swing)
     shaken = np.zeros((places.size, places.n_swing))
-    shaken[swing] = np.diag(spread_of(params.modes.shaken, params.modes))
+    shaken[swing] = np.diag(mode_sigmas(params.modes.shaken, params.modes))
     mean[swing], root[swing] = 0.0, 0.0
     return mean, np.hstack((root, shaken))
 
 
-def _kept_of_slow(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
+def _slow_state_decay(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
     """Computes the decay factor of each slow state z over a gap, and its 1-sigma after it, shape (n_slow,) each."""
     places = params.places
     filled = places.n_slow - places.tanks
@@ -160,6 +160,6 @@ def _kept_of_slow(state: JointState, sample: JointSample, params: JointParams) -
     kept, spread, since_s = np.zeros(places.n_slow), np.ones(places.n_slow), max(sample.time_s - state.time_s, 0.0)
     kept[:unstated] = decay_factor(params.disturbance.time_constant_s, since_s)
     kept[unstated:others], spread[unstated:others] = decay_factor(state.stir_s, since_s), state.stir
-    spread[others:filled] = first_spread(sample.speeds.kept, params.wheels)
+    spread[others:filled] = initial_speed_sigmas(sample.speeds.kept, params.wheels)
     kept[filled:] = 1.0
     return kept, spread

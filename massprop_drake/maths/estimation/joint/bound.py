@@ -5,7 +5,7 @@ increments, for the components that the estimator used. Rounding counts as white
 estimator may do a little better. Thrust errors are estimated from the start.
 
 What constants that the recursion does not estimate would do to its innovations is the information about them, see
-`carried_on`.
+`advance_force_effects`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed, updated
+from massprop_drake.maths.estimation.joint.covariance import compress_root, joseph_update
 from massprop_drake.maths.estimation.joint.forcing import Drive, error_rows
-from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -25,11 +25,11 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
 )
-from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagated
-from massprop_drake.maths.estimation.joint.rate_coupling import turned_by
-from massprop_drake.maths.estimation.joint.ticks import stamped
+from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.rate_coupling import arm_turning_integrals
+from massprop_drake.maths.estimation.joint.ticks import update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -85,7 +85,7 @@ class IntervalEnd(NamedTuple):
     spin: Array
 
 
-def ahead(
+def predict_interval_end(
     state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
     """Predicts the truth and the covariance's root at the end of an interval, before its readings.
@@ -97,10 +97,10 @@ def ahead(
         doubt: root of a covariance of all the state; products of its errors are noise then, as to the filter.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
-    stamped_too, _ = stamped(state, sample.timing, at_truth)
+    stamped_too, _ = update_by_stamp(state, sample.timing, at_truth)
     before = stamped_too._replace(mean=at)
-    acting = driven(before, sample, at_truth)
-    read = rate_read(sample.rates, at, params)
+    acting = make_drive(before, sample, at_truth)
+    read = combine_gyros(sample.rates, at, params)
     shown = np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE])
     prediction = predict(before, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
     if doubt is not None:
@@ -108,12 +108,12 @@ def ahead(
             before._replace(root=doubt), acting, read._replace(rate=shown), params, (sample.frames, sample.speeds)
         )
         prediction = prediction._replace(noise=unsure.noise)
-    root = propagated(before.root, prediction, at_truth)
+    root = propagate_root(before.root, prediction, at_truth)
     there = prediction.mean if mean is None else mean
     return IntervalEnd(acting, prediction, there, root, state.spin + prediction.spin)
 
 
-def taken_in(
+def update_bound(
     state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
     """Updates the bound by an interval's readings; also returns the propagation of errors to it.
@@ -126,13 +126,13 @@ def taken_in(
     """
     (used, variances), root, first = readings, end.root, params.places.thrust
     counts = np.flatnonzero(used)
-    jacobian = outputs(end.mean, state.reference, end.spin, params)[1][counts]
+    jacobian = predict_outputs(end.mean, state.reference, end.spin, params)[1][counts]
     half_gain, upper = np.zeros((root.shape[0], 0)), np.zeros((0, 0))
     if used.any():
-        found = updated(root, jacobian @ root, variances[counts], np.zeros(counts.shape[0]), first)
+        found = joseph_update(root, jacobian @ root, variances[counts], np.zeros(counts.shape[0]), first)
         root, half_gain, upper = found.root, found.half_gain, found.upper
     else:
-        root = compressed(root, first)
+        root = compress_root(root, first)
     firing = end.acting.firing
     after = state._replace(
         mean=end.mean,
@@ -147,7 +147,7 @@ def taken_in(
     return after, BoundStep(end.acting, end.prediction, jacobian, half_gain, upper)
 
 
-def carried_on(
+def advance_force_effects(
     before: tuple[Array, Array],
     state: JointState,
     course: BoundStep,
@@ -162,8 +162,8 @@ def carried_on(
         failing: forces, and the columns that are theirs.
     """
     (carried, shown), (forces, columns) = before, failing
-    carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]
-    carried[:, columns] += _pushed(state, course, forces, params)
+    carried = propagate_root(carried, course.prediction, params)[:, : carried.shape[1]]
+    carried[:, columns] += _unit_force_effects(state, course, forces, params)
     if course.upper.shape[0] > 0:
         seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
         carried = carried - course.half_gain @ seen
@@ -171,7 +171,7 @@ def carried_on(
     return carried, shown
 
 
-def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
+def _unit_force_effects(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
     """Computes changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
     prediction, places = course.prediction, params.places
     n = forces.jets.size
@@ -187,7 +187,7 @@ def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointP
     result = np.zeros((places.size, n))
     result[RATE] = turned
     arms = params.accelerometer_positions - state.mean[CENTER]
-    by_end = turned_by(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
+    by_end = arm_turning_integrals(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         result[part] = pushed + by_end[package] @ turned

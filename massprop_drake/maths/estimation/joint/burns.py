@@ -59,13 +59,15 @@ class EngineSettings(NamedTuple):
     since_s: Array
 
 
-def at_rest(n: int) -> EngineSettings:
+def shut_engine_settings(n: int) -> EngineSettings:
     """Returns settings of engines that are shut, with gimbals at zero."""
     none = np.zeros((n, N_CHANNELS))
     return EngineSettings(none, none, none - 1.0)
 
 
-def burnt(before: EngineSettings, read: Array, duration_s: float, engines: EngineParams) -> tuple[Burn, EngineSettings]:
+def make_burn(
+    before: EngineSettings, read: Array, duration_s: float, engines: EngineParams
+) -> tuple[Burn, EngineSettings]:
     """Computes levels and gimbal angles of the engines over an interval, and their settings after it.
 
     Args:
@@ -106,13 +108,13 @@ class EngineImpulse(NamedTuple):
 
 
 @kernel
-def idle() -> EngineImpulse:
+def no_engine_impulse() -> EngineImpulse:
     """Returns an engine impulse of zero."""
     return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
 
 
 @kernel
-def believed(burn: Burn, assumed: Array) -> Burn:
+def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
     """Returns a burn with assumed values in place of levels and angles that are not trusted.
 
     Args:
@@ -130,7 +132,7 @@ def believed(burn: Burn, assumed: Array) -> Burn:
 
 
 @kernel
-def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) -> EngineImpulse:
+def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) -> EngineImpulse:
     """Computes the impulse of the engines over an interval.
 
     Args:
@@ -141,7 +143,7 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
     for k in range(n):
-        given, by, full, flow = pushes(
+        given, by, full, flow = single_engine_impulses(
             k, burn.points[k], errors[N_ERRORS * k : N_ERRORS * (k + 1)], duration_s, engines
         )
         impulse += given[0]
@@ -154,7 +156,7 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
 
 
 @kernel
-def pushes(
+def single_engine_impulses(
     which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Array, Array, Array, Array]:
     """Computes impulses of one engine over several intervals, with derivatives.
@@ -180,13 +182,18 @@ def pushes(
     by[4, :, :3], by[5, :, :3] = acting @ skew(normals[0]).T, acting @ skew(normals[1]).T
     derivatives = np.empty((N_ERRORS, points.shape[0] // 3, 6))
     for error in range(N_ERRORS):
-        derivatives[error] = _over(by[error], duration_s)
+        derivatives[error] = _simpson_integrals(by[error], duration_s)
     flows = interpolate_flow(level, engines.levels, engines.flows[which]).reshape(-1, 1)
-    used = _over(flows, duration_s).ravel()
-    return _over(wrenches_of(given.place, acting), duration_s), derivatives, _over(full, duration_s), used
+    used = _simpson_integrals(flows, duration_s).ravel()
+    return (
+        _simpson_integrals(wrenches_of(given.place, acting), duration_s),
+        derivatives,
+        _simpson_integrals(full, duration_s),
+        used,
+    )
 
 
 @kernel
-def _over(values: Array, duration_s: float) -> Array:
+def _simpson_integrals(values: Array, duration_s: float) -> Array:
     """Integrates over intervals by Simpson's rule, from values at three points of each, shape (m, k)."""
     return (values[0::3] + 4.0 * values[1::3] + values[2::3]) * (duration_s / 6.0)

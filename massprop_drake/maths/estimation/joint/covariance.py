@@ -1,7 +1,7 @@
 r"""A covariance kept as a root S, P = S S^T: linear maps of rows, noise as more columns, and the update.
 
 Every change of P is one of three: rows of S are combined linearly, columns are appended (what they square to is
-added), and `compressed` makes S square again by Householder reflections. None of them subtracts, so P stays positive
+added), and `compress_root` makes S square again by Householder reflections. None of them subtracts, so P stays positive
 semidefinite whatever happens, and half the digits carry it: what counts is the ratio of sigmas, not of variances.
 S is lower triangular once the rows of what no interval changes, the parameters, are put before the others: their rows
 are so still after most changes, and reflections are needed for the rest alone.
@@ -40,27 +40,27 @@ class Update(NamedTuple):
 
 
 @kernel
-def nothing_learned(root: Array) -> Update:
+def empty_update(root: Array) -> Update:
     """Returns the update where no component counts; the root is unchanged."""
     n = root.shape[0]
     return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
-def in_order(columns: Array, first: int) -> Array:
-    """Orders the rows of a root so that it becomes triangular, see `compressed`."""
+def order_root_rows(columns: Array, first: int) -> Array:
+    """Orders the rows of a root so that it becomes triangular, see `compress_root`."""
     return np.vstack((columns[first:], columns[:first]))
 
 
 @kernel
-def compressed(columns: Array, first: int) -> Array:
+def compress_root(columns: Array, first: int) -> Array:
     """Computes a root of the same covariance, shape (n, n), from one with n columns or more; triangular in its order.
 
     Args:
         columns: any root, shape (n, k).
         first: row that comes first in the order in which it becomes triangular, with all after it; `Places.thrust`.
     """
-    n, rows = columns.shape[0], in_order(columns, first)
+    n, rows = columns.shape[0], order_root_rows(columns, first)
     done = triangular_rows(rows)
     root = np.zeros((n, n))
     root[:, :done] = rows[:, :done]
@@ -99,7 +99,7 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
 
 
 @kernel
-def updated(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
+def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
     """Updates by one measurement of several components, in Joseph's form.
 
     Args:
@@ -107,15 +107,15 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, fi
         outputs: H times the root, shape (m, k).
         variances: of the measurement noise, positive, shape (m,).
         innovation: e, shape (m,).
-        first: see `compressed`.
+        first: see `compress_root`.
     """
-    wide = widely_updated(root, outputs, variances, innovation)
-    return Update(wide.correction, compressed(wide.root, first), wide.half_gain, wide.upper)
+    wide = joseph_update_uncompressed(root, outputs, variances, innovation)
+    return Update(wide.correction, compress_root(wide.root, first), wide.half_gain, wide.upper)
 
 
 @kernel
-def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
-    """Runs `updated`, but leaves the root uncompressed, shape (n, k + m)."""
+def joseph_update_uncompressed(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
+    """Runs `joseph_update`, but leaves the root uncompressed, shape (n, k + m)."""
     q1, q2, u = innovation_root(outputs, variances)
     whitened = np.linalg.solve(u.T, innovation)
     gain = root @ q1

@@ -6,12 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import widely_updated
-from massprop_drake.maths.estimation.joint.forcing import lag_of
-from massprop_drake.maths.estimation.joint.innovation import sites_of
+from massprop_drake.maths.estimation.joint.covariance import joseph_update_uncompressed
+from massprop_drake.maths.estimation.joint.forcing import estimated_lags
+from massprop_drake.maths.estimation.joint.innovation import make_sites
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, releveled, taken_in
-from massprop_drake.maths.estimation.joint.measurement import changed, outputs, readings
+from massprop_drake.maths.estimation.joint.layout import (
+    N_PROPERTIES,
+    JointParams,
+    JointState,
+    clear_pending,
+    replace_levels,
+)
+from massprop_drake.maths.estimation.joint.measurement import find_changed, predict_outputs, readings
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, sparse_product
 
@@ -33,7 +39,7 @@ class Crossing(NamedTuple):
 
 
 @kernel
-def crossed(
+def update_by_crossings(
     state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
     """Updates the state by readings that were the last in their cells, and have not been taken in.
@@ -46,30 +52,30 @@ def crossed(
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
-    chosen = (state.fresh > 0.0) & changed(
+    chosen = (state.fresh > 0.0) & find_changed(
         readings(sample.rates, sample.velocities, sample.attitudes), state.read, params
     )
     if not chosen.any():
-        return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
+        return clear_pending(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()
     there[:N_PROPERTIES] = about
-    values, jacobian = outputs(there, state.reference, state.spin, params)
+    values, jacobian = predict_outputs(there, state.reference, state.spin, params)
     values = values + jacobian @ (state.mean - there)
     counts = np.flatnonzero(chosen)
     projected = sparse_product(jacobian[counts], state.root)
-    told = sites_of(chosen, projected, state.read - values, (params.cells, least))
-    change = widely_updated(state.root, projected, told.variance, told.innovation)
+    told = make_sites(chosen, projected, state.read - values, (params.cells, least))
+    change = joseph_update_uncompressed(state.root, projected, told.variance, told.innovation)
     whitened = np.linalg.solve(change.upper.T, jacobian[counts])
     for place in range(counts.shape[0]):
         rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
     mean = state.mean + change.correction
-    level = levels_at((state.level, state.slope, state.tick_slope), state.mean, mean, params)
-    after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
+    level = levels_at_estimates((state.level, state.slope, state.tick_slope), state.mean, mean, params)
+    after = clear_pending(replace_levels(state, mean, change.root, level, state.tick_slope))
     return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
 
 
 @kernel
-def levels_at(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
+def levels_at_estimates(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
     """Corrects the jets' thrust levels to the new estimates of lag and ticks, to first order.
 
     Args:
@@ -78,8 +84,8 @@ def levels_at(levels: tuple[Array, Array, Array], before: Array, after: Array, p
     """
     places, (level, slope, tick_slope) = params.places, levels
     if places.n_lag > 0:
-        old, _ = lag_of(before, params)
-        new, _ = lag_of(after, params)
+        old, _ = estimated_lags(before, params)
+        new, _ = estimated_lags(after, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
         step = np.maximum(np.log(ratio), -1.0)  # a lag that goes takes along no more than the level was off

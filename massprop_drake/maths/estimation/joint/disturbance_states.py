@@ -7,8 +7,8 @@ Equations: theory page of the joint filter, "Disturbance". With x = T/T_d and k 
 for the integral of z and for z itself (Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering).
 What acts is an acceleration: errors of the mass properties do not multiply it, and it says nothing of these.
 
-*Unstated* components, one about and along each axis, have the unit of what all jets give together (`unstated`). They
-are zero but for a hypothesis that something acts which nobody stated, of a level L and a time constant of its own.
+*Unstated* components, one about and along each axis, have the unit of what all jets give together
+(`unstated_unit_effects`). They are zero but for a hypothesis that something acts which nobody stated, of a level L and a time constant of its own.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Wander(NamedTuple):
 
 
 @kernel
-def gathered_variance(x: float) -> float:
+def integral_variance(x: float) -> float:
     """Computes the variance of a disturbance's integral e_1, in units of T_d^2, over x time constants."""
     if x < _SHORT:
         return x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
@@ -66,7 +66,7 @@ def gathered_variance(x: float) -> float:
     return 2.0 * x - 2.0 * lost - lost * lost
 
 
-def unstated(effects: Array, accelerometers: int) -> Array:
+def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
     """Returns the unit of an unstated disturbance: acceleration about each axis, and along each if read, shape (6, n).
 
     Args:
@@ -78,7 +78,7 @@ def unstated(effects: Array, accelerometers: int) -> Array:
 
 
 @kernel
-def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
+def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
     """Computes the course of a disturbance over an interval.
 
     Args:
@@ -88,7 +88,7 @@ def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1
     constant, a = disturbance.time_constant_s, disturbance.accelerations
     x = duration_s / constant
     lost = -math.expm1(-x)
-    drawn = math.sqrt(gathered_variance(x))
+    drawn = math.sqrt(integral_variance(x))
     along = lost * lost / drawn
     apart = level * math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
     drawn, along = level * drawn, level * along
@@ -97,7 +97,7 @@ def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1
 
 
 @kernel
-def beside(one: Wander, other: Wander) -> Wander:
+def join_courses(one: Wander, other: Wander) -> Wander:
     """Joins the courses of two disturbances, the components of the other after those of the one."""
     return Wander(
         np.concatenate((one.kept, other.kept)),
@@ -109,7 +109,7 @@ def beside(one: Wander, other: Wander) -> Wander:
 
 
 @kernel
-def prolonged(wander: Wander, n: int) -> Wander:
+def append_constant_states(wander: Wander, n: int) -> Wander:
     """Appends n components to the course of slow states, which stay as they are and act on nothing."""
     others = wander.kept.shape[0]
     kept, along, apart = np.ones(others + n), np.zeros(others + n), np.zeros(others + n)
@@ -120,7 +120,7 @@ def prolonged(wander: Wander, n: int) -> Wander:
 
 
 @kernel
-def slowly(wander: Wander, value: Array) -> Array:
+def disturbance_effect(wander: Wander, value: Array) -> Array:
     """Computes the change of w and c by a disturbance of some value at the beginning, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
@@ -129,7 +129,7 @@ def slowly(wander: Wander, value: Array) -> Array:
 
 
 @kernel
-def arriving(wander: Wander) -> Array:
+def disturbance_noise_root(wander: Wander) -> Array:
     """Computes a root of the covariance of w, c, z by a disturbance's noise, shape (6 + n, 2 n_moving)."""
     moving = np.flatnonzero(wander.along + wander.apart > 0.0)
     n = moving.shape[0]
@@ -143,7 +143,7 @@ def arriving(wander: Wander) -> Array:
 
 
 @kernel
-def come(wander: Wander) -> Array:
+def disturbance_noise(wander: Wander) -> Array:
     """Computes the covariance of w and c by a disturbance's noise in an interval, shape (6, 6)."""
     covariance = np.zeros((6, 6))
     for component in range(wander.drawn.shape[1]):

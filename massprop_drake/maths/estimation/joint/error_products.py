@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.joint.burns import EngineImpulse
 from massprop_drake.maths.estimation.joint.forcing import Drive, slot_weight, wheel_factors
 from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, moments_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.rates import shortened
+from massprop_drake.maths.estimation.joint.rates import intervals_per_period
 from massprop_drake.maths.kernels import idiom, kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -24,7 +24,7 @@ _FIRES = 1e-6  # of an interval: less thrust has no products that count
 
 
 @kernel
-def second_order(
+def second_order_moments(
     state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
     """Computes mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors.
@@ -60,7 +60,7 @@ def second_order(
             product_mean, product_noise = _force_products(state, acting.firing, covariance, params)
             bias += product_mean
             noise += product_noise
-    return bias, shortened(acting.firing.duration_s, params.rates) * noise
+    return bias, intervals_per_period(acting.firing.duration_s, params.rates) * noise
 
 
 @kernel
@@ -91,7 +91,7 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
         rows[:n] = params.wheels.sigma * state.root[places.wheel : places.wheel + places.n_wheel]
     if places.n_scale > 0:
         rows[n] = -params.thrust_sigma * state.root[places.scale]
-    return _products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+    return _jet_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
 
 
 @kernel
@@ -108,7 +108,7 @@ def _engine_products(
     rows[:n] = state.root[places.engine : places.engine + n]
     if places.n_scale > 0:
         rows[n] = -params.thrust_sigma * state.root[places.scale]
-    return _products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+    return _jet_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
 
 
 @kernel
@@ -118,7 +118,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
     effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
-    return _products(state.root[places.thrust + jets], effects, state, covariance)
+    return _jet_products(state.root[places.thrust + jets], effects, state, covariance)
 
 
 @kernel
@@ -127,7 +127,7 @@ def _mounting_products(state: JointState, acting: Drive, covariance: Array, para
     seconds = acting.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
-    return _products(state.root[params.places.mount + there], effects, state, covariance)
+    return _jet_products(state.root[params.places.mount + there], effects, state, covariance)
 
 
 @kernel
@@ -140,11 +140,11 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
     jets = state.slot_jet[slots].astype(np.intp)
     seconds = np.array([slot_weight(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
     effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
-    return _products(state.root[params.places.force + slots], effects, state, covariance)
+    return _jet_products(state.root[params.places.force + slots], effects, state, covariance)
 
 
 @kernel
-def _products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
+def _jet_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
     """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)

@@ -14,14 +14,20 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filters.rate_increments import angular_block
-from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, idle, push
-from massprop_drake.maths.estimation.joint.burns import believed as believed_of_engines
-from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, fire, moments_of, regiven, time_constants
+from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, engine_impulse, no_engine_impulse
+from massprop_drake.maths.estimation.joint.burns import replace_untrusted_levels as believed_of_engines
+from massprop_drake.maths.estimation.joint.lagged_impulses import (
+    Firing,
+    fire,
+    moments_of,
+    replace_firing,
+    time_constants,
+)
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, JointParams, JointState
 from massprop_drake.maths.estimation.joint.ticks import Timing
-from massprop_drake.maths.estimation.joint.unknown import Directions, directions
+from massprop_drake.maths.estimation.joint.unknown import Directions, unknown_directions
 from massprop_drake.maths.estimation.joint.wheels import Spun
-from massprop_drake.maths.estimation.joint.wheels import momenta as of_wheels
+from massprop_drake.maths.estimation.joint.wheels import wheel_momenta as of_wheels
 from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -63,13 +69,13 @@ def drive(
         durations_s, commands: the interval's pieces, see `lagged_impulses.fire`.
         outside: impulse of known outside forces, shape (6,).
     """
-    constants, lag_slope = lag_of(state.mean, params)
+    constants, lag_slope = estimated_lags(state.mean, params)
     levels = state.level, state.slope, state.level_std
     firing = fire(levels, constants, durations_s, commands, timing.edges)
-    anything = directions(state.mean, firing, params)
+    anything = unknown_directions(state.mean, firing, params)
     if not timing.off or params.places.n_ticks == 0:
         none = np.zeros_like(state.tick_slope)
-        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything, idle())
+        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything, no_engine_impulse())
     by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
     by_ticks[0] += timing.shares @ firing.by_tick
     by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
@@ -79,12 +85,12 @@ def drive(
     away_s = state.mean[begin : begin + 2] * params.tick_sigma - timing.about_s
     later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
     amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
-    moved = regiven(firing, amount, level)
-    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything, idle())
+    moved = replace_firing(firing, amount, level)
+    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything, no_engine_impulse())
 
 
 @kernel
-def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
+def add_engine_impulse(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
     """Adds the engines' impulse to a drive, their errors at the present estimates."""
     places = params.places
     if places.engines == 0:
@@ -99,12 +105,12 @@ def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -
         acting.by_ticks,
         acting.tick_slope,
         acting.anything,
-        push(seen, errors, acting.firing.duration_s, params.engines),
+        engine_impulse(seen, errors, acting.firing.duration_s, params.engines),
     )
 
 
 @kernel
-def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
+def estimated_lags(mean: Array, params: JointParams) -> tuple[Array, Array]:
     """Computes each jet's time constant at the present estimate, and its logarithm's derivative by its kind's error."""
     places = params.places
     errors = mean[places.lag : places.lag + places.n_lag]
@@ -156,7 +162,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
     if places.n_engine > 0:
-        of_known, columns = scale_of_known(mean, params), slice(places.engine, places.engine + places.n_engine)
+        of_known, columns = known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
         rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
         velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
     if places.n_mount > 0:
@@ -225,7 +231,7 @@ def impulse_rows(
 
 
 @kernel
-def scale_of_known(mean: Array, params: JointParams) -> float:
+def known_impulse_scale(mean: Array, params: JointParams) -> float:
     """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
     places = params.places
     return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
@@ -234,7 +240,7 @@ def scale_of_known(mean: Array, params: JointParams) -> float:
 @kernel
 def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
     """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
-    scale = scale_of_known(mean, params)
+    scale = known_impulse_scale(mean, params)
     momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
     impulse[:3] -= momenta[1] - momenta[0]
@@ -251,7 +257,7 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 
 @kernel
-def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
+def add_wheel_errors(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
     """Adds derivatives of the change of w by errors of the wheels' inertias, and of s by the wheels' impulse.
 
     Args:
@@ -271,7 +277,7 @@ def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params:
 
 
 @kernel
-def bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
+def thrust_bow_impulses(state: JointState, acting: Drive, params: JointParams) -> Array:
     """Computes angular impulses of bows as thrust builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
     return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

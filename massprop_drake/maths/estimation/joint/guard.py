@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.error_products import parameter_effects
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
-from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, flagged
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, set_guard_status
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
@@ -16,9 +16,9 @@ _SECOND_ORDER = 0.1  # probability: sigmas by which products of errors may shift
 
 
 @kernel
-def converged(state: JointState, params: JointParams) -> bool:
+def is_converged(state: JointState, params: JointParams) -> bool:
     """Tests whether each judged parameter is known to `JointParams.guard_relative` and `guard_center`."""
-    properties, rows = reported(state, params)
+    properties, rows = parameters_with_scale(state, params)
     deviation = np.sqrt(np.sum(rows * rows, axis=1))
     for index, element in enumerate(_SCALED):
         limit = params.guard_relative[index]
@@ -28,7 +28,7 @@ def converged(state: JointState, params: JointParams) -> bool:
 
 
 @kernel
-def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
+def update_guard(state: JointState, commanded: bool, params: JointParams) -> JointState:
     """Sets the guard, which latches, once the estimates have converged, and counts firings from then on.
 
     Args:
@@ -36,10 +36,10 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
         commanded: whether a jet was commanded in the interval.
     """
     if state.guarded:
-        return flagged(state, True, state.firing_count + 1.0 / params.rates.steps) if commanded else state
-    if not converged(state, params):
+        return set_guard_status(state, True, state.firing_count + 1.0 / params.rates.steps) if commanded else state
+    if not is_converged(state, params):
         return state
-    return flagged(state, True, 1.0 if commanded else 0.0)
+    return set_guard_status(state, True, 1.0 if commanded else 0.0)
 
 
 def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bool_] | None = None) -> bool:
@@ -61,6 +61,6 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
     return bool((sigma < _SECOND_ORDER * largest).all())
 
 
-def unguarded(state: JointState) -> JointState:
+def reset_guard(state: JointState) -> JointState:
     """Returns the state with guard and count begun again: after a mass-property jump, and in a start under way."""
     return state._replace(guarded=False, firing_count=0.0)

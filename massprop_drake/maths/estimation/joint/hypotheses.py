@@ -26,12 +26,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
-from massprop_drake.maths.estimation.joint.crossing import crossed
+from massprop_drake.maths.estimation.joint.covariance import compress_root, semidefinite_root
+from massprop_drake.maths.estimation.joint.crossing import update_by_crossings
 from massprop_drake.maths.estimation.joint.error_products import parameter_effects
-from massprop_drake.maths.estimation.joint.forcing import lag_of
-from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.innovation import floors
+from massprop_drake.maths.estimation.joint.forcing import estimated_lags
+from massprop_drake.maths.estimation.joint.guard import reset_guard
+from massprop_drake.maths.estimation.joint.innovation import prediction_floors
 from massprop_drake.maths.estimation.joint.joint_cycle import Report, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
@@ -43,8 +43,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     Places,
 )
-from massprop_drake.maths.estimation.joint.measurement import rebased
-from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, smeared
+from massprop_drake.maths.estimation.joint.measurement import fix_velocity_reference
+from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, unit_force_errors
 from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -168,9 +168,9 @@ class Runner(NamedTuple):
         state: after it.
         score: sum over all cycles since the common origin.
         lying: whether its reading does not fit yet.
-        share: see `opened`.
+        share: see `apply_cause`.
         lie: last false reading; NaN: none yet.
-        expected: see `opened`.
+        expected: see `apply_cause`.
     """
 
     cause: Cause
@@ -190,7 +190,7 @@ class Runner(NamedTuple):
         return self.cycle - self.onset
 
 
-def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
+def false_reading_cost(component: int, params: JointParams, moved: float = np.inf) -> float:
     """Computes the cost of a reading taken for false, nats: by its cell, or its density if not rounded.
 
     Args:
@@ -203,13 +203,13 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
     return float(np.log(among * spread / (params.cells[component] or 1.0)))
 
 
-def stirs_beyond(state: JointState, params: JointParams) -> list[int]:
+def stronger_disturbances(state: JointState, params: JointParams) -> list[int]:
     """Returns indices in `STIRS` of disturbances as strong as the present one, or stronger, but not slower."""
     now = (state.stir, -state.stir_s)
     return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
 
 
-def size_of_unstated(level: float, params: JointParams) -> tuple[float, float]:
+def unstated_disturbance_sigmas(level: float, params: JointParams) -> tuple[float, float]:
     """Computes 1-sigma of an unstated disturbance about and along an axis of the nominal vehicle, RMS of the three.
 
     Returns:
@@ -222,7 +222,7 @@ def size_of_unstated(level: float, params: JointParams) -> tuple[float, float]:
     return torque, force if params.places.accelerometers else math.nan
 
 
-def slot_of(state: JointState, jet: int, sign: int) -> int:
+def failure_slot(state: JointState, jet: int, sign: int) -> int:
     """Returns the slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
     own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
     free = np.flatnonzero(state.slot_jet < 0)
@@ -252,7 +252,7 @@ def jump_variances(params: JointParams) -> Array:
     return result
 
 
-def opened(
+def apply_cause(
     state: JointState,
     cause: Cause,
     params: JointParams,
@@ -267,45 +267,45 @@ def opened(
         expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
     if cause.kind == Kind.JUMP:
-        fresh = rebased(state, params)
+        fresh = fix_velocity_reference(state, params)
         columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
         np.fill_diagonal(columns, jump_sigma(params, share))
-        return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)), params.places.thrust)))
+        return reset_guard(fresh._replace(root=compress_root(np.hstack((fresh.root, columns)), params.places.thrust)))
     if cause.kind == Kind.TURN:
         columns = np.zeros((state.root.shape[0], 3))
         columns[params.places.attitude : params.places.attitude + 3] = TURNED * np.eye(3)
-        return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+        return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
     if cause.kind == Kind.WANDER:
         columns, own = np.zeros((state.root.shape[0], params.places.n_unstated)), params.places.unstated
         level, constant_s = STIRS[cause.component]
         if state.stir == 0.0 or share > 0.0:  # else what acts is known, and only changes faster from now on
             columns[own : own + params.places.n_unstated] = level * np.eye(params.places.n_unstated)
-        root = compressed(np.hstack((state.root, columns)), params.places.thrust)
+        root = compress_root(np.hstack((state.root, columns)), params.places.thrust)
         return state._replace(root=root, stir=level, stir_s=constant_s)
     if cause.kind == Kind.ENGINE:
-        engine, channel = divmod(cause.component - first_of_engines(params.places), N_CHANNELS)
+        engine, channel = divmod(cause.component - first_engine_index(params.places), N_CHANNELS)
         columns, own = np.zeros((state.root.shape[0], 1)), params.places.engine + N_ERRORS * engine
         if channel == 0:
             columns[own : own + 2] = STUCK_THRUST
         else:
             columns[own + 1 + channel] = STUCK_SHARE * params.engines.stops[engine, channel]
-        return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+        return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
     if cause.kind != Kind.JETS:
         return state
     mean = state.mean.copy()
     slot_jet, slot_sign, slot_on_top = state.slot_jet.copy(), state.slot_sign.copy(), state.slot_on_top.copy()
     columns = np.zeros((state.root.shape[0], len(cause.jets)))
     for index, (jet, sign, on_top) in enumerate(zip(cause.jets, cause.signs, cause.on_top, strict=True)):
-        slot = slot_of(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
+        slot = failure_slot(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
         slot_jet[slot], slot_sign[slot], slot_on_top[slot] = jet, sign, on_top
         change, sigma = expected[index] if expected else (0.0, params.thrusts[jet])
         mean[params.places.force + slot] += change
         columns[params.places.force + slot, index] = sigma
-    root = compressed(np.hstack((state.root, columns)), params.places.thrust)
+    root = compress_root(np.hstack((state.root, columns)), params.places.thrust)
     return state._replace(mean=mean, root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
 
 
-def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
+def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
     """Adds the uncertain impulses that failed jets may have given besides over an interval.
 
     What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
@@ -316,7 +316,7 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         over: the interval, of any filter that is near.
     """
     places, jets = params.places, list(cause.jets)
-    impulses = smeared(over, places)[:, jets] * kicks
+    impulses = unit_force_errors(over, places)[:, jets] * kicks
     products = np.zeros((6, 6))
     if params.second_order:
         share = (kicks * over.duration_s / params.thrusts[jets]).reshape(-1, 1)
@@ -330,10 +330,10 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
     wide = np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns))
-    return state._replace(root=compressed(wide, places.thrust))
+    return state._replace(root=compress_root(wide, places.thrust))
 
 
-def blurred(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
+def add_disturbance_drift(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
     """Adds to the ten parameters the uncertainty of an unstated disturbance that has acted until now.
 
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
@@ -347,10 +347,10 @@ def blurred(state: JointState, before: float, duration_s: float, params: JointPa
     noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
     root = state.root.copy()
     root[:N_PROPERTIES] *= np.sqrt(max(noise / told, 1.0))
-    return state._replace(root=compressed(root, params.places.thrust))
+    return state._replace(root=compress_root(root, params.places.thrust))
 
 
-def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
+def add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
     """Adds the uncertainty of the jets' effects in the interval of a jump, whose time within it is unknown.
 
     Args:
@@ -362,11 +362,11 @@ def torn(state: JointState, share: float, over: Link, params: JointParams) -> Jo
     if fired.shape[0] == 0:
         return state
     gave = share * params.thrusts[fired] * over.amount[fired] / over.duration_s
-    columns = smeared(over, params.places)[:, fired] * gave
-    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+    columns = unit_force_errors(over, params.places)[:, fired] * gave
+    return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
 
 
-def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
+def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) -> Array | None:
     """Returns 1-sigma of each failed jet's extra impulse in the next interval, in intervals of force, or None.
 
     What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
@@ -380,12 +380,12 @@ def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | Non
         return None
     if run.age < known:
         return np.array(run.kicks[run.age])
-    lag = lag_of(run.state.mean, params)[0][list(run.cause.jets)]
+    lag = estimated_lags(run.state.mean, params)[0][list(run.cause.jets)]
     left = np.exp(-duration_s * (run.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
     return np.array(run.kicks[-1]) * left if left.max() > _LEFT else None
 
 
-def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
+def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
     """Draws the force of each intermittent jet again, N(f, T^2), and adds the walk of each drifting force.
 
     The new force of an intermittent jet is independent of the one before.
@@ -402,10 +402,10 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
     root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
     root[rows[erratic[slots] == 1.0]] = 0.0
     columns[rows, np.arange(slots.shape[0])] = erratic[slots] * params.thrusts[state.slot_jet[slots].astype(np.intp)]
-    return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
+    return state._replace(root=compress_root(np.hstack((root, columns)), params.places.thrust))
 
 
-def pushed(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
+def add_push_impulse(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
     """Adds the uncertain impulse of an unknown push over an interval, independent of earlier ones.
 
     Args:
@@ -415,8 +415,8 @@ def pushed(state: JointState, push: float, over: Link, params: JointParams) -> J
     """
     if push == 0.0:
         return state
-    columns = smeared(over, params.places) * (push * params.thrusts)
-    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+    columns = unit_force_errors(over, params.places) * (push * params.thrusts)
+    return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
 
 
 def without_increments(params: JointParams) -> JointParams:
@@ -424,7 +424,7 @@ def without_increments(params: JointParams) -> JointParams:
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
-def masked(sample: JointSample, component: int) -> JointSample:
+def mask_component(sample: JointSample, component: int) -> JointSample:
     """Returns a sample without one component."""
     parts = [part.copy() for part in (sample.rates, sample.velocities, sample.attitudes)]
     for part in parts:
@@ -435,7 +435,7 @@ def masked(sample: JointSample, component: int) -> JointSample:
     return sample._replace(rates=rates, velocities=velocities, attitudes=attitudes)
 
 
-def misfits(report: Report, component: int, params: JointParams) -> bool:
+def is_inconsistent(report: Report, component: int, params: JointParams) -> bool:
     """Tests whether a reading is too far off its prediction to fit, or is missing."""
     course = report.course
     assert course is not None, "the first sample fits"
@@ -444,47 +444,49 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def prepared(
+def prepare_cycle(
     run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
     """Returns the filter's state at the beginning of a cycle, and the log likelihood of readings taken in before.
 
-    Args: as of `stepped`.
+    Args: as of `step_runner`.
     """
-    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
+    state, crossing = update_by_crossings(
+        run.state, run.state.mean[:N_PROPERTIES], sample, prediction_floors(run.state, params), params
+    )
     if run.age == 0:
-        state = opened(state, run.cause, params, run.share, run.expected)
+        state = apply_cause(state, run.cause, params, run.share, run.expected)
         if run.cause.kind in (Kind.SPEED, Kind.ENGINE):
-            state = state._replace(assumed=_staying(state.assumed, run.cause, sample, params))
+            state = state._replace(assumed=_hold_untrusted(state.assumed, run.cause, sample, params))
         if run.cause.kind == Kind.WANDER:
-            state = blurred(state, run.state.stir, over.duration_s, params)
+            state = add_disturbance_drift(state, run.state.stir, over.duration_s, params)
         if run.cause.kind == Kind.JUMP:
-            state = torn(state, run.share, over, params)
-    kicks = kicks_at(run, over.duration_s, params)
+            state = add_jump_time_noise(state, run.share, over, params)
+    kicks = extra_impulse_sigmas(run, over.duration_s, params)
     if kicks is not None:
-        state = kicked(state, run.cause, kicks, over, params)
-    return pushed(restless(state, erratic, params), push, over, params), crossing.log_likelihood
+        state = add_failure_impulses(state, run.cause, kicks, over, params)
+    return add_push_impulse(add_force_noise(state, erratic, params), push, over, params), crossing.log_likelihood
 
 
-def _staying(assumed: Array, cause: Cause, sample: JointSample, params: JointParams) -> Array:
+def _hold_untrusted(assumed: Array, cause: Cause, sample: JointSample, params: JointParams) -> Array:
     """Returns assumed speeds, levels and angles with the present value of the one that is not trusted any more."""
     assumed, places = assumed.copy(), params.places
     if cause.kind == Kind.SPEED:
         wheel = cause.component - places.outputs
         assumed[wheel] = sample.speeds.start[wheel]
         return assumed
-    place = cause.component - first_of_engines(places)
+    place = cause.component - first_engine_index(places)
     engine, channel = divmod(place, N_CHANNELS)
     assumed[places.wheels + place] = sample.burn.points[engine, 0, channel]
     return assumed
 
 
-def first_of_engines(places: Places) -> int:
+def first_engine_index(places: Places) -> int:
     """Returns the index that stands for the level of the first engine in a `Cause`."""
     return places.outputs + places.wheels + places.trackers
 
 
-def stepped(
+def step_runner(
     run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> Runner:
     """Advances a filter by one cycle.
@@ -493,32 +495,32 @@ def stepped(
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
         over: the cycle of any filter that is near.
-        erratic: see `restless`.
-        push: see `pushed`.
+        erratic: see `add_force_noise`.
+        push: see `add_push_impulse`.
         params: without increments.
     """
-    state, likelihood = prepared(run, sample, over, erratic, push, params)
+    state, likelihood = prepare_cycle(run, sample, over, erratic, push, params)
     after, report = step(state, sample, params)
     lying, lie, component = run.lying, run.lie, run.cause.component
     score = run.score.plus(Score(likelihood, 0.0, 0.0))
     if lying and run.cycle >= run.onset:
-        lying = misfits(report, component, params)
+        lying = is_inconsistent(report, component, params)
         if lying:
             if report.used[component]:
-                cost = cost_of_a_lie(component, params, over.read[component] - lie)
+                cost = false_reading_cost(component, params, over.read[component] - lie)
                 score = score._replace(likelihood=score.likelihood - cost)
-            after, report = step(state, masked(sample, component), params)
+            after, report = step(state, mask_component(sample, component), params)
             lie = float(over.read[component])
-    return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(told(report)), lying=lying, lie=lie)
+    return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(cycle_score(report)), lying=lying, lie=lie)
 
 
-def told(report: Report) -> Score:
+def cycle_score(report: Report) -> Score:
     """Returns the score that a cycle of a filter adds."""
     of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
     return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
-def column_of(jet: int, sign: int, params: JointParams) -> int:
+def failure_column(jet: int, sign: int, params: JointParams) -> int:
     """Returns the place of a jet's failure among those that give more and then those that give less."""
     return jet + (params.places.jets if sign < 0 else 0)
 
@@ -527,6 +529,6 @@ def known_forces(state: JointState, params: JointParams) -> Array:
     """Returns the force of each known failure, more and then less, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
-        column = column_of(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
+        column = failure_column(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
         result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
     return result

@@ -6,15 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import Update, updated
+from massprop_drake.maths.estimation.joint.covariance import Update, joseph_update
 from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import counted, outputs, rate_read, readings, told_by_trackers
+from massprop_drake.maths.estimation.joint.measurement import (
+    add_tracker_variances,
+    combine_gyros,
+    predict_outputs,
+    readings,
+    select_counting,
+)
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagated
-from massprop_drake.maths.estimation.joint.quantized import Sites, sites
-from massprop_drake.maths.estimation.joint.rate_coupling import turned_by
+from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.quantized import Sites, match_moments
+from massprop_drake.maths.estimation.joint.rate_coupling import arm_turning_integrals
 from massprop_drake.maths.estimation.joint.unknown import EXPECTED
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, sparse_product
@@ -49,17 +55,17 @@ class Expected(NamedTuple):
 
 
 @kernel
-def expect(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
+def predict_cycle(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
     """Predicts the state and the readings at the end of an interval, and selects the readings that count."""
-    read = rate_read(sample.rates, state.mean, params)
+    read = combine_gyros(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
-    root = propagated(state.root, prediction, params)
-    about = (prediction.mean[:N_PROPERTIES], floors(state, params))
-    return expected_at(state, prediction, root, about, sample, params)
+    root = propagate_root(state.root, prediction, params)
+    about = (prediction.mean[:N_PROPERTIES], prediction_floors(state, params))
+    return predict_readings(state, prediction, root, about, sample, params)
 
 
 @kernel
-def expected_at(
+def predict_readings(
     state: JointState,
     prediction: Prediction,
     root: Array,
@@ -75,19 +81,19 @@ def expected_at(
     there = prediction.mean.copy()
     properties, least = about
     there[:N_PROPERTIES], there[RATE] = properties, prediction.end
-    values, jacobian = outputs(there, state.reference, spin, params)
+    values, jacobian = predict_outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     variances = params.variances
     if params.places.n_attitude > 0:
-        variances, least = told_by_trackers(read - values, projected, prediction.end, least, params)
-    counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
+        variances, least = add_tracker_variances(read - values, projected, prediction.end, least, params)
+    counts, least = select_counting(read, state.read, values, (projected**2).sum(axis=1), least, params)
     return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least, variances)
 
 
 @kernel
-def by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
+def sum_by_sensor_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
     """Sums over the gyros' components that count, and over the accelerometers'.
 
     Args:
@@ -103,7 +109,7 @@ def by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams
 
 
 @kernel
-def floors(state: JointState, params: JointParams) -> Array:
+def prediction_floors(state: JointState, params: JointParams) -> Array:
     """Computes each prediction's variance beyond the state's, shape (m,): before the guard holds, that of rounding.
 
     Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
@@ -113,7 +119,7 @@ def floors(state: JointState, params: JointParams) -> Array:
 
 
 @kernel
-def sites_of(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
+def make_sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
     """Makes Gaussian measurements equivalent to the quantized readings that count, see `quantized`.
 
     Args:
@@ -123,26 +129,28 @@ def sites_of(used: np.ndarray, projected: Array, innovation: Array, given: tuple
         given: quanta, and floors, of all components, shape (m,).
     """
     counts, (cells, least) = np.flatnonzero(used), given
-    return sites(innovation[counts], projected @ projected.T, cells[counts], least[counts])
+    return match_moments(innovation[counts], projected @ projected.T, cells[counts], least[counts])
 
 
 @kernel
-def told_by(expected: Expected, params: JointParams) -> Sites:
+def make_expected_sites(expected: Expected, params: JointParams) -> Sites:
     """Makes Gaussian measurements equivalent to a sample's quantized readings that count, at their prediction."""
     projected = expected.projected[np.flatnonzero(expected.used)]
-    return sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
 
 @kernel
-def update_by(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
+def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
     """Updates a root by a sample's readings that count; also returns their equivalent Gaussian measurements."""
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
-    told = sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
-    return updated(root, projected, told.variance, told.innovation, params.places.thrust), told
+    told = make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return joseph_update(root, projected, told.variance, told.innovation, params.places.thrust), told
 
 
 @kernel
-def opened_degrees(expected: Expected, acting: Drive, mean: Array, params: JointParams) -> tuple[float, float, float]:
+def count_reopened_degrees(
+    expected: Expected, acting: Drive, mean: Array, params: JointParams
+) -> tuple[float, float, float]:
     """Counts components whose readings only show how long jets of unknown command were open, see `unknown`.
 
     Args:
@@ -157,27 +165,27 @@ def opened_degrees(expected: Expected, acting: Drive, mean: Array, params: Joint
     jacobian, places = expected.jacobian[counts], params.places
     opened = acting.anything.spread * acting.anything.basis
     arms = params.accelerometer_positions - mean[CENTER]
-    turned = turned_by(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
+    turned = arm_turning_integrals(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
     wide = jacobian[:, RATE] @ opened[:3]
     for package in range(places.accelerometers):
         part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
         wide += part @ (opened[3:] + turned[package] @ opened[:3])
     wide = wide / np.sqrt(expected.variances[counts]).reshape(-1, 1)
-    every = _degrees_of(wide)
+    every = _degrees_along(wide)
     number = int(expected.used[: 3 * places.gyros].sum())
-    gyros = _degrees_of(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
+    gyros = _degrees_along(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
     return gyros, max(every - gyros, 0.0), every * (np.log(acting.anything.spread) + EXPECTED)
 
 
 @kernel
-def _degrees_of(wide: Array) -> float:
+def _degrees_along(wide: Array) -> float:
     """Computes the degrees of freedom that directions take from readings, by their effects in readings' 1-sigmas."""
     squares = np.linalg.svd(wide)[1] ** 2
     return float((squares / (1.0 + squares)).sum())
 
 
 @kernel
-def tested_across(nis: float, degrees: float, spread: float) -> tuple[float, float]:
+def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float]:
     """Returns a NIS and its expectation, or NaN and 0 where at most half a component or too few digits are left.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
@@ -186,7 +194,7 @@ def tested_across(nis: float, degrees: float, spread: float) -> tuple[float, flo
 
 
 @kernel
-def counting(expected: Expected, used: np.ndarray) -> Expected:
+def replace_counting(expected: Expected, used: np.ndarray) -> Expected:
     """Replaces the selection of components that count among expected readings."""
     return Expected(
         expected.prediction,

@@ -13,30 +13,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.beginning import begun
-from massprop_drake.maths.estimation.joint.covariance import Update, compressed, nothing_learned
-from massprop_drake.maths.estimation.joint.crossing import Crossing, crossed, levels_at
-from massprop_drake.maths.estimation.joint.forcing import Drive, burning, drive
-from massprop_drake.maths.estimation.joint.guard import guarded
+from massprop_drake.maths.estimation.joint.beginning import begin_from_readings
+from massprop_drake.maths.estimation.joint.covariance import Update, compress_root, empty_update
+from massprop_drake.maths.estimation.joint.crossing import Crossing, levels_at_estimates, update_by_crossings
+from massprop_drake.maths.estimation.joint.forcing import Drive, add_engine_impulse, drive
+from massprop_drake.maths.estimation.joint.guard import update_guard
 from massprop_drake.maths.estimation.joint.innovation import (
     Expected,
-    by_kind,
-    counting,
-    expect,
-    floors,
-    opened_degrees,
-    tested_across,
-    told_by,
-    update_by,
+    count_reopened_degrees,
+    make_expected_sites,
+    predict_cycle,
+    prediction_floors,
+    reduced_nis,
+    replace_counting,
+    sum_by_sensor_kind,
+    update_root,
 )
-from massprop_drake.maths.estimation.joint.joint_sample import JointSample, turned_from_outside
-from massprop_drake.maths.estimation.joint.lag_prior import reconsidered, with_wide_priors
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState, relearned
-from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, has_outside_impulse
+from massprop_drake.maths.estimation.joint.lag_prior import switch_lag_priors, with_wide_priors
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState, replace_estimate
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
-from massprop_drake.maths.estimation.joint.ticks import Stamped, stamped
-from massprop_drake.maths.estimation.joint.unknown import shown_by
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale, separate_scale
+from massprop_drake.maths.estimation.joint.ticks import Stamped, update_by_stamp
+from massprop_drake.maths.estimation.joint.unknown import firing_shown_by_readings
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
@@ -133,7 +133,7 @@ def step(
 
     Args:
         state: after the last sample.
-        counts: see `cycled`.
+        counts: see `run_cycle`.
 
     Raises:
         NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
@@ -141,7 +141,9 @@ def step(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         try:
-            after, report = _step(state, sample, params, counts) if state.started else _first(state, sample, params)
+            after, report = (
+                _step(state, sample, params, counts) if state.started else _step_first(state, sample, params)
+            )
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "the joint estimator") from None
         except np.linalg.LinAlgError:
@@ -154,7 +156,7 @@ def step(
 def _step(state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
     made = params.compiled
     done: Cycled = (
-        cycled(state, sample, params.thresholds, counts, params)
+        run_cycle(state, sample, params.thresholds, counts, params)
         if made is None
         else made.cycled(Cycling(state, sample, params.thresholds, counts))
     )
@@ -174,14 +176,14 @@ def _step(state: JointState, sample: JointSample, params: JointParams, counts: n
         accelerometer_degrees=done.accelerometer_degrees,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
-        course=course_of(done),
+        course=make_course(done),
     )
 
 
-def _first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
-    after = begun(state, sample, params)
+def _step_first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
+    after = begin_from_readings(state, sample, params)
     n_outputs = after.read.shape[0]
-    estimate, rows = reported(after, params)
+    estimate, rows = parameters_with_scale(after, params)
     nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
     return after, Report(
         estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, False, False, None
@@ -196,27 +198,27 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
     Args:
         state: after the last sample, `started`.
     """
-    state, _ = stamped(state, sample.timing, params)
-    acting = driven(state, sample, params)
+    state, _ = update_by_stamp(state, sample.timing, params)
+    acting = make_drive(state, sample, params)
     firing = acting.firing
     begun_by = state._replace(
         level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope, level_std=firing.level_std
     )
-    return _first(begun_by, sample, params)
+    return _step_first(begun_by, sample, params)
 
 
 @kernel
-def driven(state: JointState, sample: JointSample, params: JointParams) -> Drive:
+def make_drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     """Computes the drive of a sample's interval; jets of unknown command give in it what its readings show."""
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
-    acting = burning(acting, sample.burn, state, params)
+    acting = add_engine_impulse(acting, sample.burn, state, params)
     if acting.anything.number == 0.0:
         return acting
-    read = rate_read(sample.rates, state.mean, params)
+    read = combine_gyros(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     there = prediction.mean.copy()
     there[RATE] = prediction.end
-    values, _ = outputs(there, state.reference, state.spin + prediction.spin, params)
+    values, _ = predict_outputs(there, state.reference, state.spin + prediction.spin, params)
     shown, begin = np.zeros(6), 3 * params.places.gyros
     shown[:3] = read.rate - prediction.mean[RATE]
     for axis in range(3):
@@ -227,7 +229,7 @@ def driven(state: JointState, sample: JointSample, params: JointParams) -> Drive
                 shown[3 + axis] += sample.velocities[package, axis] - values[begin + 3 * package + axis]
         shown[3 + axis] = shown[3 + axis] / present if present > 0 else np.nan
     return Drive(
-        shown_by(shown, state.mean, acting.firing, acting.anything, params),
+        firing_shown_by_readings(shown, state.mean, acting.firing, acting.anything, params),
         acting.lag_slope,
         acting.outside,
         acting.spreads,
@@ -273,7 +275,7 @@ class Cycled(NamedTuple):
 
 
 @kernel
-def course_of(done: Cycled) -> Course:
+def make_course(done: Cycled) -> Course:
     """Collects the course of a cycle, see `Course`."""
     return Course(
         done.crossing,
@@ -291,10 +293,10 @@ class Cycling(NamedTuple):
     """Inputs of compiled code for a cycle besides the parameters.
 
     Attributes:
-        state: see `cycled`.
-        sample: see `cycled`.
+        state: see `run_cycle`.
+        sample: see `run_cycle`.
         thresholds: see `JointParams`; of all parameters these alone may be others than those that it was compiled for.
-        counts: see `cycled`.
+        counts: see `run_cycle`.
     """
 
     state: JointState
@@ -304,7 +306,7 @@ class Cycling(NamedTuple):
 
 
 @kernel
-def cycled(
+def run_cycle(
     state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
 ) -> Cycled:
     """Runs a cycle after the first: prediction, innovation, update and guard.
@@ -315,48 +317,48 @@ def cycled(
         counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
             (m,); or `OWN_CHOICE`, shape (0,).
     """
-    least = floors(state, params)
-    state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, least, params)
-    state, stamp = stamped(state, sample.timing, params)
-    acting = driven(state, sample, params)
-    state, firing = partitioned(state, acting.firing.amount, params), acting.firing
-    commanded = firing.commanded or turned_from_outside(sample, params)
-    expected = expect(state, acting, sample, params)
+    least = prediction_floors(state, params)
+    state, crossing = update_by_crossings(state, state.mean[:N_PROPERTIES], sample, least, params)
+    state, stamp = update_by_stamp(state, sample.timing, params)
+    acting = make_drive(state, sample, params)
+    state, firing = separate_scale(state, acting.firing.amount, params), acting.firing
+    commanded = firing.commanded or has_outside_impulse(sample, params)
+    expected = predict_cycle(state, acting, sample, params)
     if counts.size > 0:
-        expected = counting(expected, counts & ~np.isnan(expected.innovation))
+        expected = replace_counting(expected, counts & ~np.isnan(expected.innovation))
     innovation, incremented, likelier = expected.innovation, False, 0.0
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + expected.variances)
-    told = told_by(expected, params)
-    gyro_nis, accelerometer_nis = by_kind(told.nis, expected.used, np.nan, params)
-    gyro_degrees, accelerometer_degrees = by_kind(told.degrees, expected.used, 0.0, params)
-    anything = opened_degrees(expected, acting, state.mean, params)
+    told = make_expected_sites(expected, params)
+    gyro_nis, accelerometer_nis = sum_by_sensor_kind(told.nis, expected.used, np.nan, params)
+    gyro_degrees, accelerometer_degrees = sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)
+    anything = count_reopened_degrees(expected, acting, state.mean, params)
     if acting.anything.number > 0.0:
         spread = acting.anything.spread
-        gyro_nis, gyro_degrees = tested_across(gyro_nis, gyro_degrees - anything[0], spread)
+        gyro_nis, gyro_degrees = reduced_nis(gyro_nis, gyro_degrees - anything[0], spread)
         accelerometer_degrees -= anything[1]
-        accelerometer_nis, accelerometer_degrees = tested_across(accelerometer_nis, accelerometer_degrees, spread)
+        accelerometer_nis, accelerometer_degrees = reduced_nis(accelerometer_nis, accelerometer_degrees, spread)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
             opened, more = with_wide_priors(state, params)
-            given = driven(opened, sample, params)
-            wider = counting(expect(opened, given, sample, params), expected.used)
-            nis, _ = by_kind(told_by(wider, params).nis, wider.used, np.nan, params)
+            given = make_drive(opened, sample, params)
+            wider = replace_counting(predict_cycle(opened, given, sample, params), expected.used)
+            nis, _ = sum_by_sensor_kind(make_expected_sites(wider, params).nis, wider.used, np.nan, params)
             if nis <= thresholds[count - 1]:  # a lag that is not as stated explains it
                 state, acting, expected, likelier = opened, given, wider, more
             else:
                 incremented = True
-                state = relearned(state, state.mean, incremented_root(state.root, params))
-                expected = counting(expect(state, acting, sample, params), expected.used)
+                state = replace_estimate(state, state.mean, incremented_root(state.root, params))
+                expected = replace_counting(predict_cycle(state, acting, sample, params), expected.used)
 
-    change = nothing_learned(expected.root)
+    change = empty_update(expected.root)
     if expected.used.any():
-        change, told = update_by(expected, expected.root, params)
-    after = learned(state, sample, acting, expected, change, params)
+        change, told = update_root(expected, expected.root, params)
+    after = update_state(state, sample, acting, expected, change, params)
     if state.guarded:  # before, second orders may be taken for what a lag does
-        after, likelier = reconsidered(after, params)
-    after = guarded(after, commanded, params)
-    estimate, rows = reported(after, params)
+        after, likelier = switch_lag_priors(after, params)
+    after = update_guard(after, commanded, params)
+    estimate, rows = parameters_with_scale(after, params)
     return Cycled(
         after,
         estimate,
@@ -380,7 +382,7 @@ def cycled(
 
 
 @kernel
-def learned(
+def update_state(
     state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
     """Applies the update of a cycle to the state, before the guard.
@@ -394,13 +396,13 @@ def learned(
     if expected.used.any():
         mean = mean + change.correction
     elif root.shape[1] > root.shape[0]:
-        root = compressed(root, params.places.thrust)
+        root = compress_root(root, params.places.thrust)
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     there = ~np.isnan(read)
     return JointState(
         mean,
         root,
-        levels_at((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
+        levels_at_estimates((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
         firing.slope,
         acting.tick_slope,
         firing.level_std,

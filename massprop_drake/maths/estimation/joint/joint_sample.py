@@ -10,7 +10,7 @@ from massprop_drake.maths.estimation.joint.burns import UNLIT, Burn
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.ticks import Timing
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, turn_by
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, is_any_wheel_driven
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -51,12 +51,12 @@ class JointSample(NamedTuple):
 
 
 @kernel
-def turned_from_outside(sample: JointSample, params: JointParams) -> bool:
+def has_outside_impulse(sample: JointSample, params: JointParams) -> bool:
     """Tests whether known outside forces, engines or wheels act on the vehicle."""
     known = bool(np.any(sample.outside != 0.0)) or bool(np.any(sample.burn.points[:, :, 0] != 0.0))
-    return known or turn_by(sample.speeds, params.wheels)
+    return known or is_any_wheel_driven(sample.speeds, params.wheels)
 
 
-def acts(sample: JointSample, params: JointParams) -> bool:
+def has_impulse(sample: JointSample, params: JointParams) -> bool:
     """Tests whether anything pushes or turns the vehicle in a sample."""
-    return bool((sample.commands > 0.0).any() or turned_from_outside(sample, params))
+    return bool((sample.commands > 0.0).any() or has_outside_impulse(sample, params))

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, lag_opened, relearned
+from massprop_drake.maths.estimation.joint.covariance import compress_root
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, replace_estimate, widen_lag_prior
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -22,7 +22,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 
 @kernel
-def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
+def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
     """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one."""
     places = params.places
     row = places.lag + kind
@@ -48,13 +48,13 @@ def log_odds(state: JointState, params: JointParams) -> Array:
     found = np.full(places.n_lag, -np.inf)
     for kind in range(places.n_lag):
         if params.prior_sigma[places.lag - places.thrust + kind] > 0.0:
-            _, _, ratio = _other(state, kind, params)
+            _, _, ratio = _other_prior(state, kind, params)
             found[kind] = _ODDS + (-ratio if state.lag_open[kind] > 0.0 else ratio)
     return found
 
 
 @kernel
-def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, float]:
+def switch_lag_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
     """Switches to the wide prior each lag for which it has become the likelier one.
 
     Returns:
@@ -63,27 +63,27 @@ def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, fl
     more = 0.0
     for kind in range(params.places.n_lag):
         if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
-            mean, variance, ratio = _other(state, kind, params)
+            mean, variance, ratio = _other_prior(state, kind, params)
             if _ODDS + ratio > 0.0:
-                state = _widened(state, kind, mean, variance, params)
+                state = _widen_lag(state, kind, mean, variance, params)
                 more += ratio
     return state, more
 
 
 @kernel
 def with_wide_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
-    """Returns the state with the wide prior of every uncertain lag, and what `reconsidered` returns beside it."""
+    """Returns the state with the wide prior of every uncertain lag, and what `switch_lag_priors` returns beside it."""
     more = 0.0
     for kind in range(params.places.n_lag):
         if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
-            mean, variance, ratio = _other(state, kind, params)
-            state = _widened(state, kind, mean, variance, params)
+            mean, variance, ratio = _other_prior(state, kind, params)
+            state = _widen_lag(state, kind, mean, variance, params)
             more += ratio
     return state, more
 
 
 @kernel
-def _widened(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
+def _widen_lag(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
     """Returns the state with another mean and larger variance of a lag's error, and everything correlated with it.
 
     With s the row of the error, its root S becomes S + alpha (S s) s^T.
@@ -95,10 +95,10 @@ def _widened(state: JointState, kind: int, mean: float, variance: float, params:
     after = state.mean + shares * (mean - state.mean[params.places.lag + kind])
     still_open = state.lag_open.copy()
     still_open[kind] = 1.0
-    return lag_opened(relearned(state, after, compressed(root, params.places.thrust)), still_open)
+    return widen_lag_prior(replace_estimate(state, after, compress_root(root, params.places.thrust)), still_open)
 
 
-def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointState:
+def choose_lag_priors(entry: JointState, end: JointState, params: JointParams) -> JointState:
     """Returns the state at the beginning of a pass, with each lag's prior that is the likelier one at an earlier end.
 
     Args:
@@ -107,8 +107,8 @@ def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointSt
     """
     for kind in np.flatnonzero(log_odds(end, params) > 0.0).tolist():
         if entry.lag_open[kind] == 0.0:
-            mean, variance, _ = _other(entry, kind, params)
-            entry = _widened(entry, kind, mean, variance, params)
+            mean, variance, _ = _other_prior(entry, kind, params)
+            entry = _widen_lag(entry, kind, mean, variance, params)
     return entry
 
 

@@ -65,7 +65,7 @@ class Firing(NamedTuple):
 
 
 @kernel
-def regiven(firing: Firing, amount: Array, level: Array) -> Firing:
+def replace_firing(firing: Firing, amount: Array, level: Array) -> Firing:
     """Returns the firing with other amounts and levels at the end."""
     return Firing(
         firing.duration_s,
@@ -129,7 +129,7 @@ def fire(
         remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
         mean = ratio * (1.0 - remaining)
         d = level - u
-        parts = _parts(ratio, mean)
+        parts = _decay_integrals(ratio, mean)
         if durations_s.shape[0] == 1:
             moments = _bow_of_piece(h * d, parts, mean)
         else:
@@ -188,17 +188,17 @@ class Lingering(NamedTuple):
     bow: Array
 
 
-def lingering(ratio: Array) -> Lingering:
+def initial_level_decay(ratio: Array) -> Lingering:
     """Computes the decay for time constants over the interval's length, shape (n_jets,); zero: no lag."""
     lagged = ratio > 0.0
     remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)
-    bow = _bow_of_piece(np.ones_like(ratio), _parts(ratio, mean), mean)
+    bow = _bow_of_piece(np.ones_like(ratio), _decay_integrals(ratio, mean), mean)
     return Lingering(remaining, remaining / select_where(lagged, ratio, 1.0), mean, bow)
 
 
 @kernel
-def _parts(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
+def _decay_integrals(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
     """Computes E0, E1 and E2 of each jet, from tau/h and k, shape (n_jets,) each."""
     rest = ratio * (1.0 - mean)
     return rest, ratio * (0.5 - mean + rest), ratio * (rest - 0.5 * mean * mean)

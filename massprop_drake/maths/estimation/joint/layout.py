@@ -235,7 +235,7 @@ class JointParams(NamedTuple):
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
         trackers: see `AttitudeSensors`.
         disturbance: see `DisturbanceParams`.
-        unstated: see `disturbance_states.unstated`, shape (6, n_unstated).
+        unstated: see `disturbance_states.unstated_unit_effects`, shape (6, n_unstated).
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -407,47 +407,49 @@ def unpack(vector: Array, places: Places) -> JointState:
 
 
 @kernel
-def relearned(state: JointState, mean: Array, root: Array) -> JointState:
+def replace_estimate(state: JointState, mean: Array, root: Array) -> JointState:
     """Returns the state with another mean and root."""
-    return releveled(state, mean, root, state.level, state.tick_slope)
+    return replace_levels(state, mean, root, state.level, state.tick_slope)
 
 
 @kernel
-def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
+def replace_levels(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
     """Returns the state with another mean and root, and other levels, which depend otherwise on the ticks."""
-    return _remade(state, (mean, root, level, tick_slope), state.fresh, _standing(state), state.lag_open)
+    return _replace_fields(state, (mean, root, level, tick_slope), state.fresh, _guard_fields(state), state.lag_open)
 
 
 @kernel
-def taken_in(state: JointState) -> JointState:
+def clear_pending(state: JointState) -> JointState:
     """Returns the state with no reading pending that the update has yet to use."""
-    return _remade(state, _learned(state), np.zeros_like(state.fresh), _standing(state), state.lag_open)
+    return _replace_fields(
+        state, _estimate_fields(state), np.zeros_like(state.fresh), _guard_fields(state), state.lag_open
+    )
 
 
 @kernel
-def flagged(state: JointState, guarded: bool, firing_count: float) -> JointState:
+def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
     """Returns the state with another guard flag and another count of firings since."""
-    return _remade(state, _learned(state), state.fresh, (guarded, firing_count), state.lag_open)
+    return _replace_fields(state, _estimate_fields(state), state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
-def lag_opened(state: JointState, lag_open: Array) -> JointState:
+def widen_lag_prior(state: JointState, lag_open: Array) -> JointState:
     """Returns the state with the wide prior for the lags of other kinds of jets."""
-    return _remade(state, _learned(state), state.fresh, _standing(state), lag_open)
+    return _replace_fields(state, _estimate_fields(state), state.fresh, _guard_fields(state), lag_open)
 
 
 @kernel
-def _learned(state: JointState) -> tuple[Array, Array, Array, Array]:
+def _estimate_fields(state: JointState) -> tuple[Array, Array, Array, Array]:
     return state.mean, state.root, state.level, state.tick_slope
 
 
 @kernel
-def _standing(state: JointState) -> tuple[bool, float]:
+def _guard_fields(state: JointState) -> tuple[bool, float]:
     return state.guarded, state.firing_count
 
 
 @kernel
-def _remade(
+def _replace_fields(
     state: JointState,
     learned: tuple[Array, Array, Array, Array],
     fresh: Array,
@@ -483,6 +485,6 @@ def _remade(
 
 
 @kernel
-def settled(state: JointState, params: JointParams) -> bool:
+def is_initialized(state: JointState, params: JointParams) -> bool:
     """Tests whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
     return state.guarded and state.firing_count >= params.settled_after

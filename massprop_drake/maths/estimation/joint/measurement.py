@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.covariance import compress_root
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, turning
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, turning_matrix
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
@@ -38,7 +38,7 @@ def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
 
 
 @kernel
-def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
+def combine_gyros(rates: Array, mean: Array, params: JointParams) -> RateRead:
     """Computes the rate that gyros show, weighted by their variances.
 
     Args:
@@ -68,7 +68,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
 
 
 @kernel
-def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
+def predict_outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
     """Predicts outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
     places = params.places
     values, jacobian = np.empty(places.outputs), np.zeros((places.outputs, places.size))
@@ -81,7 +81,7 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
             values[rows] += params.gyro_bias_sigma * mean[columns]
             jacobian[rows, columns] = params.gyro_bias_sigma * _IDENTITY
     if places.accelerometers > 0:
-        turn = turning(mean[RATE], reference, spin)
+        turn = turning_matrix(mean[RATE], reference, spin)
         for package in range(places.accelerometers):
             begin = 3 * (places.gyros + package)
             rows = slice(begin, begin + 3)
@@ -100,7 +100,7 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
 
 
 @kernel
-def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
+def find_changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
     """Tests which readings differ from those before, shape (m,); a first one does.
 
     Args:
@@ -111,7 +111,7 @@ def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
 
 
 @kernel
-def counted(
+def select_counting(
     read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
     """Selects the readings that count, shape (m,), and computes the floors of their predictions, shape (m,).
@@ -125,12 +125,12 @@ def counted(
     """
     half = 0.5 * params.cells
     off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
-    fresh = (params.dithered > 0.0) | changed(read, before, params) | (np.sqrt(variance) > half)
+    fresh = (params.dithered > 0.0) | find_changed(read, before, params) | (np.sqrt(variance) > half)
     return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
 
 
 @kernel
-def told_by_trackers(
+def add_tracker_variances(
     innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
 ) -> tuple[Array, Array]:
     """Computes variances of readings, and floors of their predictions, with those of trackers, shape (m,) each.
@@ -165,14 +165,14 @@ def _log_density(error: Array, covariance: Array) -> float:
     return -0.5 * (np.log(np.linalg.det(covariance)) + error @ np.linalg.solve(covariance, error))
 
 
-def rebased(state: JointState, params: JointParams) -> JointState:
+def fix_velocity_reference(state: JointState, params: JointParams) -> JointState:
     """Fixes the velocity that accelerometers have gathered so far, whatever the center of mass now becomes.
 
     c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
     the old center of mass was wrong all along.
     """
     places = params.places
-    turn = turning(state.mean[RATE], state.reference, state.spin)
+    turn = turning_matrix(state.mean[RATE], state.reference, state.spin)
     mean, root = state.mean.copy(), state.root.copy()
     shift = turn @ state.root[CENTER]
     for package in range(places.accelerometers):
@@ -180,5 +180,5 @@ def rebased(state: JointState, params: JointParams) -> JointState:
         mean[part] += turn @ (params.accelerometer_positions[package] - mean[CENTER])
         root[part] -= shift
     return state._replace(
-        mean=mean, root=compressed(root, places.thrust), reference=state.mean[RATE].copy(), spin=np.zeros(6)
+        mean=mean, root=compress_root(root, places.thrust), reference=state.mean[RATE].copy(), spin=np.zeros(6)
     )

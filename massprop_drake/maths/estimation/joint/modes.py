@@ -110,7 +110,7 @@ class Swing(NamedTuple):
 
 
 @kernel
-def exponential(matrix: Array) -> Array:
+def matrix_exponential(matrix: Array) -> Array:
     """Computes the exponential of a square matrix, by its series and squaring."""
     squarings = 0
     norm = np.abs(matrix).sum(axis=1).max()
@@ -128,7 +128,7 @@ def exponential(matrix: Array) -> Array:
 
 
 @kernel
-def tuned(errors: Array, modes: ModeParams) -> Array:
+def estimated_part_ratios(errors: Array, modes: ModeParams) -> Array:
     """Computes ratios of each part's participation, frequency, damping to those stated; and shifts, shape (n_parts, 6).
 
     Args:
@@ -144,11 +144,11 @@ def tuned(errors: Array, modes: ModeParams) -> Array:
 
 
 @kernel
-def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
+def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
     """Computes the motion of the modes over an interval.
 
     Args:
-        factors: see `tuned`.
+        factors: see `estimated_part_ratios`.
         duration_s: T.
     """
     n = modes.frequencies.shape[0]
@@ -166,7 +166,7 @@ def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams)
     rates[n : 2 * n, :n] = -lightness * stiffness
     rates[n : 2 * n, n : 2 * n] = -lightness * drag
     rates[n : 2 * n, 2 * n :] = -lightness
-    half = exponential(rates * (0.5 * duration_s))
+    half = matrix_exponential(rates * (0.5 * duration_s))
     over = half @ half
     return Swing(
         push,
@@ -181,7 +181,7 @@ def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams)
     )
 
 
-def spread_of(displaced: Array, modes: ModeParams) -> Array:
+def mode_sigmas(displaced: Array, modes: ModeParams) -> Array:
     """Computes 1-sigma of eta and eta' of modes that swing, from that of eta, shape (2 n,).
 
     Args:

@@ -36,7 +36,7 @@ STILL = np.stack((UNTURNED, UNTURNED))  # shared attitude before and after an in
 
 
 @kernel
-def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
+def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
     """Computes the attitude after an interval, shape (3,), and B0 and B1, shape (2, 3, 3).
 
     Args:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 from massprop_drake.maths.linear_algebra import Array
 
 _SIGNIFICANT = 3.0  # sigmas of a mass
@@ -46,7 +46,7 @@ class Payload(NamedTuple):
 UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # where no filter fits
 
 
-def brought(earlier: JointState, now: JointState, params: JointParams) -> Payload:
+def gained_payload(earlier: JointState, now: JointState, params: JointParams) -> Payload:
     """Computes the mass gained since a state, with sigmas by first-order propagation.
 
     Args:
@@ -81,7 +81,7 @@ def _as_known_now(earlier: JointState, now: JointState, params: JointParams) -> 
 
 def _mass_and_moment(state: JointState, params: JointParams) -> tuple[Array, Array]:
     """Computes mass m and moment m r, shape (4,), and the rows of their errors, shape (4, k)."""
-    properties, rows = reported(state, params)
+    properties, rows = parameters_with_scale(state, params)
     mass, center = 1.0 / properties[MASS], properties[CENTER]
     of_mass = -(mass**2) * rows[MASS]
     return np.append(mass, mass * center), np.vstack((of_mass, np.outer(center, of_mass) + mass * rows[CENTER]))

@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 
 
-def beyond(force: Array, covariance: Array, most: Array) -> Array:
+def impossible_force_cost(force: Array, covariance: Array, most: Array) -> Array:
     """Computes the nats by which the likeliest possible forces are less likely than those found, for many hypotheses.
 
     Args:

@@ -12,16 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance_states import Wander, come, prolonged, slowly
-from massprop_drake.maths.estimation.joint.error_products import second_order
+from massprop_drake.maths.estimation.joint.disturbance_states import (
+    Wander,
+    append_constant_states,
+    disturbance_effect,
+    disturbance_noise,
+)
+from massprop_drake.maths.estimation.joint.error_products import second_order_moments
 from massprop_drake.maths.estimation.joint.forcing import (
     Drive,
-    bows_of_thrust,
+    add_wheel_errors,
     effective_seconds,
     impulse_rows,
     known_impulse,
     slot_weight,
-    with_wheels,
+    thrust_bow_impulses,
     wrenches_of,
 )
 from massprop_drake.maths.estimation.joint.layout import (
@@ -33,29 +38,29 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
 )
-from massprop_drake.maths.estimation.joint.orientation import STILL, turned
+from massprop_drake.maths.estimation.joint.orientation import STILL, turn_attitude
 from massprop_drake.maths.estimation.joint.process_noise import (
-    disturbances_of,
+    combine_disturbances,
     moving_drift,
+    noise_through_turning,
     propellant_drift,
-    through_turning,
     white_noise,
 )
 from massprop_drake.maths.estimation.joint.rate_coupling import (
     RateRead,
+    add_coupling_derivative,
+    arm_turning_integrals,
     coupled_rate,
+    known_coupling_change,
     largest_coupling,
-    share_of_reading,
+    reading_share,
     spin_integral,
-    turned_by,
-    turning,
-    turning_back_of,
-    with_coupling,
+    turning_matrix,
 )
-from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swung, swung, unswung
-from massprop_drake.maths.estimation.joint.tanks import TankChange, drawn
-from massprop_drake.maths.estimation.joint.unknown import indifferent
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, believed, exchanged
+from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swung, modes_at_rest, swing_modes
+from massprop_drake.maths.estimation.joint.tanks import TankChange, draw_propellant
+from massprop_drake.maths.estimation.joint.unknown import remove_directions
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, remove_untrusted_speeds, wheel_impulses
 from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -118,67 +123,69 @@ def predict(
     Args:
         state: before.
         rate_read: rate at the end of the interval as gyros show it.
-        around: frames, see `orientation.turned`, and speeds of the wheels.
+        around: frames, see `orientation.turn_attitude`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
-    speeds = believed(around[1], state.assumed[: places.wheels], duration, params.wheels)
+    speeds = remove_untrusted_speeds(around[1], state.assumed[: places.wheels], duration, params.wheels)
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
     known, momenta, scale = known_impulse(mean, acting, speeds, params)
     impulse = seconds @ wrenches_of(mean, params) + known
     linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
-    flow, from_tanks, tank_rows = _from_tanks(state, acting, seconds, params)
+    flow, from_tanks, tank_rows = _draw_from_tanks(state, acting, seconds, params)
 
     rate_rows, velocity_rows = impulse_rows(state, acting, (linear, moment), flow, params)
     own = slice(places.slow, places.slow + places.n_slow)
-    wander = prolonged(disturbances_of(state, speeds, scale * inverse, duration, params), places.tanks)
-    exchange = exchanged(speeds, mean[RATE], mean[RATE] + inverse @ moment, duration, params.wheels)
-    rate_rows = with_wheels(rate_rows, mean, exchange, scale, params)
+    wander = append_constant_states(
+        combine_disturbances(state, speeds, scale * inverse, duration, params), places.tanks
+    )
+    exchange = wheel_impulses(speeds, mean[RATE], mean[RATE] + inverse @ moment, duration, params.wheels)
+    rate_rows = add_wheel_errors(rate_rows, mean, exchange, scale, params)
     rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
-    rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
-    bias, noise = second_order(state, acting, (linear, exchange), covariance, params)
-    bias, noise = bias + slowly(wander, mean[own]), noise + white_noise(mean, acting, params)
+    rate_rows, velocity_rows = remove_directions(rate_rows, velocity_rows, acting.anything)
+    bias, noise = second_order_moments(state, acting, (linear, exchange), covariance, params)
+    bias, noise = bias + disturbance_effect(wander, mean[own]), noise + white_noise(mean, acting, params)
     locked = Moved(
-        inverse @ moment + bias[:3] + _while_drawn(from_tanks.change, inverse, moment, linear),
+        inverse @ moment + bias[:3] + _rate_change_by_draw(from_tanks.change, inverse, moment, linear),
         linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:],
         rate_rows,
         velocity_rows,
     )
-    moved, modes, noise, wander = _with_modes(state, locked, linear, (noise, wander), (scale, duration), params)
+    moved, modes, noise, wander = _add_modes(state, locked, linear, (noise, wander), (scale, duration), params)
     (change, velocity_change), (rate_rows, velocity_rows) = moved
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
-    share, left = share_of_reading(end_rows @ state.root, noise + come(wander), rate_read)
+    share, left = reading_share(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
     coupled, through, end, bowed = coupled_rate(
         state, acting, change, (rate_read, share), momenta + modes.momenta, params
     )
     if coupled or places.wheels + places.n_swing > 0:
-        rate_rows = with_coupling(rate_rows, through, rate_read, share)
+        rate_rows = add_coupling_derivative(rate_rows, through, rate_read, share)
         change = change + through.change
     if not coupled:
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     if params.second_order:
         noise[3:, 3:] += left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
-    apart = turned_by(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
+    apart = arm_turning_integrals(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
     middle = apart.sum(axis=1) / max(places.accelerometers, 1)
     apart -= middle.reshape(2, 1, 3, 3)
     velocity_rows[:, RATE] += middle[0] + middle[1]
     velocity_rows += middle[1] @ rate_rows
-    noise, wander = through_turning(noise, wander, middle[1])
+    noise, wander = noise_through_turning(noise, wander, middle[1])
     gap = mean[RATE] + change - end
     velocity_change = velocity_change + middle[1] @ gap
 
     after = mean.copy()
     after[RATE] += change
-    after = _with_gathered(after, velocity_change, (apart[1], gap), duration, params)
+    after = _add_velocity_gain(after, velocity_change, (apart[1], gap), duration, params)
     after[own] *= wander.kept
     after[places.swing : places.swing + places.n_swing] = modes.after
-    turned_until = turning(mean[RATE], state.reference, state.spin)
-    after = _with_used(after, reciprocal * reciprocal * flow, from_tanks.change, turned_until, params)
-    after, attitude = _with_attitude(state, after, acting, (around[0], bowed[0], coupled), params)
+    turned_until = turning_matrix(mean[RATE], state.reference, state.spin)
+    after = _mean_after_draw(after, reciprocal * reciprocal * flow, from_tanks.change, turned_until, params)
+    after, attitude = _propagate_attitude(state, after, acting, (around[0], bowed[0], coupled), params)
     return Prediction(
         mean=after,
         rate_rows=rate_rows,
@@ -201,7 +208,7 @@ def predict(
 
 
 @kernel
-def _from_tanks(
+def _draw_from_tanks(
     state: JointState, acting: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
     """Computes the propellant used, slug or kg, the changes by drawing it from tanks, and their derivatives."""
@@ -218,7 +225,7 @@ def _from_tanks(
         factors = factors + tanks.flow_sigma * mean[places.tank : places.tank + n]
     scale = 1.0 + params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     used, fill = factors * known, slice(places.fill, places.fill + n)
-    found, by = drawn(mean[:N_PROPERTIES], mean[fill], used, scale, tanks), np.zeros((n, places.size))
+    found, by = draw_propellant(mean[:N_PROPERTIES], mean[fill], used, scale, tanks), np.zeros((n, places.size))
     flowing = 1.0 if flows.any() else 0.0
     by_jets = (flowing * factors).reshape(n, 1) * by_jets
     if places.n_thrust > 0:
@@ -241,7 +248,7 @@ def _from_tanks(
 
 
 @kernel
-def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
+def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
     """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
@@ -249,7 +256,7 @@ def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) ->
 
 
 @kernel
-def _with_used(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
+def _mean_after_draw(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
     """Computes the predicted mean once propellant has been used, shape (size,)."""
     n, places, result = change.shape[0] - N_PROPERTIES, params.places, after.copy()
     result[MASS] += lighter
@@ -271,7 +278,7 @@ def _swing_params(params: JointParams) -> SwingParams:
 
 
 @kernel
-def _with_modes(
+def _add_modes(
     state: JointState,
     moved: Moved,
     linear: Array,
@@ -283,9 +290,9 @@ def _with_modes(
     (noise, wander), (scale, duration_s) = come_in, about
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
-        return whole, unswung(0, params.places.size), noise, wander
-    turning_back = turning_back_of(state, duration_s)
-    felt, modes = swung(state.mean, moved, linear, (scale, turning_back), duration_s, _swing_params(params))
+        return whole, modes_at_rest(0, params.places.size), noise, wander
+    turning_back = known_coupling_change(state, duration_s)
+    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, _swing_params(params))
     back = modes.given_back
     with_back = Wander(wander.kept, wander.begun, back @ wander.drawn, wander.along, wander.apart)
     whole = (felt.rate, felt.velocity), (felt.rate_rows, felt.velocity_rows)
@@ -293,7 +300,7 @@ def _with_modes(
 
 
 @kernel
-def _with_gathered(
+def _add_velocity_gain(
     after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
 ) -> Array:
     """Computes the predicted mean with the accelerometers' velocity gained over the interval, shape (size,)."""
@@ -308,7 +315,7 @@ def _with_gathered(
 
 
 @kernel
-def _with_attitude(
+def _propagate_attitude(
     state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
 ) -> tuple[Array, Array]:
     """Computes the predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`."""
@@ -316,8 +323,8 @@ def _with_attitude(
         return after, np.zeros((2, 0, 3))
     mean, (frames, bow, coupled) = state.mean, over
     if not coupled:
-        bow = (bows_of_thrust(state, acting, params) @ take_elements(mean, ELEMENT))[0]
+        bow = (thrust_bow_impulses(state, acting, params) @ take_elements(mean, ELEMENT))[0]
     own = slice(params.places.attitude, params.places.attitude + 3)
     rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
-    result[own], by_rates = turned(mean[own], frames, rates, bow, acting.firing.duration_s)
+    result[own], by_rates = turn_attitude(mean[own], frames, rates, bow, acting.firing.duration_s)
     return result, by_rates

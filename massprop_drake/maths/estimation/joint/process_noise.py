@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams, Wander, beside, wandered
+from massprop_drake.maths.estimation.joint.disturbance_states import (
+    DisturbanceParams,
+    Wander,
+    disturbance_course,
+    join_courses,
+)
 from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
-from massprop_drake.maths.estimation.joint.rates import shortened
-from massprop_drake.maths.estimation.joint.unknown import spread
-from massprop_drake.maths.estimation.joint.wheels import Spun, misread
+from massprop_drake.maths.estimation.joint.rates import intervals_per_period
+from massprop_drake.maths.estimation.joint.unknown import reopening_covariance
+from massprop_drake.maths.estimation.joint.wheels import Spun, append_reading_errors
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -19,7 +24,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @kernel
-def through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
+def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
     """Computes noise on w and c, shape (6, 6), and a disturbance's effects, turning of c included."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
@@ -32,9 +37,9 @@ def through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array,
 @kernel
 def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
     """Computes covariance on w and c of walks, impulse scatter, ticks, and unknown commands, shape (6, 6)."""
-    noise, firing = spread(acting.anything), acting.firing
+    noise, firing = reopening_covariance(acting.anything), acting.firing
     by_chance = (params.repeatability * firing.amount) ** 2
-    variance = firing.variance + shortened(firing.duration_s, params.rates) * by_chance
+    variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
     if variance.any():
         effects = effects_of(params.wrenches, mean)
         noise += (effects * variance.reshape(-1, 1)).T @ effects
@@ -66,7 +71,9 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
 
 
 @kernel
-def disturbances_of(state: JointState, speeds: Spun, inverse: Array, duration_s: float, params: JointParams) -> Wander:
+def combine_disturbances(
+    state: JointState, speeds: Spun, inverse: Array, duration_s: float, params: JointParams
+) -> Wander:
     """Computes the course of disturbances, stated or not, and of errors of the wheels' readings.
 
     Args:
@@ -76,8 +83,10 @@ def disturbances_of(state: JointState, speeds: Spun, inverse: Array, duration_s:
         duration_s: of the interval.
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
-    wander = beside(wandered(params.disturbance, duration_s), wandered(unstated, duration_s, state.stir))
-    return misread(wander, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
+    wander = join_courses(
+        disturbance_course(params.disturbance, duration_s), disturbance_course(unstated, duration_s, state.stir)
+    )
+    return append_reading_errors(wander, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
-from massprop_drake.maths.estimation.joint.disturbance_states import arriving
+from massprop_drake.maths.estimation.joint.disturbance_states import disturbance_noise_root
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, VELOCITY, JointParams
 from massprop_drake.maths.estimation.joint.prediction import Prediction
 from massprop_drake.maths.kernels import kernel
@@ -15,7 +15,7 @@ _FIRST = CENTER.start  # of the coordinates of the center of mass
 
 
 @kernel
-def gathered_rows(prediction: Prediction, package: int) -> Array:
+def velocity_gain_rows(prediction: Prediction, package: int) -> Array:
     """Computes the derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
     by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
     rows = prediction.velocity_rows + by_end @ prediction.rate_rows
@@ -24,7 +24,7 @@ def gathered_rows(prediction: Prediction, package: int) -> Array:
 
 
 @kernel
-def propagated(root: Array, prediction: Prediction, params: JointParams) -> Array:
+def propagate_root(root: Array, prediction: Prediction, params: JointParams) -> Array:
     """Propagates the covariance's root over the interval, with its noise as more columns, not compressed."""
     places = params.places
     after = root.copy()
@@ -33,7 +33,7 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    slow, come_in = slice(places.slow, places.slow + places.n_slow), arriving(prediction.wander)
+    slow, come_in = slice(places.slow, places.slow + places.n_slow), disturbance_noise_root(prediction.wander)
     first = 6 + come_in.shape[1]  # of the columns of what drifts
     columns = np.zeros((places.size, first + drifting.shape[0]))
     columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]

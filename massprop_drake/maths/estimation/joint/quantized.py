@@ -107,7 +107,7 @@ def _moments_by_quadrature(lower: float, width: float) -> Moments:
 
 
 @kernel
-def sites(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sites:
+def match_moments(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sites:
     """Takes in readings one after the other, each given those before it.
 
     Args:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filters.rate_increments import angular_block
-from massprop_drake.maths.estimation.joint.forcing import Drive, bows_of_thrust
+from massprop_drake.maths.estimation.joint.forcing import Drive, thrust_bow_impulses
 from massprop_drake.maths.estimation.joint.layout import INERTIA, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.kernels import kernel, numbers, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
@@ -58,7 +58,7 @@ class Coupling(NamedTuple):
 
 
 @kernel
-def turning_back_of(state: JointState, duration_s: float) -> Array:
+def known_coupling_change(state: JointState, duration_s: float) -> Array:
     """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
     if not knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
@@ -92,28 +92,28 @@ def coupled_rate(
         return (
             False,
             Coupling(none[0], np.zeros((3, 6)), none, none),
-            _corrected(start + change, read[0], read[1]),
+            _correct_rate(start + change, read[0], read[1]),
             none,
         )
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia") if counts else none
     turning = inertias[1], momenta
-    of_thrust = bows_of_thrust(state, acting, params)
+    of_thrust = thrust_bow_impulses(state, acting, params)
     line = start + change
-    end = _corrected(line, read[0], read[1])
-    bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+    end = _correct_rate(line, read[0], read[1])
+    bows = of_thrust + coupling_bow_impulses(turning, start, end, duration)
     found = coupling(inertias, (start, end), momenta, bows, duration)
     for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
-        off = _corrected(line + found.change, read[0], read[1]) - end
+        off = _correct_rate(line + found.change, read[0], read[1]) - end
         if np.abs(off).max() <= _SETTLED * np.abs(end).max():
             break
         end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
-        bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+        bows = of_thrust + coupling_bow_impulses(turning, start, end, duration)
         found = coupling(inertias, (start, end), momenta, bows, duration)
     return counts, found, end, bows @ inverse
 
 
 @kernel
-def with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
+def add_coupling_derivative(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
     """Computes the derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
     rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
     rows[:, RATE] += through.by_start
@@ -124,7 +124,7 @@ def with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: Ar
 
 
 @kernel
-def share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
+def reading_share(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
     """Computes the share by which a reading corrects the predicted rate, and the remaining variance, shape (3,) each.
 
     Args:
@@ -142,7 +142,7 @@ def share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, 
 
 
 @kernel
-def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
+def _correct_rate(rate: Array, read: RateRead, share: Array) -> Array:
     """Computes the rate as a reading corrects it."""
     result = rate.copy()
     for axis in range(3):
@@ -152,7 +152,7 @@ def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
 
 
 @kernel
-def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
+def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
     """Computes D0 and D1 of each arm, shape (2, n, 3, 3).
 
     Args:
@@ -170,7 +170,7 @@ def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array
 
 
 @kernel
-def bows_of_coupling(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
+def coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
     """Computes angular impulses of the bow of the rate by coupling itself: mean, first moment, root mean square.
 
     Args:
@@ -246,7 +246,7 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
 
 
 @kernel
-def turning(rate: Array, reference: Array, spin: Array) -> Array:
+def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
     """Computes O = [(w - w_ref) x] + C, shape (3, 3).
 
     Args:

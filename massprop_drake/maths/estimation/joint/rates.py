@@ -32,7 +32,7 @@ EVERY_PERIOD = Rates(0.0, 1)
 
 
 @kernel
-def shortened(duration_s: float, rates: Rates) -> float:
+def intervals_per_period(duration_s: float, rates: Rates) -> float:
     """Computes how many intervals of a length fit a control period; 1 where a step is taken every period.
 
     Args:

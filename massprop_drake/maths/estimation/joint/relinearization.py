@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import nothing_learned
-from massprop_drake.maths.estimation.joint.crossing import crossed, levels_at
+from massprop_drake.maths.estimation.joint.covariance import empty_update
+from massprop_drake.maths.estimation.joint.crossing import levels_at_estimates, update_by_crossings
 from massprop_drake.maths.estimation.joint.forcing import Drive
-from massprop_drake.maths.estimation.joint.innovation import by_kind, expected_at, opened_degrees, sites_of, update_by
-from massprop_drake.maths.estimation.joint.joint_cycle import Course, driven, learned
+from massprop_drake.maths.estimation.joint.innovation import (
+    count_reopened_degrees,
+    make_sites,
+    predict_readings,
+    sum_by_sensor_kind,
+    update_root,
+)
+from massprop_drake.maths.estimation.joint.joint_cycle import Course, make_drive, update_state
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.lag_prior import reconsidered
+from massprop_drake.maths.estimation.joint.lag_prior import switch_lag_priors
 from massprop_drake.maths.estimation.joint.layout import (
     MASS,
     N_PROPERTIES,
@@ -18,21 +24,21 @@ from massprop_drake.maths.estimation.joint.layout import (
     VELOCITY,
     JointParams,
     JointState,
-    relearned,
-    releveled,
+    replace_estimate,
+    replace_levels,
 )
-from massprop_drake.maths.estimation.joint.measurement import rate_read
+from massprop_drake.maths.estimation.joint.measurement import combine_gyros
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import gathered_rows, propagated
-from massprop_drake.maths.estimation.joint.tanks import drawn
-from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
-from massprop_drake.maths.estimation.joint.ticks import stamped
+from massprop_drake.maths.estimation.joint.propagation import propagate_root, velocity_gain_rows
+from massprop_drake.maths.estimation.joint.tanks import draw_propellant
+from massprop_drake.maths.estimation.joint.thrust_scale import separate_scale
+from massprop_drake.maths.estimation.joint.ticks import update_by_stamp
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 
 @kernel
-def gone_over(
+def repeat_start_cycle(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
     """Repeats a cycle of the start, linearized at another estimate, and chooses the likelier prior of each lag.
@@ -44,13 +50,13 @@ def gone_over(
     Returns:
         The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, course, _ = relinearized(state, sample, about, params)
-    after, _ = reconsidered(after, params)
+    after, course, _ = run_relinearized(state, sample, about, params)
+    after, _ = switch_lag_priors(after, params)
     return after, course.nis, course.degrees
 
 
 @kernel
-def relinearized(
+def run_relinearized(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
     """Runs a cycle linearized at other mass properties, lags, biases and forces than the state's.
@@ -62,14 +68,16 @@ def relinearized(
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
-    state, crossing = crossed(state, standing(about, state.mean, params), sample, params.floors, params)
-    state, stamp = stamped(state, sample.timing, params)
-    mean = _about(state.mean, about, params)
-    acting = driven(relearned(state, mean, state.root), sample, params)
-    state = partitioned(state, acting.firing.amount, params)
-    there = relearned(state, mean, state.root.copy())
+    state, crossing = update_by_crossings(
+        state, parameters_at_propellant(about, state.mean, params), sample, params.floors, params
+    )
+    state, stamp = update_by_stamp(state, sample.timing, params)
+    mean = _linearization_estimate(state.mean, about, params)
+    acting = make_drive(replace_estimate(state, mean, state.root), sample, params)
+    state = separate_scale(state, acting.firing.amount, params)
+    there = replace_estimate(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    at = predict(there, acting, rate_read(sample.rates, mean, params), params, (sample.frames, sample.speeds))
+    at = predict(there, acting, combine_gyros(sample.rates, mean, params), params, (sample.frames, sample.speeds))
     away = state.mean - mean
     mean = at.mean + away
     swing = slice(params.places.swing, params.places.swing + params.places.n_swing)
@@ -77,7 +85,7 @@ def relinearized(
     mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        mean[part] += gathered_rows(at, package) @ away
+        mean[part] += velocity_gain_rows(at, package) @ away
     if params.places.n_attitude > 0:
         part = slice(params.places.attitude, params.places.attitude + 3)
         mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
@@ -103,39 +111,41 @@ def relinearized(
         at.duration_s,
         at.coupled,
     )
-    root = propagated(state.root, prediction, params)
-    there_properties = standing(about, prediction.mean, params)
-    expected = expected_at(state, prediction, root, (there_properties, params.floors), sample, params)
+    root = propagate_root(state.root, prediction, params)
+    there_properties = parameters_at_propellant(about, prediction.mean, params)
+    expected = predict_readings(state, prediction, root, (there_properties, params.floors), sample, params)
     change, told = (
-        nothing_learned(root),
-        sites_of(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
+        empty_update(root),
+        make_sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
     )
     if expected.used.any():
-        change, told = update_by(expected, root, params)
-    after = learned(state, sample, acting, expected, change, params)
-    after = releveled(after, after.mean, after.root, _level_about(state, after, acting, params), acting.tick_slope)
-    anything = opened_degrees(expected, acting, there.mean, params)
+        change, told = update_root(expected, root, params)
+    after = update_state(state, sample, acting, expected, change, params)
+    after = replace_levels(
+        after, after.mean, after.root, _levels_after_cycle(state, after, acting, params), acting.tick_slope
+    )
+    anything = count_reopened_degrees(expected, acting, there.mean, params)
     nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
     log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
     gyro_nis, gyro_degrees = (
-        by_kind(told.nis, expected.used, 0.0, params)[0],
-        by_kind(told.degrees, expected.used, 0.0, params)[0],
+        sum_by_sensor_kind(told.nis, expected.used, 0.0, params)[0],
+        sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)[0],
     )
     course = Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood)
     return after, course, (gyro_nis, max(gyro_degrees - anything[0], 0.0))
 
 
 @kernel
-def _level_about(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
+def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
     """Computes levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
     places, mean = params.places, before.mean.copy()
     lags = slice(places.lag, places.lag + places.n_lag)
     mean[lags] = after.mean[lags]
-    return levels_at((acting.firing.level, acting.firing.slope, acting.tick_slope), mean, after.mean, params)
+    return levels_at_estimates((acting.firing.level, acting.firing.slope, acting.tick_slope), mean, after.mean, params)
 
 
 @kernel
-def standing(about: Array, mean: Array, params: JointParams) -> Array:
+def parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
     """Returns the ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
 
     Args:
@@ -146,17 +156,17 @@ def standing(about: Array, mean: Array, params: JointParams) -> Array:
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)
         used = about[fill] - mean[fill]
-        result[:MASS] += drawn(result, about[fill], used, 1.0, params.tanks).change[:MASS]
+        result[:MASS] += draw_propellant(result, about[fill], used, 1.0, params.tanks).change[:MASS]
         result[MASS] /= 1.0 - result[MASS] * used.sum()
     return result
 
 
 @kernel
-def _about(mean: Array, about: Array, params: JointParams) -> Array:
+def _linearization_estimate(mean: Array, about: Array, params: JointParams) -> Array:
     """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
     places = params.places
     result = mean.copy()
-    result[:N_PROPERTIES] = standing(about, mean, params)
+    result[:N_PROPERTIES] = parameters_at_propellant(about, mean, params)
     forces = slice(places.force, places.force + places.n_force)
     result[forces] = about[forces]
     lags = slice(places.lag, places.lag + places.n_lag)

@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Cause,
     Kind,
     Score,
-    cost_of_a_lie,
+    false_reading_cost,
     jump_sigma,
     jump_variances,
 )
@@ -41,9 +41,14 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     thrust_sigmas,
 )
-from massprop_drake.maths.estimation.joint.possible import beyond
-from massprop_drake.maths.estimation.joint.rate_coupling import turning
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
+from massprop_drake.maths.estimation.joint.possible import impossible_force_cost
+from massprop_drake.maths.estimation.joint.rate_coupling import turning_matrix
+from massprop_drake.maths.estimation.joint.sensitivity import (
+    Link,
+    propagate_crossings,
+    propagate_to_update,
+    propagate_update,
+)
 from massprop_drake.maths.linear_algebra import Array
 
 _MOST_FORCE = 1.05  # of full thrust: a jet gives no more, unless its thrust is stated to be that uncertain
@@ -133,7 +138,7 @@ class Contender(NamedTuple):
     at_onsets: tuple[tuple[int, float], ...] = ()
 
 
-def begin(
+def begin_screen(
     start: tuple[JointState, int],
     onsets: tuple[int, ...],
     gaps: tuple[int, ...],
@@ -156,7 +161,7 @@ def begin(
     columns = np.zeros((places.size, N_PROPERTIES + len(onsets) * h))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
-    turn = turning(state.mean[slice(10, 13)], state.reference, state.spin)
+    turn = turning_matrix(state.mean[slice(10, 13)], state.reference, state.spin)
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         jump[part] = turn @ jump[CENTER]
@@ -175,7 +180,7 @@ def begin(
     )
 
 
-def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
+def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
     """Advances the screen by one cycle."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
@@ -194,14 +199,14 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
             begin = (2 + screen.cycle - onset) * jets
             of_onsets[:, index, begin : begin + jets] = impulse
     known = np.ascontiguousarray(screen.columns[:, :live])
-    after = carried(informed(known, over, places), forcing, over, places)
-    acting = _acting(screen, over)
+    after = propagate_to_update(propagate_crossings(known, over, places), forcing, over, places)
+    acting = _update_acting(screen, over)
     shown = over.jacobian @ after
     for index, onset in enumerate(screen.onsets[:begun]):
         if onset == screen.cycle:
             shown[:, live - (begun - index) * h + _KINDS * jets : live - (begun - index - 1) * h] += np.eye(m)
     columns = screen.columns.copy()
-    columns[:, :live] = corrected(after, shown, over)
+    columns[:, :live] = propagate_update(after, shown, over)
     score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
@@ -214,7 +219,9 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         of_jump = whitened[:, :N_PROPERTIES]
         of_onsets = whitened[:, N_PROPERTIES:].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
         information, projection = information.copy(), projection.copy()
-        information[:begun] += _gram(of_onsets, jets) if screen.single else of_onsets.transpose(0, 2, 1) @ of_onsets
+        information[:begun] += (
+            _jet_information(of_onsets, jets) if screen.single else of_onsets.transpose(0, 2, 1) @ of_onsets
+        )
         projection[:begun] += innovation @ of_onsets
         jump_information = jump_information + of_jump.T @ of_jump
         jump_projection = jump_projection + innovation @ of_jump
@@ -233,7 +240,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     )
 
 
-def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
+def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
     """Conditions the screen on some known parameters of its filter, as if they had been read.
 
     Args:
@@ -258,14 +265,14 @@ def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array
     )
 
 
-def _gram(of_onsets: Array, jets: int) -> Array:
+def _jet_information(of_onsets: Array, jets: int) -> Array:
     """Selects A of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all, shape (n_onsets, m, h)."""
     of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
     result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
     return result
 
 
-def _acting(screen: Screen, over: Link) -> Array:
+def _update_acting(screen: Screen, over: Link) -> Array:
     """Updates `Screen.acting` with one more cycle.
 
     A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
@@ -281,7 +288,7 @@ def _acting(screen: Screen, over: Link) -> Array:
     return acting
 
 
-def explained(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
+def maximize_likelihood(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
     """Computes log likelihood ratios L against no failure, amplitudes, and their covariances, for sets of columns.
 
     Args:
@@ -297,13 +304,13 @@ def explained(information: Array, projection: Array, variances: Array) -> tuple[
     return lead, amplitude, covariance
 
 
-def most_forces(params: JointParams) -> Array:
+def largest_jet_forces(params: JointParams) -> Array:
     """Computes the largest forces that jets can give, lbf or N, shape (n_jets,)."""
     most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     return most
 
 
-def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
+def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
     """Computes the cost of forces below zero or above the jets' thrust, nats.
 
     They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
@@ -314,18 +321,18 @@ def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointPar
         jets: whose they are, shape (number, jets).
     """
     stated = (1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
-    at_most = beyond(force, covariance, most_forces(params)[jets])
-    cost: Array = np.minimum(beyond(force, covariance, stated[jets]), at_most + PAIR_PRIOR)
+    at_most = impossible_force_cost(force, covariance, largest_jet_forces(params)[jets])
+    cost: Array = np.minimum(impossible_force_cost(force, covariance, stated[jets]), at_most + PAIR_PRIOR)
     return cost
 
 
-def rarity(params: JointParams) -> Array:
+def log_force_prior(params: JointParams) -> Array:
     """Computes the log prior that makes small jets as likely as large ones: N(0, T^2) favors the weaker ones."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
     return result
 
 
-def contenders(
+def find_contenders(
     screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, least: float = 0.0
 ) -> list[Contender]:
     """Returns all possible hypotheses, each at its likeliest onset, likeliest first; false readings too, jumps not.
@@ -339,24 +346,28 @@ def contenders(
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
-        singles = _singles(screen, index, allowed, known, least, params)
-        both = [] if screen.single else _pairs(screen, index, allowed, known, params)
-        lies = [] if screen.single else _lies(screen, index, params)
+        singles = _single_jet_contenders(screen, index, allowed, known, least, params)
+        both = [] if screen.single else _jet_pair_contenders(screen, index, allowed, known, params)
+        lies = [] if screen.single else _false_reading_contenders(screen, index, params)
         for contender in (*singles, *both, *lies):
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
-            better = contender if best is None or contender.lead > best.lead + _kept(screen, best, params) else best
+            better = (
+                contender
+                if best is None or contender.lead > best.lead + _later_onset_penalty(screen, best, params)
+                else best
+            )
             found[contender.cause] = better._replace(at_onsets=tried)
     return sorted(found.values(), key=lambda contender: -contender.lead)
 
 
-def jumps(screen: Screen, params: JointParams) -> Array:
+def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
     """Computes L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
-    lead, _, _ = explained(screen.jump_information, screen.jump_projection, jump_variances(params))
+    lead, _, _ = maximize_likelihood(screen.jump_information, screen.jump_projection, jump_variances(params))
     return lead
 
 
-def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
+def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> float:
     """Computes the nats by which a later onset has to explain more than an earlier one.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
@@ -369,18 +380,18 @@ def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
     return _HAD_NOTHING if max(cause.signs, default=1) < 0 and max(lost) < _FIRES else 0.0
 
 
-def _of_columns(columns: list[int], jets: int) -> Cause:
+def _cause_of_columns(columns: list[int], jets: int) -> Cause:
     """Returns the failures of some columns."""
     signs = tuple(-1 if jets <= column < 2 * jets else 1 for column in columns)
     return Cause(Kind.JETS, tuple(column % jets for column in columns), signs, tuple(int(c < jets) for c in columns))
 
 
-def _directions(columns: np.ndarray, jets: int) -> np.ndarray:
+def _failure_indices(columns: np.ndarray, jets: int) -> np.ndarray:
     """Returns the index of each column's failure among those that give more and then those that give less."""
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
-def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
+def columns_matching_forces(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
     """Selects the columns that go with the forces: less than half of full thrust is a leak, on top of the command."""
     jets = params.places.jets
     jet = columns % jets
@@ -388,7 +399,7 @@ def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarr
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
-def as_rows(values: Array) -> tuple[tuple[float, ...], ...]:
+def matrix_to_rows(values: Array) -> tuple[tuple[float, ...], ...]:
     """Converts a matrix to rows, as `Runner` and `Contender` keep it."""
     return tuple(tuple(row) for row in values.tolist())
 
@@ -408,7 +419,7 @@ class _Fitted(NamedTuple):
         return result
 
 
-def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
+def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
     """Fits sets of failures; first with forces of any size at the onset, then with the forces found."""
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
@@ -421,35 +432,39 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
     for _ in range(2):
         kicks = KICK * screen.gaps[index] * most * places
         variances = np.hstack([thrusts, *kicks]) ** 2
-        lead, amplitude, covariance = explained(information, projection, variances)
+        lead, amplitude, covariance = maximize_likelihood(information, projection, variances)
         fitted = _Fitted(lead, amplitude[:, :failures], covariance[:, :failures, :failures], kicks)
         most = np.minimum(np.abs(fitted.force) + BOUND * fitted.sigma, thrusts)
     return fitted
 
 
-def _singles(
+def _single_jet_contenders(
     screen: Screen, index: int, allowed: np.ndarray, known: Array, least: float, params: JointParams
 ) -> list[Contender]:
     jets = params.places.jets
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
-    ways = _directions(steps, jets)
-    fitted = _fitted(screen, index, steps.reshape(-1, 1), params)
+    ways = _failure_indices(steps, jets)
+    fitted = _fit_failures(screen, index, steps.reshape(-1, 1), params)
     change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
     total = had + change
-    lead = fitted.lead + rarity(params)[steps % jets]
-    lead -= too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
+    lead = fitted.lead + log_force_prior(params)[steps % jets]
+    lead -= excess_force_cost(total[:, None], fitted.covariance, steps[:, None] % jets, params)
     possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
-    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
-    possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
+    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < largest_jet_forces(params)[steps % jets])
+    possible &= ((change > 0.0) | (had > 0.0)) & (
+        (columns_matching_forces(steps, total, params) == steps) | (had > 0.0)
+    )
     result = []
     for row in np.flatnonzero(possible & (lead > least)):
-        forces = ((float(total[row]),), (float(sigma[row]),), as_rows(fitted.kicks[:, row]))
-        cause = _of_columns([int(steps[row])], jets)
+        forces = ((float(total[row]),), (float(sigma[row]),), matrix_to_rows(fitted.kicks[:, row]))
+        cause = _cause_of_columns([int(steps[row])], jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
-def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+def _jet_pair_contenders(
+    screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams
+) -> list[Contender]:
     jets = params.places.jets
     chosen = [
         _likely_pairs(screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (allowed, known), params)
@@ -458,21 +473,21 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     steps = np.unique(np.concatenate(chosen), axis=0)
     if steps.shape[0] == 0:
         return []
-    had = known[_directions(steps, jets)]
-    at_first = _fitted(screen, index, steps, params).force + had
-    steps = np.unique(np.where(had > 0.0, steps, as_found(steps, at_first, params)), axis=0)
-    fitted = _fitted(screen, index, steps, params)
-    had = known[_directions(steps, jets)]
+    had = known[_failure_indices(steps, jets)]
+    at_first = _fit_failures(screen, index, steps, params).force + had
+    steps = np.unique(np.where(had > 0.0, steps, columns_matching_forces(steps, at_first, params)), axis=0)
+    fitted = _fit_failures(screen, index, steps, params)
+    had = known[_failure_indices(steps, jets)]
     total = fitted.force + had
-    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
-    lead -= too_much(total, fitted.covariance, steps % jets, params)
-    most = most_forces(params)[steps % jets]
+    lead = fitted.lead + log_force_prior(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
+    lead -= excess_force_cost(total, fitted.covariance, steps % jets, params)
+    most = largest_jet_forces(params)[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
-    possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
+    possible = (within & ((columns_matching_forces(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
-        cause = _of_columns(steps[row].tolist(), jets)
-        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), as_rows(fitted.kicks[:, row]))
+        cause = _cause_of_columns(steps[row].tolist(), jets)
+        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), matrix_to_rows(fitted.kicks[:, row]))
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
@@ -486,7 +501,7 @@ def _likely_pairs(
     """
     jets, (allowed, known) = params.places.jets, given
     information, projection = screen.information[index], screen.projection[index]
-    steps = columns[allowed[_directions(columns, jets)] & (np.diag(information)[columns] > 0.0)]
+    steps = columns[allowed[_failure_indices(columns, jets)] & (np.diag(information)[columns] > 0.0)]
     first, second = np.triu_indices(steps.shape[0], 1)
     one, other = steps[first], steps[second]
     different = one % jets != other % jets
@@ -499,33 +514,33 @@ def _likely_pairs(
     y = (a * projection[other] - c * projection[one]) / determinant
     gain = 0.5 * (x * projection[one] + y * projection[other])
     gain -= 0.5 * np.log(determinant * of_one**2 * of_other**2)
-    scarce = rarity(params)
+    scarce = log_force_prior(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
-    had, other_had = known[_directions(one, jets)], known[_directions(other, jets)]
+    had, other_had = known[_failure_indices(one, jets)], known[_failure_indices(other, jets)]
     alone = _gain_alone(screen, index, columns, known, params)
     least = np.maximum(alone[one], alone[other])
     order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > least))  # of most that is enough
     a, b, c, had, other_had = a[order], b[order], c[order], had[order], other_had[order]
     covariance = np.stack((b, -c, -c, a), axis=1).reshape(-1, 2, 2) / determinant[order, None, None]
     most = _NEARLY * np.stack((of_one[order], of_other[order]), axis=1)
-    gain[order] -= beyond(np.stack((x[order] + had, y[order] + other_had), axis=1), covariance, most)
+    gain[order] -= impossible_force_cost(np.stack((x[order] + had, y[order] + other_had), axis=1), covariance, most)
     order = order[gain[order] > least[order]]
     order = order[np.argsort(-gain[order])][:_PAIRS]
     alike = _alike_pairs(information, projection, steps)
     first, second = alike.T
-    kept = (first % jets != second % jets) & ~((known[_directions(alike, jets)] > 0.0).all(axis=1))
+    kept = (first % jets != second % jets) & ~((known[_failure_indices(alike, jets)] > 0.0).all(axis=1))
     return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
 
 
 def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
     """Computes L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
     jets = params.places.jets
-    thrusts, had = params.thrusts[columns % jets], known[_directions(columns, jets)]
+    thrusts, had = params.thrusts[columns % jets], known[_failure_indices(columns, jets)]
     projection = screen.projection[index][columns]
     precision = screen.information[index, columns, columns] + thrusts**-2.0
     force = projection / precision
-    gain = 0.5 * (force * projection - np.log(precision * thrusts**2)) + rarity(params)[columns % jets]
-    gain -= beyond((force + had)[:, None], 1.0 / precision[:, None, None], _NEARLY * thrusts[:, None])
+    gain = 0.5 * (force * projection - np.log(precision * thrusts**2)) + log_force_prior(params)[columns % jets]
+    gain -= impossible_force_cost((force + had)[:, None], 1.0 / precision[:, None, None], _NEARLY * thrusts[:, None])
     result = np.zeros(screen.projection.shape[1])
     result[columns] = np.maximum(gain, 0.0)
     return result
@@ -543,7 +558,7 @@ def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np
     return np.stack((group[first], group[second]), axis=1)
 
 
-def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
+def _false_reading_contenders(screen: Screen, index: int, params: JointParams) -> list[Contender]:
     jets = params.places.jets
     m = screen.projection.shape[1] - 5 * jets
     result = []
@@ -553,7 +568,7 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
         if energy > 0.0:
             width = params.cells[component] or 1.0
             lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy / (2.0 * np.pi))
-            lead -= cost_of_a_lie(component, params) + np.log(width)
+            lead -= false_reading_cost(component, params) + np.log(width)
             if lead > 0.0:
                 cause = Cause(Kind.LIES, component=component)
                 result.append(Contender(cause, screen.onsets[index], float(lead)))

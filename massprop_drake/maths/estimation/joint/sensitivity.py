@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.joint.crossing import Crossing
-from massprop_drake.maths.estimation.joint.disturbance_states import Wander, arriving
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander, disturbance_noise_root
 from massprop_drake.maths.estimation.joint.joint_cycle import Course, Report
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
@@ -159,7 +159,7 @@ class Traces(NamedTuple):
     log_likelihood: float
 
 
-def traces(before: JointState, report: Report, sample: JointSample) -> Traces:
+def collect_traces(before: JointState, report: Report, sample: JointSample) -> Traces:
     """Collects the quantities from which a cycle after the first is linearized.
 
     Args:
@@ -169,11 +169,11 @@ def traces(before: JointState, report: Report, sample: JointSample) -> Traces:
     """
     course = report.course
     assert course is not None, "the first sample is no cycle"
-    return traced(before.mean, course, sample)
+    return traces_of_course(before.mean, course, sample)
 
 
 @kernel
-def traced(mean: Array, course: Course, sample: JointSample) -> Traces:
+def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects the quantities from which a cycle is linearized, from its course.
 
     Args:
@@ -211,17 +211,17 @@ def traced(mean: Array, course: Course, sample: JointSample) -> Traces:
     )
 
 
-def link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
+def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
     """Linearizes a cycle after the first.
 
     Args:
-        before, report, sample: see `traces`.
+        before, report, sample: see `collect_traces`.
     """
-    return linked(traces(before, report, sample), params)
+    return link_from_traces(collect_traces(before, report, sample), params)
 
 
 @kernel
-def linked(seen: Traces, params: JointParams) -> Link:
+def link_from_traces(seen: Traces, params: JointParams) -> Link:
     """Makes a linearized cycle from its quantities."""
     gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
     counts = np.flatnonzero(seen.used)
@@ -235,7 +235,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         attitude=seen.attitude,
         mass_factor=seen.mass_factor,
         duration_s=seen.duration_s,
-        noise=_noise(seen, params.places),
+        noise=_interval_noise(seen, params.places),
         kept=seen.wander.kept,
         swing_rows=seen.swung.rows,
         shaken=seen.swung.shaken,
@@ -249,7 +249,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         degrees=seen.degrees,
         log_likelihood=seen.log_likelihood,
         correction=seen.correction,
-        effects=_effects(seen, params) / params.thrusts.reshape(-1, 1),
+        effects=_jet_effects(seen, params) / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=seen.read,
         crossing_rows=seen.crossing.rows,
@@ -263,24 +263,24 @@ def linked(seen: Traces, params: JointParams) -> Link:
 
 
 @kernel
-def _effects(seen: Traces, params: JointParams) -> Array:
+def _jet_effects(seen: Traces, params: JointParams) -> Array:
     """Computes the change of w and c per second of each jet's full thrust, modes included, shape (n_jets, 6)."""
     effects = effects_of(params.wrenches, seen.mean)
     return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
-def _noise(seen: Traces, places: Places) -> Array:
+def _interval_noise(seen: Traces, places: Places) -> Array:
     """Computes the covariance added to w, c and z over an interval."""
     if places.n_slow == 0:
         return seen.noise
-    columns = arriving(seen.wander)
+    columns = disturbance_noise_root(seen.wander)
     noise = columns @ columns.T
     noise[:6, :6] += seen.noise
     return noise
 
 
-def informed(columns: Array, over: Link, places: Places) -> Array:
+def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
     """Propagates errors before an interval through its crossings and the stamp at its end, shape (size, h).
 
     Args:
@@ -298,7 +298,7 @@ def informed(columns: Array, over: Link, places: Places) -> Array:
 
 
 @kernel
-def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
+def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
     """Propagates errors to before the update, shape (size, h).
 
     Args:
@@ -327,7 +327,7 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
     return after
 
 
-def corrected(columns: Array, shown: Array, over: Link) -> Array:
+def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
     """Propagates errors through the update, shape (size, h).
 
     Args:
@@ -339,7 +339,7 @@ def corrected(columns: Array, shown: Array, over: Link) -> Array:
     return result
 
 
-def smeared(over: Link, places: Places) -> Array:
+def unit_force_errors(over: Link, places: Places) -> Array:
     """Computes the error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
     return impulse_columns(over.duration_s * over.effects.T, over, places)
 

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
+from massprop_drake.maths.estimation.joint.covariance import compress_root
+from massprop_drake.maths.estimation.joint.guard import knows_rotation, reset_guard, update_guard
 from massprop_drake.maths.estimation.joint.joint_cycle import Report, incremented_root, restart
-from massprop_drake.maths.estimation.joint.joint_sample import JointSample, acts
-from massprop_drake.maths.estimation.joint.lag_prior import begun_as
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, has_impulse
+from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
-from massprop_drake.maths.estimation.joint.relinearization import gone_over
+from massprop_drake.maths.estimation.joint.relinearization import repeat_start_cycle
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
@@ -83,7 +83,7 @@ BEGUN, OVER, CONTRADICTED = Start(under_way=True), Start(), Start(contradicted=T
 BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 
 
-def followed(
+def advance_start(
     start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
     """Stores a cycle's sample, advances the smoothing pass, and returns the start and the filter's state after it.
@@ -97,7 +97,7 @@ def followed(
     after, report = done
     if not start.under_way:
         return OVER, after
-    acting = acts(latest.sample, params)
+    acting = has_impulse(latest.sample, params)
     if not before.started or not (acting or start.kept):
         return start, after
     if len(start.kept) >= LONGEST * params.rates.steps:
@@ -113,30 +113,32 @@ def followed(
     if under_pass is None:
         if not (after.guarded or (not start.tried and knows_rotation(after, params))):
             return start, after
-        under_pass = _begun(start, after, 1, params)
-    under_pass, arrived = _gone_on(start, under_pass, params)
+        under_pass = _begin_pass(start, after, 1, params)
+    under_pass, arrived = _advance_pass(start, under_pass, params)
     if not arrived:
-        return start._replace(under_pass=under_pass), unguarded(after)
-    if not _explains(under_pass):
+        return start._replace(under_pass=under_pass), reset_guard(after)
+    if not _is_consistent(under_pass):
         if after.guarded or start.tried:
             return CONTRADICTED, after
         return start._replace(under_pass=None, contradicted=True, tried=True), after
-    found = guarded(under_pass.state, acting, params)
+    found = update_guard(under_pass.state, acting, params)
     if found.guarded:
         return OVER, found
     rotation = knows_rotation(found, params)
     return start._replace(under_pass=None, tried=start.tried or rotation, rotation=rotation), found
 
 
-def _begun(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
+def _begin_pass(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
     entry = start.entry
     assert entry is not None, "something is kept"
-    root = compressed(incremented_root(entry.root, params), params.places.thrust) if start.incremented else entry.root
-    begins = begun_as(entry._replace(root=root), end, params)
+    root = (
+        compress_root(incremented_root(entry.root, params), params.places.thrust) if start.incremented else entry.root
+    )
+    begins = choose_lag_priors(entry._replace(root=root), end, params)
     return Pass(end.mean.copy(), begins, 0, 0.0, 0.0, number)
 
 
-def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
+def _advance_pass(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
     """Advances a pass by a cycle's steps; returns it, and whether it is the last and has arrived."""
     made = params.compiled
     for _ in range(STEPS):
@@ -147,7 +149,7 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
         else:
             with np.errstate(over="ignore", invalid="ignore"):
                 if made is None:
-                    state, nis, components = gone_over(under_pass.state, sample, under_pass.about, params)
+                    state, nis, components = repeat_start_cycle(under_pass.state, sample, under_pass.about, params)
                 else:
                     state, nis, components = made.gone_over(under_pass.state, sample, under_pass.about)
             under_pass = under_pass._replace(
@@ -157,19 +159,19 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
                 components=under_pass.components + components,
             )
         if under_pass.done == len(start.kept):
-            if stays(under_pass.state, under_pass.about, params.places) or under_pass.number == _PASSES:
+            if is_pass_converged(under_pass.state, under_pass.about, params.places) or under_pass.number == _PASSES:
                 return under_pass, True
-            under_pass = _begun(start, under_pass.state, under_pass.number + 1, params)
+            under_pass = _begin_pass(start, under_pass.state, under_pass.number + 1, params)
     return under_pass, False
 
 
-def stays(state: JointState, about: Array, places: Places, near: float = _NEAR) -> bool:
+def is_pass_converged(state: JointState, about: Array, places: Places, near: float = _NEAR) -> bool:
     """Tests whether a pass ends, with a state, where it began, to some sigmas of mass properties and lags."""
     which = np.concatenate((np.arange(N_PROPERTIES), np.arange(places.lag, places.lag + places.n_lag)))
     rows = state.root[which]
     return bool((np.abs(state.mean[which] - about[which]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
-def _explains(under_pass: Pass) -> bool:
+def _is_consistent(under_pass: Pass) -> bool:
     """Tests whether a pass explains the readings."""
     return under_pass.nis - under_pass.components < _MISFIT * np.sqrt(2.0 * under_pass.components)

@@ -17,8 +17,8 @@ from massprop_drake.maths.estimation.joint.modes import (
     ModeParams,
     Rigid,
     Swing,
-    swinging,
-    tuned,
+    estimated_part_ratios,
+    mode_motion,
 )
 from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, cross, skew
@@ -79,7 +79,7 @@ class Swung(NamedTuple):
 
 
 @kernel
-def unswung(n: int, size: int) -> Swung:
+def modes_at_rest(n: int, size: int) -> Swung:
     """Returns the result for modes at rest that nothing drives.
 
     Args:
@@ -90,7 +90,7 @@ def unswung(n: int, size: int) -> Swung:
 
 
 @kernel
-def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
+def _expected_motion(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
     """Computes eta and eta' at the start, the middle and the end, shape (3, 2 n), and eta'', shape (3, n)."""
     n = driving.shape[0]
     course = np.stack(
@@ -101,7 +101,7 @@ def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]
 
 
 @kernel
-def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
+def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array:
     """Computes changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k)."""
     n = swing.stiffness.shape[0]
     at_start = swing.over[:, n:].copy() @ (swing.lightness @ residuals[0])
@@ -112,7 +112,9 @@ def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
 
 
 @kernel
-def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float) -> Array:
+def _force_derivatives(
+    swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float
+) -> Array:
     """Computes derivatives of the modal forces by the ten parameters and the common scale, shape (3, n, 11)."""
     _, accelerations = course
     n = accelerations.shape[1]
@@ -131,7 +133,9 @@ def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: f
 
 
 @kernel
-def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams) -> Array:
+def _part_error_forces(
+    swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams
+) -> Array:
     """Computes forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts)."""
     along, accelerations = course
     n = accelerations.shape[1]
@@ -159,7 +163,7 @@ def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], fact
 
 
 @kernel
-def _momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
+def _second_order_momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
     """Computes second-order angular momentum, by changed inertia and by masses that move on arcs, shape (3,)."""
     n, result = modes.frequencies.shape[0], np.zeros(3)
     for mode in range(n):
@@ -198,14 +202,16 @@ class _Along(NamedTuple):
 
 
 @kernel
-def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams) -> _Along:
-    """Computes the motion of the modes along an interval, arguments as `swung`."""
+def _mode_course(
+    mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams
+) -> _Along:
+    """Computes the motion of the modes along an interval, arguments as `swing_modes`."""
     modes, (scale, by_coupling) = params.modes, about
     n = modes.frequencies.shape[0]
     rate, turned = mean[RATE], moved.rate + by_coupling
     rigid = Rigid(scale * take_elements(mean, ELEMENT), scale * mean[MASS], mean[CENTER])
-    factors = tuned(mean[params.moving : params.moving + params.n_moving], modes)
-    swing = swinging(rigid, factors, duration_s, modes)
+    factors = estimated_part_ratios(mean[params.moving : params.moving + params.n_moving], modes)
+    swing = mode_motion(rigid, factors, duration_s, modes)
     begun = mean[params.swing : params.swing + 2 * n]
     driving = (swing.push @ moved.velocity + swing.turn @ turned) / duration_s
     by_rate, of_others = np.zeros((n, 3)), np.zeros((n, 2 * n))
@@ -216,13 +222,13 @@ def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: f
         of_others[mode, n:] = 2.0 * (modes.crossing[mode] @ (rate + 0.5 * turned))
         of_others[mode, mode] += (modes.bow[mode] @ moved.velocity + modes.bow_turn[mode] @ turned) / duration_s
     driving += of_others @ begun
-    along, accelerations = _expected(swing, begun, driving)
+    along, accelerations = _expected_motion(swing, begun, driving)
     rates = np.stack((rate, rate + turned))
     return _Along(rigid, swing, factors, begun, rates, by_rate, of_others, driving, along, accelerations)
 
 
 @kernel
-def _rows_of_modes(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
+def _mode_derivatives(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
     """Computes the derivative of eta and eta' at the end by the state, shape (2 n, size)."""
     swing, modes = course.swing, params.modes
     n = modes.frequencies.shape[0]
@@ -238,25 +244,27 @@ def _rows_of_modes(course: _Along, moved: Moved, scale: float, duration_s: float
         driving_rows[mode] += (course.begun[mode] / duration_s) * along
         driving_rows[mode, CENTER] -= cross(swing.push[mode], turned) / duration_s
         if params.n_moving > 0:
-            size, column = _size_of(mode, course.factors, params)
+            size, column = _participation_error(mode, course.factors, params)
             shifts, sigmas = _shifts_of(mode, params)
             driving_rows[mode, column] += size * course.driving[mode]
             driving_rows[mode, shifts] += cross(swing.push[mode], turned) / duration_s * sigmas
     rows = swing.driven @ driving_rows
     both = course.along, course.accelerations
-    answers = _answers(swing, _by_errors(swing, course.rigid, both, scale, params.thrust_sigma), duration_s)
+    answers = _force_responses(
+        swing, _force_derivatives(swing, course.rigid, both, scale, params.thrust_sigma), duration_s
+    )
     rows[:, :N_PROPERTIES] += answers[:, :N_PROPERTIES]
     if params.scale >= 0:
         rows[:, params.scale] += answers[:, N_PROPERTIES]
     if params.n_moving > 0:
-        of_parts = _by_own_errors(swing, course.rigid, both, course.factors, modes)
-        rows[:, params.moving : params.moving + params.n_moving] += _answers(swing, of_parts, duration_s)
+        of_parts = _part_error_forces(swing, course.rigid, both, course.factors, modes)
+        rows[:, params.moving : params.moving + params.n_moving] += _force_responses(swing, of_parts, duration_s)
     rows[:, own] += swing.over
     return rows
 
 
 @kernel
-def _size_of(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
+def _participation_error(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
     """Computes the relative derivative of a mode's participation by the error of its part, and the column of that."""
     part = params.modes.parts[mode]
     return params.modes.sigmas[part, SIZE] / factors[part, SIZE], params.moving + ERRORS * part + SIZE
@@ -271,7 +279,7 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 
 
 @kernel
-def _rows_of_vehicle(
+def _vehicle_derivatives(
     course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
     """Computes derivatives of the changes of w and c by the state, shape (3, size) each."""
@@ -287,7 +295,7 @@ def _rows_of_vehicle(
     rate_rows = moved.rate_rows - by_turn @ gained_rows - of_momentum @ mean_rows
     velocity_rows = moved.velocity_rows - by_push @ gained_rows
     turn, push = gained @ swing.turn, gained @ swing.push
-    rate_rows[:, INERTIA] += angular_block(_off_center(course, linear) - scale * turn)
+    rate_rows[:, INERTIA] += angular_block(_off_center_impulse(course, linear) - scale * turn)
     rate_rows[:, CENTER] -= rigid.inverse @ skew(push)
     velocity_rows[:, MASS] -= scale * push
     for mode in range(n):
@@ -300,7 +308,7 @@ def _rows_of_vehicle(
         rate_rows -= np.outer(rigid.inverse @ params.modes.bow_turn[mode], rising)
         velocity_rows -= np.outer(rigid.lightness * params.modes.bow[mode], rising)
         if params.n_moving > 0:
-            size, column = _size_of(mode, course.factors, params)
+            size, column = _participation_error(mode, course.factors, params)
             rate_rows[:, column] += size * (middle[mode] * by_own - gained[mode] * by_turn[:, mode])
             velocity_rows[:, column] -= (size * gained[mode]) * by_push[:, mode]
             shifts, sigmas = _shifts_of(mode, params)
@@ -312,14 +320,14 @@ def _rows_of_vehicle(
 
 
 @kernel
-def _off_center(course: _Along, linear: Array) -> Array:
+def _off_center_impulse(course: _Along, linear: Array) -> Array:
     """Computes the angular impulse by thrust beside the center of mass as the modes move it, shape (3,)."""
     n = course.driving.shape[0]
     return cross(linear, course.rigid.lightness * (course.along[1, :n] @ course.swing.push))
 
 
 @kernel
-def swung(
+def swing_modes(
     mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> tuple[Moved, Swung]:
     """Computes the modes after an interval, and their effects on the vehicle.
@@ -331,17 +339,17 @@ def swung(
         about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
         duration_s: T.
     """
-    course, scale, modes = _course(mean, moved, about, duration_s, params), about[0], params.modes
+    course, scale, modes = _mode_course(mean, moved, about, duration_s, params), about[0], params.modes
     swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()
     n = modes.frequencies.shape[0]
-    rows = _rows_of_modes(course, moved, scale, duration_s, params)
-    rate_rows, velocity_rows = _rows_of_vehicle(course, moved, linear, rows, (scale, duration_s), params)
+    rows = _mode_derivatives(course, moved, scale, duration_s, params)
+    rate_rows, velocity_rows = _vehicle_derivatives(course, moved, linear, rows, (scale, duration_s), params)
     by_turn, by_push, gained = rigid.inverse @ swing.turn.T, rigid.lightness * swing.push.T, after[n:] - begun[n:]
     start, end = course.rates[0], course.rates[1]
     middle = 0.5 * (start + end)
-    own = np.stack((_momentum(begun, start, modes), _momentum(after, end, modes)))
+    own = np.stack((_second_order_momentum(begun, start, modes), _second_order_momentum(after, end, modes)))
     change = moved.rate - by_turn @ gained - rigid.inverse @ (own[1] - own[0])
-    change += rigid.inverse @ _off_center(course, linear) / scale
+    change += rigid.inverse @ _off_center_impulse(course, linear) / scale
     momenta = (np.stack((begun[n:] @ swing.turn, after[n:] @ swing.turn)) + own) * scale
     before, later = begun[:n] @ by_push.T, after[:n] @ by_push.T
     rising = (after[:n] * after[n:] - begun[:n] * begun[n:]) @ modes.bow

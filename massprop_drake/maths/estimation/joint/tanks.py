@@ -76,7 +76,7 @@ class TankChange(NamedTuple):
 
 
 @kernel
-def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
+def draw_propellant(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
     """Computes the change by propellant drawn.
 
     Args:
@@ -110,11 +110,11 @@ def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: Tank
             by_used[_CENTER + axis, tank] = move[axis]
             by_state[_CENTER + axis, _CENTER + axis] += q * reciprocal
             by_state[_CENTER + axis, _MASS] -= q * arm[axis]
-            by_center = _by_arm(inverse, arm, -_IDENTITY[axis]) * q
+            by_center = _arm_derivative(inverse, arm, -_IDENTITY[axis]) * q
             for element, (i, j) in enumerate(_PAIRS):
                 by_state[element, _CENTER + axis] += by_center[i, j]
         if 0.0 < height < tanks.capacities[tank]:
-            by_fill = _by_arm(inverse, arm, column) * q
+            by_fill = _arm_derivative(inverse, arm, column) * q
             for element, (i, j) in enumerate(_PAIRS):
                 by_state[element, _N + tank] = by_fill[i, j]
             by_state[_CENTER:_MASS, _N + tank] = -q * reciprocal * column
@@ -125,7 +125,7 @@ def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: Tank
 
 
 @kernel
-def _by_arm(inverse: Array, arm: Array, way: Array) -> Array:
+def _arm_derivative(inverse: Array, arm: Array, way: Array) -> Array:
     """Computes the derivative of J N J by the arm in some direction, shape (3, 3)."""
     crossed = np.outer(arm, way)
     return inverse @ ((2.0 * (arm @ way)) * _IDENTITY - crossed - crossed.T) @ inverse

@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.covariance import compress_root
 from massprop_drake.maths.estimation.joint.layout import (
     INERTIA,
     MASS,
     N_PROPERTIES,
     JointParams,
     JointState,
-    relearned,
+    replace_estimate,
 )
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 
 @kernel
-def partitioned(state: JointState, amount: Array, params: JointParams) -> JointState:
+def separate_scale(state: JointState, amount: Array, params: JointParams) -> JointState:
     """Returns the state in the variables b', J', mu', f' and s, from the first interval in which jets fire on.
 
     Args:
@@ -42,11 +42,11 @@ def partitioned(state: JointState, amount: Array, params: JointParams) -> JointS
     root[MASS] += params.thrust_sigma * state.mean[MASS] * common
     for slot in range(places.n_force):
         root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
-    return relearned(state, state.mean, compressed(root, places.thrust))
+    return replace_estimate(state, state.mean, compress_root(root, places.thrust))
 
 
 @kernel
-def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
+def parameters_with_scale(state: JointState, params: JointParams) -> tuple[Array, Array]:
     """Computes the ten parameters with the scale in them, shape (10,), and their errors' rows, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
     if params.places.n_scale > 0:
@@ -59,7 +59,7 @@ def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
     return properties, rows
 
 
-def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
+def force_with_scale(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
     """Computes the force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
 
     Args:

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
-from massprop_drake.maths.estimation.joint.covariance import updated
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, releveled
+from massprop_drake.maths.estimation.joint.covariance import joseph_update
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, replace_levels
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import level_onsets, split_sample
@@ -140,14 +140,14 @@ class Elapsed(NamedTuple):
 
 
 @kernel
-def on_ticks() -> Timing:
+def timing_on_ticks() -> Timing:
     """Returns the timing of an interval whose stamps are ticks."""
     none = np.zeros(2)
     return Timing(False, False, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
 
 
 @kernel
-def started(stamp_s: float, command: Array) -> Clock:
+def start_clock(stamp_s: float, command: Array) -> Clock:
     """Starts the clock at the first reading, or after a gap.
 
     Args:
@@ -180,11 +180,11 @@ class Commanded(NamedTuple):
     onset_s: Array
 
 
-def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
+def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
     """Returns the last row's command, unknown ones filled in where both neighbors are equal, shape (n_jets,).
 
     Args:
-        clock, stamp_s, commands, pace: see `elapsed`.
+        clock, stamp_s, commands, pace: see `measure_interval`.
     """
     command, coming = commands
     if coming is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
@@ -193,7 +193,7 @@ def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
     return told
 
 
-def elapsed(
+def measure_interval(
     clock: Clock, stamp_s: float, commands: tuple[Commanded, Commanded | None], pace: Pace
 ) -> tuple[Clock, Elapsed]:
     """Computes the interval from the last reading to this one, and the clock after it.
@@ -206,35 +206,35 @@ def elapsed(
     (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
     short = length <= LONGEST * period_s
-    if on_time(clock, stamp_s, period_s):
+    if is_on_time(clock, stamp_s, period_s):
         whole = split_sample(*told, period_s, (0.0, period_s))
-        return begun(stamp_s, told), Elapsed(*whole, on_ticks(), clock.lost)
+        return start_clock_with_onsets(stamp_s, told), Elapsed(*whole, timing_on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
     near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
     if at_stamps or not (short and near):
-        after = begun(stamp_s, told)._replace(lost=not short)
-        return after, Elapsed(*split_sample(*told, period_s, (0.0, length)), on_ticks(), clock.lost or not short)
+        after = start_clock_with_onsets(stamp_s, told)._replace(lost=not short)
+        return after, Elapsed(*split_sample(*told, period_s, (0.0, length)), timing_on_ticks(), clock.lost or not short)
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
     jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)
-    now = _stamped(line, stamp_s, (passed, period_s), sigma_s, jitter)
+    now = _update_clock(line, stamp_s, (passed, period_s), sigma_s, jitter)
     if coming is not None:
         row = np.array([1.0, now.number])
         variance = float(row @ now.covariance @ row)
-        acted_s, acted, spread = _before_reading(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
+        acted_s, acted, spread = _acting_time_moments(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
         now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
     now = now._replace(earlier=told.command, earlier_onset_s=told.onset_s)
-    return now, Elapsed(*_pieces(clock, now, coming, jitter, period_s), clock.lost)
+    return now, Elapsed(*_divide_interval(clock, now, coming, jitter, period_s), clock.lost)
 
 
-def begun(stamp_s: float, told: Commanded) -> Clock:
+def start_clock_with_onsets(stamp_s: float, told: Commanded) -> Clock:
     """Starts the clock at a reading, with the onsets of the command up to it."""
-    return started(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
+    return start_clock(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
 
 
-def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it."""
+def _update_clock(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
+    """Updates the clock with one more stamp, before it is known what acted by then; as `update_by_stamp` has it."""
     line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
@@ -259,7 +259,7 @@ def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Ar
     )
 
 
-def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]:
+def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, float]:
     """Computes how long a tick's command had acted by a reading so much later, s: mean, share, spread, see `Clock`."""
     if abs(late_s) >= _FAR * sigma_s:
         return max(late_s, 0.0), float(late_s > 0.0), 0.0
@@ -270,7 +270,7 @@ def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]
     return sigma_s * mean, below, sigma_s * sigma_s * max(spread, 0.0)
 
 
-def _pieces(
+def _divide_interval(
     before: Clock, now: Clock, coming: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
     """Computes the pieces of an interval whose ticks are off its readings, and their timing relative to these."""
@@ -278,7 +278,7 @@ def _pieces(
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
     earlier, told = (Commanded(one.earlier, one.earlier_onset_s) for one in (before, now))
-    begins = before.acted < 1.0 and not all(map(_same, earlier, told))
+    begins = before.acted < 1.0 and not all(map(_are_equal, earlier, told))
     ends = now.acted > 0.0
     true_s = np.array([before.stamp_s + rest_s, now.at_s - now.rest_s])  # of the share that counts in this interval
     put_s = true_s.copy()
@@ -321,13 +321,13 @@ def _pieces(
     return np.concatenate(lengths), np.concatenate(levels), timing
 
 
-def _same(one: Array, other: Array) -> bool:
+def _are_equal(one: Array, other: Array) -> bool:
     return bool(np.array_equal(one, other, equal_nan=True))
 
 
 @kernel
-def on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Tests whether a stamp is a sample period after the last one, both at their ticks; see `elapsed`."""
+def is_on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
+    """Tests whether a stamp is a sample period after the last one, both at their ticks; see `measure_interval`."""
     return not clock.off and abs(stamp_s - clock.stamp_s - period_s) <= _EXACT * period_s
 
 
@@ -348,7 +348,7 @@ class Stamped(NamedTuple):
 
 
 @kernel
-def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
+def update_by_stamp(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
     """Updates the state before an interval by the stamp at its end, which measures the ticks.
 
     Args:
@@ -371,8 +371,8 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
     wide = np.hstack((root, columns))
     row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * number
     variance, innovation = np.full(1, timing.jitter), np.full(1, timing.late_s - row @ mean)
-    change = updated(wide, (row @ wide).reshape(1, -1), variance, innovation, places.thrust)
+    change = joseph_update(wide, (row @ wide).reshape(1, -1), variance, innovation, places.thrust)
     correction = change.correction
     moved_s = params.tick_sigma * correction[offset : period + 1]
-    after = releveled(state, mean + correction, change.root, state.level + moved_s @ tick_slope, tick_slope)
+    after = replace_levels(state, mean + correction, change.root, state.level + moved_s @ tick_slope, tick_slope)
     return after, Stamped(row, change.half_gain[:, 0] / change.upper[0, 0], correction, 0.0 if timing.anew else 1.0)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of, regiven
+from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of, replace_firing
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
@@ -40,7 +40,7 @@ class Directions(NamedTuple):
 
 
 @kernel
-def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
+def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
     """Computes the directions that jets of unknown command span.
 
     Args:
@@ -61,20 +61,20 @@ def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
     return Directions(float(count), _WIDE * np.sqrt((effects**2).sum(axis=1).max()), basis, dual)
 
 
-def is_anything(firing: Firing, anything: Directions) -> bool:
+def is_untestable(firing: Firing, anything: Directions) -> bool:
     """Tests whether nothing that jets do can be tested over an interval."""
     return bool(anything.number == anything.basis.shape[0] or firing.unknown.all())
 
 
 @kernel
-def spread(anything: Directions) -> Array:
+def reopening_covariance(anything: Directions) -> Array:
     """Computes the covariance by which w and c are reopened, shape (6, 6)."""
     wide = anything.spread * anything.basis
     return wide @ wide.T
 
 
 @kernel
-def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
+def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
     """Removes the components along the directions from derivatives of the changes of w and c by parameters.
 
     Args:
@@ -88,7 +88,9 @@ def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) ->
 
 
 @kernel
-def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams) -> Firing:
+def firing_shown_by_readings(
+    error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams
+) -> Firing:
     """Returns the firing with the openings of jets of unknown command as readings show them.
 
     Args:
@@ -104,7 +106,7 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
     found = along @ np.linalg.solve(along.T @ along, (anything.dual.T @ error)[: int(anything.number)])
     amount = firing.amount + firing.unknown * found
     least, most = np.minimum(firing.amount, 0.0), np.maximum(firing.amount, firing.duration_s)
-    return regiven(firing, np.minimum(np.maximum(amount, least), most), firing.level)
+    return replace_firing(firing, np.minimum(np.maximum(amount, least), most), firing.level)
 
 
 @kernel

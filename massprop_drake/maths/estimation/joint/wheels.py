@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance_states import Wander, prolonged
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander, append_constant_states
 from massprop_drake.maths.kernels import kernel, select_where
 from massprop_drake.maths.linear_algebra import Array, cross
 
@@ -65,7 +65,7 @@ UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @kernel
-def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
+def interval_wheel_speeds(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
     """Returns speeds over an interval, and the last that are read of each wheel.
 
     Args:
@@ -81,13 +81,13 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
     return Spun(start, end, missing.astype(np.float64), drawn), last
 
 
-def first_spread(missing: Array, wheels: WheelParams) -> Array:
+def initial_speed_sigmas(missing: Array, wheels: WheelParams) -> Array:
     """Returns 1-sigma of z_k where readings begin: 1, or where none is read as fast as wheels turn, shape (n,)."""
     return np.where(missing > 0.0, _FASTEST / wheels.speed_std, 1.0)
 
 
 @kernel
-def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
+def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
     """Returns speeds without those that are not trusted, which count as missing.
 
     Args:
@@ -105,14 +105,14 @@ def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParam
     return Spun(start, end, kept, drawn)
 
 
-def size_of(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) -> float:
+def largest_wheel_turn(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) -> float:
     """Computes the most by which the motor of a wheel turns the vehicle in an interval, rad/s."""
     turned = inverse @ wheels.axes[wheel] * wheels.inertias[wheel] * wheels.most[wheel]
     return float(np.linalg.norm(turned)) * duration_s
 
 
 @kernel
-def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
+def is_any_wheel_driven(speeds: Spun, wheels: WheelParams) -> bool:
     """Tests whether the speed of any wheel changes by more than the errors of readings."""
     for k in range(speeds.end.shape[0]):
         if abs(speeds.end[k] - speeds.start[k]) > _ACTS * math.sqrt(2.0) * wheels.speed_std[k]:
@@ -121,7 +121,7 @@ def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
 
 
 @kernel
-def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
+def wheel_momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
     """Computes angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
 
     Args:
@@ -136,7 +136,7 @@ def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
 
 
 @kernel
-def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
+def wheel_impulses(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
     """Computes angular impulse E_k by each wheel, shape (n, 3).
 
     Args:
@@ -153,7 +153,7 @@ def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels:
 
 
 @kernel
-def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
+def append_reading_errors(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
     """Appends the errors of the wheels' readings to the course of a disturbance.
 
     Args:
@@ -164,7 +164,7 @@ def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels:
     n, others = speeds.end.shape[0], wander.kept.shape[0]
     if n == 0:
         return wander
-    longer = prolonged(wander, n)
+    longer = append_constant_states(wander, n)
     kept, along, begun, drawn = longer.kept, longer.along, longer.begun, longer.drawn
     for k in range(n):
         step = (wheels.inertias[k] * wheels.speed_std[k]) * wheels.axes[k]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.burns import pushes
+from massprop_drake.maths.estimation.joint.burns import single_engine_impulses
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES
 from massprop_drake.maths.estimation.offline.coupled_rates import (
     CROSS,
@@ -161,7 +161,7 @@ def engine_impulses(read: RecordedStretch, at: Array, model: FlightModel) -> tup
     burns = np.zeros((rows + 1, 0, 3, N_CHANNELS)) if read.stretch.burns is None else read.stretch.burns
     for which in range(burns.shape[1]):
         own, points = slice(N_ERRORS * which, N_ERRORS * (which + 1)), burns[:-1, which].reshape(-1, N_CHANNELS)
-        given, by, _, _ = pushes(which, points, errors[own], 1.0, model.engines)
+        given, by, _, _ = single_engine_impulses(which, points, errors[own], 1.0, model.engines)
         impulse += lengths * given
         by_errors[own] = lengths * by
     return impulse, by_errors

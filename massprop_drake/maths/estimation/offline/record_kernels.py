@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.swing import swung
+from massprop_drake.maths.estimation.joint.swing import swing_modes
 from massprop_drake.maths.estimation.offline.swings import Step
 from massprop_drake.maths.kernels import as_iterable, compile_kernel_if, idiom, kernel
 from massprop_drake.maths.linear_algebra import Array
@@ -87,7 +87,7 @@ class Compute(NamedTuple):
 
     used: Callable[[Array, Array, float], NDArray[np.int_]] = select_informative
     lag: Callable[[Array, Array, Array, Array], None] = lag
-    swing: Step = swung
+    swing: Step = swing_modes
 
 
 def choose_kernels(*, compiled: bool) -> Compute:
@@ -96,7 +96,7 @@ def choose_kernels(*, compiled: bool) -> Compute:
         Compute(
             compile_kernel_if(select_informative, compiled),
             compile_kernel_if(lag, compiled),
-            compile_kernel_if(swung, compiled),
+            compile_kernel_if(swing_modes, compiled),
         )
         if compiled
         else Compute()

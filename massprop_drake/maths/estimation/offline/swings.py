@@ -12,8 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE
-from massprop_drake.maths.estimation.joint.modes import ModeParams, Rigid, spread_of, swinging, tuned
-from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swung, swung
+from massprop_drake.maths.estimation.joint.modes import (
+    ModeParams,
+    Rigid,
+    estimated_part_ratios,
+    mode_motion,
+    mode_sigmas,
+)
+from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swung, swing_modes
 from massprop_drake.maths.linear_algebra import Array, cross
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -57,7 +63,7 @@ class Swings(NamedTuple):
 Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], tuple[Moved, Swung]]
 
 
-def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swung) -> Swings:
+def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swing_modes) -> Swings:
     """Computes a stretch with its modes, which are at rest at its beginning.
 
     Args:
@@ -112,9 +118,11 @@ def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
     if modes.frequencies.size == 0:
         return True
     locked = Rigid(properties[ELEMENT], float(properties[MASS]), properties[CENTER])
-    return bool(np.linalg.eigvalsh(swinging(locked, tuned(errors, modes), 1.0, modes).lightness)[0] > 0.0)
+    return bool(
+        np.linalg.eigvalsh(mode_motion(locked, estimated_part_ratios(errors, modes), 1.0, modes).lightness)[0] > 0.0
+    )
 
 
 def start_variances(modes: ModeParams) -> Array:
     """Computes variances of eta and eta' at the beginning of a stretch, positive, shape (2 n,)."""
-    return np.maximum(spread_of(modes.start, modes), 1e-9) ** 2
+    return np.maximum(mode_sigmas(modes.start, modes), 1e-9) ** 2

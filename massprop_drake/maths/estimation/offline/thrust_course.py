@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, lingering
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, initial_level_decay
 from massprop_drake.maths.estimation.joint.layout import MASS
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
 from massprop_drake.maths.estimation.offline.record_kernels import add_decayed_sums
@@ -129,7 +129,7 @@ def _course_by_lag_errors(read: RecordedStretch, lag_error: Array, model: Flight
     given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
     each = period[:, None] if isinstance(period, np.ndarray) else period
-    lagged, left = constants > 0.0, lingering(constants / each)
+    lagged, left = constants > 0.0, initial_level_decay(constants / each)
     before = read.stretch.before[:, on]
     level = np.concatenate((before, commands))
     slope, pulses = (
