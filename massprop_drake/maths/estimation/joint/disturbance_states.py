@@ -8,7 +8,8 @@ for the integral of z and for z itself (Brown and Hwang, Introduction to Random 
 What acts is an acceleration: errors of the mass properties do not multiply it, and it says nothing of these.
 
 *Unstated* components, one about and along each axis, have the unit of what all jets give together
-(`unstated_unit_effects`). They are zero but for a hypothesis that something acts which nobody stated, of a level L and a time constant of its own.
+(`unstated_unit_effects`). They are zero but for a hypothesis that something acts which nobody stated, of a level L and
+a time constant of its own.
 """
 
 from __future__ import annotations
