@@ -202,7 +202,7 @@ class Sound:
 
 
 class Case(NamedTuple):
-    """What to call, and what it is given to read."""
+    """Function to call, and the file that it is given to read."""
 
     arguments: list[str]
     stdin: bytes = b""

@@ -78,7 +78,7 @@ def detector_settings_of(*overrides: str) -> CglrParams:
 
 
 def sure_evidence(time_s: float, innovation: Array, properties: Array, whole: Array, **changes: Any) -> Evidence:
-    """What a detector sees of filters that coast and are sure of their estimates, but for the changes."""
+    """Input of a detector from filters that coast and are sure of their estimates, but for the changes."""
     # a variance of zero would say that nothing was ever measured
     sure = (1e-9 * properties) ** 2
     given = {

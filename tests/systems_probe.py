@@ -74,7 +74,7 @@ def give(dut: System, context: Any, **values: Any) -> None:
 
 
 def output(dut: System, context: Any, name: str, **values: Any) -> Any:
-    """What an output port says, with some inputs fixed before; asked twice, it says the same."""
+    """Value of an output port, with some inputs fixed before; asked twice, it is the same."""
     give(dut, context, **values)
     port = dut.GetOutputPort(name)
     said = port.Eval(context)

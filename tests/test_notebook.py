@@ -52,7 +52,7 @@ def printed(outputs: Outputs) -> str:
 
 
 def shown(outputs: Outputs, kind: str) -> list[str]:
-    """What the cells show of a kind."""
+    """Text that the cells of a kind show."""
     return ["".join(one["data"][kind]) for one in outputs if kind in one.get("data", {})]
 
 

@@ -50,7 +50,7 @@ def tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
 
 
 def within(left: dict[str, Any], sigmas: float) -> bool:
-    """Whether a run's estimates are as near the truth as they claim."""
+    """Tests whether a run's estimates are as near the truth as they claim."""
     results = left["run"].results
     return bool((abs(results.estimates - results.truth) <= sigmas * results.standard_deviations).all())
 

@@ -22,12 +22,12 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import Model, Name, Positive, Real, RelativeSigma, Share, Vector3, described
+from massprop_drake.inputs.vehicle_parts import require_unit_length
 from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
 
 Array = NDArray[np.float64]
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _PLACED = 0.05  # of the jets' RMS arm: 1-sigma of a position, as of the middle of what sloshes in a tank
 _TURNS = 0.1  # physics: of a swing in a sample, through which thrust is taken as even
 _SQUARE_TOLERANCE = 0.01  # of the cosine between two directions that are square
@@ -85,7 +85,7 @@ class Slosh(_MovingPart):
     def _square(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
         axes = _directions(value)
         for axis in axes:
-            _require_unit_length(axis)
+            require_unit_length(axis)
         if np.abs(axes @ axes.T - np.eye(len(axes))).max() > _SQUARE_TOLERANCE:
             raise ValueError("must be square to each other")
         return value
@@ -143,11 +143,7 @@ class HingedPanel(_MovingPart):
     inertia_uncertainty: Share = described(0.05, "1-sigma of the inertia, relative, likewise")
     start_std: Real | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad", ge=0.0, le=1.0)
 
-    @field_validator("axis")
-    @classmethod
-    def _unit(cls, value: Vector3) -> Vector3:
-        _require_unit_length(np.array(value))
-        return value
+    _unit = field_validator("axis")(require_unit_length)
 
     @model_validator(mode="after")
     def _possible(self) -> HingedPanel:
@@ -234,12 +230,6 @@ MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="ki
 
 def _directions(axes: Sequence[str | Vector3]) -> Array:
     return np.array([_AXES[axis] if isinstance(axis, str) else axis for axis in axes], dtype=np.float64)
-
-
-def _require_unit_length(direction: Array) -> None:
-    length = float(np.linalg.norm(direction))
-    if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
-        raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
 
 
 def moving_parts_problem(

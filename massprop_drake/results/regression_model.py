@@ -10,7 +10,8 @@ import numpy as np
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation.filter import Instruments, Setup
+from massprop_drake.maths.estimation.filter import Setup
+from massprop_drake.maths.estimation.filters.joint import undithered_quanta
 from massprop_drake.maths.estimation.joint.burns import Burn, engine_impulse
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
@@ -90,7 +91,7 @@ def make_model(scenario: Scenario) -> FlightModel:
         kinds=thrust.kinds,
         positions=setup.accelerometer_positions,
         variances=variances,
-        quanta=np.concatenate((_undithered_quanta(gyros), _undithered_quanta(accelerometers))),
+        quanta=np.concatenate((undithered_quanta(gyros), undithered_quanta(accelerometers))),
         gyros=gyros.quanta.size,
         prior=prior,
         sigma=sigma,
@@ -159,11 +160,6 @@ def without_shifts(made: FlightModel) -> FlightModel:
     sigma = made.sigma.copy()
     sigma[flight_model.columns(made).shift] = 0.0
     return made._replace(sigma=sigma)
-
-
-def _undithered_quanta(packages: Instruments) -> Array:
-    """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
-    return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
 
 
 def propellant_variances(scenario: Scenario, at: Array) -> Array:

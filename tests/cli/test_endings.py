@@ -75,7 +75,7 @@ def test_a_run_of_the_program_with_its_figures(tmp_path: Path) -> None:
 
 
 def test_a_closed_pipe_ends_the_program_quietly(tmp_path: Path) -> None:
-    """As in `massprop list | head -0`: nobody reads, nobody is told."""
+    """Ends quietly as in `massprop list | head -0`, where nobody reads."""
     pipe = subprocess.PIPE
     with subprocess.Popen([*PROGRAM, "list"], stdout=pipe, stderr=pipe, text=True, cwd=tmp_path) as program:
         assert program.stdout is not None

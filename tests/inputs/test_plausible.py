@@ -1,4 +1,4 @@
-"""What is hardly meant is doubted, and what can be is neither doubted nor refused."""
+"""Plausibility: entries that are hardly meant are doubted, possible ones neither doubted nor refused."""
 
 from __future__ import annotations
 

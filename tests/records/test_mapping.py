@@ -1,4 +1,4 @@
-"""What a map makes of columns: units, axes, clocks, commands, poses, and what cannot be."""
+"""Maps of columns: units, axes, clocks, commands, poses, and refusals."""
 
 from __future__ import annotations
 

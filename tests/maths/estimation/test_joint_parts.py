@@ -380,7 +380,7 @@ def test_slices_leave_a_tank_by_the_parallel_axis_theorem() -> None:
 
 @pytest.mark.parametrize("constant_s", [0.02, 2.0, 15.0])
 def test_a_disturbance_goes_over_as_the_matrix_exponential_has_it(constant_s: float) -> None:
-    """By Van Loan's block matrix: transition of w, c and z, and the covariance that comes."""
+    """Transition of w, c and z, and the covariance that comes, by Van Loan's block matrix."""
     disturbance, a, n = DISTURBANCE._replace(time_constant_s=constant_s), DISTURBANCE.accelerations, 5
     flow, white = np.zeros((11, 11)), np.zeros((11, 11))
     flow[:6, 6:], flow[6:, 6:], white[6:, 6:] = a, -np.eye(n) / constant_s, 2.0 / constant_s * np.eye(n)

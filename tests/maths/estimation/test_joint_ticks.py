@@ -267,7 +267,7 @@ def fired(
 
 
 def gone_on(before: Firing, constants: np.ndarray, durations: np.ndarray, commands: np.ndarray) -> Firing:
-    """Those of a further interval."""
+    """Events of a further interval."""
     return fire((before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2)))
 
 

@@ -45,7 +45,7 @@ ODDS = ("history_", "fault_", "none_", "unknown_")
 
 
 def test_one_kernel_gives_the_bits_of_the_parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """In flight and from a record, before and after a jet sticks, which is left to the parts."""
+    """Same bits in flight and from a record, before and after a jet sticks, which is left to the parts."""
     scenario = load_scenario(
         "orbiter_maneuver",
         ["failures=[{kind: stuck_on, jet: R4R, start_s: 8}]", "duration_s=9", "execution.engine=loop"],

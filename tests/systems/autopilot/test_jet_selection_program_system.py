@@ -41,7 +41,7 @@ def solved(cost: Array, matrix: Array, right: Array, bounds: list[Any]) -> float
 
 
 def best(request: Array, limits_s: Array) -> Best:
-    """In rows with a largest element of 1, and the request likewise."""
+    """Solves with rows whose largest element is 1, and the request likewise."""
     size = float(np.abs(request / ROWS).max())
     rows, target, n = ACTIVITY / ROWS[:, None], request / ROWS / size, limits_s.size
     box = [(0.0, limit / size) for limit in limits_s]

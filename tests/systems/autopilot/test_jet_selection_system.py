@@ -51,7 +51,7 @@ class Pilot:
         give(self.dut, self.context, request=[*wanted, limit_s, urgency])
 
     def hear(self, *removed: int, declared: bool = False, wrench: Any = (0.0,) * 6) -> None:
-        """What the detector says at this sample and until it says otherwise."""
+        """State that the detector declares at this sample and until it says otherwise."""
         give(self.dut, self.context, reconfiguration=[float(declared), *wrench, *np.isin(np.arange(N), removed)])
 
     def declare(self, *removed: int) -> None:

@@ -30,7 +30,7 @@ def made(kind: Any, **errors: Any) -> Any:
 
 
 def signal(kind: Any, body: Array) -> Array:
-    """What an ideal package reads; the rest of the body must not matter."""
+    """Readings of an ideal package; the rest of the body must not matter."""
     if kind is RateGyro:
         return body[RATE]
     return point_velocity(body[ORIGIN_VELOCITY], body[RATE], body[SPIN_INTEGRAL], PLACE)

@@ -195,7 +195,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.concatenate((np.repeat(variances, 3), of_attitudes)),
         quanta=np.append(
-            np.repeat(np.concatenate((_undithered_quanta(gyros), _undithered_quanta(accelerometers))), 3), of_trackers
+            np.repeat(np.concatenate((undithered_quanta(gyros), undithered_quanta(accelerometers))), 3), of_trackers
         ),
         cells=np.append(cells, of_trackers),
         floors=np.append(noises**2 + (FLOOR * cells) ** 2, of_attitudes),
@@ -238,7 +238,7 @@ def _normalize_sigmas(sigmas: Array) -> tuple[float, Array]:
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 
 
-def _undithered_quanta(packages: Instruments) -> Array:
+def undithered_quanta(packages: Instruments) -> Array:
     """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
     return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
 

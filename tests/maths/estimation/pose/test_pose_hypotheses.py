@@ -280,7 +280,7 @@ def test_a_part_that_runs_off_is_left_out_and_the_last_one_says_so() -> None:
 
 @pytest.mark.parametrize(("stated_s", "late"), [(0.01, 3), (0.0, 3), (0.0, 0)])
 def test_a_delay_that_is_far_off_is_found_and_an_exact_one_stays_so(stated_s: float, late: int) -> None:
-    """Of commands that act so many samples later than the file says."""
+    """Telemetry of commands that act so many samples later than the file says."""
     kind = bearing().jet_kinds["nozzle"].model_copy(update={"command_delay_std_s": stated_s})
     vehicle = again(bearing(), jet_kinds={"nozzle": kind})
     found = flown(vehicle, Truth(np.ones(len(vehicle.jets))), late=late, parts=True)
