@@ -1,4 +1,4 @@
-"""The mass filter: compensation of rotation by sampling, and the scalar update against batch least squares."""
+"""The mass filter: compensation of rotation, and the scalar update against batch least squares."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     MassParams,
     MassState,
     Rotation,
-    compensate_rotation,
     finish,
     measure,
 )
@@ -57,9 +56,6 @@ class Given(NamedTuple):
     @property
     def rotation(self) -> Rotation:
         return Rotation(self.turn, self.rate, self.rate_variance, CENTER, self.center_covariance)
-
-    def freed(self) -> tuple[Array, Array]:
-        return compensate_rotation(self.velocity - self.before, self.noise, self.arm, self.rotation, self.params)
 
     def cycled(self, usable: bool = True, firing: bool = True) -> tuple[MassCycle, MassInnovation]:
         state = MassState(self.mass_reciprocal, self.variance, empty_window(1))
@@ -102,22 +98,6 @@ def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensat
     assert_allclose(dut.covariance, total, rtol=1e-13)
     assert_allclose(dut.information @ total, np.eye(3), rtol=0.0, atol=1e-12)
     assert dut.nis == pytest.approx(expected @ np.linalg.solve(total, expected), rel=1e-11)
-
-
-def test_centripetal_compensation_is_the_mean_over_the_rates_that_two_readings_leave_possible() -> None:
-    # (3-67) to (3-69) in the source's sense: the readings are given, the true rates lie about them by their errors.
-    # 0.5 rad/s per reading, 0.5 / sqrt(2) for the mean of two, over 10 s: 2 * 0.125 * 10 = 2.5 times the arm
-    rng, count = np.random.default_rng(2), 50_000
-    readings, true = np.array([[0.02, -0.03, 0.01], [0.03, -0.01, -0.01]]), np.array([0.3, -0.1, 0.2])
-    before, after = (reading - 0.5 * rng.standard_normal((count, 3)) for reading in readings)
-    mean = 0.5 * (before + after)
-    seen = true + np.cross(after - before, ARM) + 10.0 * np.cross(mean, np.cross(mean, ARM))
-    given = GIVEN._replace(before=np.zeros(3), velocity=seen.mean(axis=0), rate_variance=0.5)
-    given = given._replace(turn=readings[1] - readings[0], rate=readings.mean(axis=0)).having(period_s=10.0)
-    standard_error = seen.std(axis=0) / np.sqrt(count)
-    assert (np.abs(given.freed()[0] - true) < 5.0 * standard_error).all()
-    # the test can tell whether the correction is there, and whether it is for one reading or for the mean of two
-    assert (2.5 * np.abs(ARM) > 10.0 * standard_error).all()
 
 
 def test_innovation_covariance_that_is_not_positive_definite_is_an_error() -> None:

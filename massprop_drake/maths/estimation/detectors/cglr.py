@@ -106,11 +106,7 @@ class CglrParams(NamedTuple):
 
 
 def make_params(jets: KnownJets, options: Any) -> CglrParams:
-    """Makes the parameters from a scenario's block `detector`.
-
-    Args:
-        options: the block, field by field.
-    """
+    """Makes the parameters from a scenario's block `detector`."""
     limit = options.unexplained_limit
     return CglrParams(
         period_s=jets.period_s,
@@ -182,7 +178,6 @@ class CglrFinding(NamedTuple):
     """Finding of the detector about one sample.
 
     Attributes:
-        tested: whether the sample was tested.
         alarm: whether an alarm passed as a jet's.
         isolation: see `jet_tests.isolate`; of no meaning when not tested.
         jet_isolated: whether the alarm names the jet.
@@ -210,10 +205,7 @@ class DetectorCycle(NamedTuple):
     """Result of one cycle.
 
     Attributes:
-        state: to remember.
         tests: of every jet; arguments are NaN where the sample was not tested.
-        finding: of this sample.
-        adaptation: for the filters.
     """
 
     state: DetectorState

@@ -75,27 +75,13 @@ class JetTests(NamedTuple):
     unexplained: Array
 
 
-def information_if_testable(evidence: Evidence, limits: Array) -> Array | None:
-    """Computes the inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
-
-    A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
-    have converged.
-
-    Args:
-        evidence: of the sample.
-        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
-
-    Raises:
-        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
-    """
-    if not is_testable(evidence, limits):
-        return None
-    return information(evidence.covariance, evidence.coupled)
-
-
 @kernel
 def is_testable(evidence: Evidence, limits: Array) -> bool:
-    """Tests whether a sample can be tested for failed jets; arguments as `information_if_testable`."""
+    """Tests whether a sample can be tested: steady jets, both innovations there, and estimates converged.
+
+    Args:
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
+    """
     innovation = evidence.innovation
     if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
         return False

@@ -84,7 +84,6 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
         log_prior: see `PassFit`.
         about: x* but for the failed jet's force, which is what the contender has, shape (size,).
         entry: state before the first kept sample.
-        params: see `JointParams`.
     """
     about, cause = about.copy(), contender.cause
     for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
