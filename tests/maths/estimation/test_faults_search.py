@@ -10,14 +10,16 @@ from faults_probe import known_vehicle, make_params, samples_of
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
+from massprop_drake.maths.estimation.faults.fault_events import Way
 from massprop_drake.maths.estimation.faults.passes import begin_fit, step_fit
-from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, advance_search
+from massprop_drake.maths.estimation.faults.tree import Tree, probabilities, tree_from_search
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint import relinearization
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, failure_slot
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -63,23 +65,10 @@ def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tu
     return (), np.inf
 
 
-def force_of(found: SearchOutcome, params: JointParams) -> tuple[float, float]:
-    """Force of the failed jet, and its 1-sigma."""
-    row = params.places.force + failure_slot(found.state, found.cause.jets[0], found.cause.signs[0])
-    return float(found.state.mean[row]), float(np.sqrt(np.sum(found.state.root[row] ** 2)))
-
-
-def probabilities(found: tuple[SearchOutcome, ...], params: JointParams) -> dict[object, float]:
-    """Posterior probability of each cause by what is named of it."""
-    weights = []
-    for each in found:
-        weight = each.score.likelihood + each.log_prior
-        if each.cause.jets:
-            thrust = float(params.thrusts[each.cause.jets[0]])
-            weight += force_correction(*force_of(each, params), thrust, Priors(), missing=each.cause.signs[0] < 0)
-        weights.append(weight)
-    shares = np.exp(np.array(weights) - max(weights))
-    return {each.cause.key: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
+def probabilities_of(found: tuple[SearchOutcome, ...], params: JointParams) -> dict[frozenset[Way], float]:
+    """Posterior probability of each hypothesis by the jets that have failed in it."""
+    tree = tree_from_search(found, Tree(), Params(params, Priors(), np.zeros(0), np.zeros(0)))
+    return {each.ways: share for each, share in probabilities(tree)}
 
 
 def nees(found: SearchOutcome, run: Run, time_s: float, params: JointParams) -> float:
@@ -106,7 +95,7 @@ def test_the_jet_that_has_failed_is_certain_and_taken_off_what_the_vehicle_is_li
     run, own = flight(settings), params_of(settings)
     found, time_s = searched(cycles(run, own), own.joint)
     named = {(run.scenario.vehicle_data.designations.index(jet), sign)}
-    assert probabilities(found, own.joint)[frozenset(named)] > 0.999
+    assert probabilities_of(found, own.joint)[frozenset(named)] > 0.999
     assert nees(found[0], run, time_s, own.joint) < 29.6  # ten degrees, once in a thousand
     if sign > 0:  # of a jet that is lost nothing shows before it is told to fire
         assert found[0].onset_s == pytest.approx(onset_s, abs=0.24)
@@ -120,7 +109,7 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
         for number, each in enumerate(cycles(run, own))
     ]
     found, time_s = searched(iter(evidence), own.joint)
-    assert probabilities(found, own.joint)[Cause(Kind.NOTHING).key] > 0.999
+    assert probabilities_of(found, own.joint)[frozenset()] > 0.999
     assert nees(found[0], run, time_s, own.joint) < 29.6
 
 

@@ -1,4 +1,4 @@
-"""The second-order filter against its full form, sampling, batch least squares and symmetries."""
+"""The second-order filter against its full form, and its rules."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     measure,
 )
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import ELEMENT, MassProperties
-from massprop_drake.maths.vehicle.rigid_body import RATE, initial_state, motion_constants, step
+from massprop_drake.maths.mass_properties import ELEMENT
 
 PERIOD = 0.08  # s
 NONE = np.zeros(3)
@@ -198,20 +197,6 @@ def test_coupling_increment_of_hand_value_and_its_derivative() -> None:
         assert_allclose(jacobian[:, element], (ahead - behind) / 2e-6, rtol=1e-6, atol=1e-9)
 
 
-def test_coupling_increment_is_what_a_torque_free_body_shows() -> None:
-    # the mean of the two rates makes it right to second order: what is left falls with the third power of
-    # the period, by 8 when that is halved
-    left, start = [], initial_state(1.0)
-    start[RATE] = TUMBLING
-    for period in (PERIOD, 0.5 * PERIOD):
-        body = motion_constants(MassProperties(1.0, np.zeros(3), np.linalg.inv(INVERSE)))
-        after = step(start, np.zeros(7), np.zeros((0, 7)), (), period, body)[RATE]
-        measured, predicted = after - TUMBLING, coupling_increment(INVERSE, 0.5 * (TUMBLING + after), period)
-        assert_allclose(predicted, measured, rtol=0.0, atol=2e-4 * np.abs(measured).max())
-        left.append(np.linalg.norm(measured - predicted))
-    assert left[0] / left[1] == pytest.approx(8.0, rel=0.05)
-
-
 @pytest.mark.parametrize("firing", [True, False])
 def test_coupling_is_subtracted_where_the_rule_asks_and_the_inertia_is_possible(firing: bool) -> None:
     possible, *impossible = STATE[:6], np.zeros(6), [1, 1, -1, 0, 0, 0], [1, 1, 1, 0, 0, 2]  # as at the start, ...
@@ -285,26 +270,3 @@ def test_a_sample_that_turns_by_more_than_the_limit_is_not_used() -> None:
     for rate, measured in ((0.09 / PERIOD, True), (0.11 / PERIOD, False)):
         given = GIVEN._replace(before=rate * np.eye(3)[0], rate=rate * np.eye(3)[0]).having(largest_turn=0.1)
         assert np.isfinite(given.cycled(firing=False)[1].nis) == measured
-
-
-def test_recursive_estimate_equals_batch_least_squares_where_the_model_is_linear() -> None:
-    # center of mass exactly known: z = A_6(a + lambda x r) x_6 + v, solved at once in information form
-    rng, noise_std, covariance = np.random.default_rng(15), 0.02, random_covariance(15, known_center=True)
-    given = GIVEN._replace(estimate=np.append(np.zeros(6), STATE[6:]), before=NONE)
-    given = given._replace(covariance=covariance, reading_variance=0.5 * noise_std**2)
-    information, right_side = np.linalg.inv(covariance[:6, :6]), np.zeros(6)
-    for _ in range(60):
-        angular, linear = rng.standard_normal((2, 3))
-        seen = full_model(STATE, angular, linear) + noise_std * rng.standard_normal(3)
-        matrix = angular_matrix(angular + np.cross(linear, STATE[6:]))[:, :6]
-        information += matrix.T @ matrix / noise_std**2
-        right_side += matrix.T @ seen / noise_std**2
-        state = given._replace(rate=seen, angular=angular, linear=linear).cycled()[0].state
-        given = given._replace(estimate=state.estimate, covariance=state.covariance)
-    batch = np.linalg.solve(information, right_side)
-    # the first update takes the covariance down by up to 1e5, and loses that many digits: 1e5 epsilon
-    assert_allclose(given.estimate[:6], batch, rtol=0.0, atol=2e-11 * np.abs(batch).max())
-    assert_allclose(given.covariance[:6, :6], np.linalg.inv(information), rtol=0.0, atol=2e-11 * noise_std**2)
-    # what was exactly known stays so
-    assert_array_equal(given.estimate[6:], STATE[6:])
-    assert not given.covariance[6:].any()

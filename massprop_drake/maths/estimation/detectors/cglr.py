@@ -383,11 +383,8 @@ def _declare_failure(
     state: DetectorState, tests: JetTests, isolation: Isolation, params: CglrParams
 ) -> tuple[DetectorState, int, int]:
     """Declares a failure when there are enough alarms in a row; returns the state, the event and the jet."""
-    jet, (force, variance), (removed, closed) = (
-        isolation.jet,
-        (state.force, state.variance),
-        (state.removed, state.closed),
-    )
+    jet, force, variance = isolation.jet, state.force, state.variance
+    removed, closed = state.removed, state.closed
     known_already = removed[jet] != 0.0 and tests.magnitude[jet] < 0.0  # declared, but still in use
     if params.alarms_to_declare == 0 or state.alarms < params.alarms_to_declare or known_already:
         return state, _NOTHING, jet

@@ -120,11 +120,6 @@ def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: Hi
     return declaration_row(said, odds.jets.size)._replace(**row)
 
 
-def quiet_report_row(n_jets: int) -> Any:
-    """Makes the fields of `HYPOTHESIS_REPORT` after a cycle in which nothing happens."""
-    return hypothesis_report_row((), no_fault_odds(n_jets))
-
-
 def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
     """Makes the fields of `STATUS` after a sample; of several declarations the first.
 

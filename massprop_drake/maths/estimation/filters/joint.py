@@ -476,18 +476,6 @@ def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Arr
     return np.concatenate((pack(state.joint, places), clock, frame, state.speeds, setting))
 
 
-def unpack_filter_state(vector: Array, params: JointFilterParams) -> JointFilterState:
-    """Unpacks a state: the inverse of `pack_filter_state`."""
-    places = params.joint.places
-    size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
-    clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
-    ends = rest.size - 3 * N_CHANNELS * places.engines
-    frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
-    of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
-    known = _make_filter_state(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
-    return known._replace(frame=frame) if places.trackers > 0 else known
-
-
 def save_state(state: JointFilterState, params: JointFilterParams) -> Groups:
     """Packs a state into a dictionary of vectors, by the diagram's system that holds each."""
     return {GROUP: pack_filter_state(state, params)}
@@ -499,8 +487,15 @@ def restore_state(groups: Groups, params: JointFilterParams) -> JointFilterState
     Raises:
         ValueError: when the state holds what the filter cannot leave.
     """
-    state = unpack_filter_state(groups[GROUP], params)
-    for broken, message in check_state_rules(state.joint, state.clock, state.frame, params.joint.places):
+    vector, places = groups[GROUP], params.joint.places
+    size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
+    clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
+    ends = rest.size - 3 * N_CHANNELS * places.engines
+    frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
+    of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
+    state = _make_filter_state(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
+    state = state._replace(frame=frame) if places.trackers > 0 else state
+    for broken, message in check_state_rules(state.joint, clock, state.frame, places):
         if broken:
             raise ValueError(f"{GROUP}: {message}")
     return state

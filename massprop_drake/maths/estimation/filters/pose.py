@@ -113,7 +113,6 @@ class PoseEvidence(NamedTuple):
     tried: Tried
     time_s: float
     cycle_s: float
-    told: Told
     tested: bool
 
 
@@ -249,7 +248,7 @@ def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _inte
     """Makes the detector's evidence from the hypotheses and times of a cycle."""
     state, told = measurement.state, measurement.told
     done = measurement.done
-    return PoseEvidence(state.tried, state.time_s, told.time_s, told, done is not None and done.innovation.size > 0)
+    return PoseEvidence(state.tried, state.time_s, told.time_s, done is not None and done.innovation.size > 0)
 
 
 def finish(
