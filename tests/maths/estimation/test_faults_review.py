@@ -11,6 +11,7 @@ from faults_probe import leaking
 from massprop_drake.maths.estimation.faults import review as reviews
 from massprop_drake.maths.estimation.faults.fault_events import advance_hypothesis
 from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import draw_proposals
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind
@@ -60,6 +61,17 @@ def test_first_orders_of_alternatives_are_those_of_their_own_filters(quantum: fl
     assert np.ptp(off) < 1.0
     assert np.abs(off).max() < 2.5  # the reviewed one was born when its impulse at the onset might still be larger
     assert np.ptp(pairs[:, 1]) > 1.0
+
+
+def test_a_weaker_push_from_outside_costs_less_by_the_sample() -> None:
+    """A push costs 20 nats a sample, and 30 % less for each tenth of it."""
+    flown = leaking(3e-3)
+    tree, each = next((tree, each) for tree in flown.trees for each in tree.hypotheses if each.alarm)
+    births, _ = draw_proposals(each, tree.cycle, tree.hypotheses, flown.params)
+    pushes = [birth for birth in births if birth.child.run.cause.kind == Kind.UNKNOWN]
+    assert [birth.child.push for birth in pushes] == [1.0, 0.1, 0.01]
+    samples = tree.cycle - each.alarm.screen.onsets[0]
+    assert np.diff([birth.ahead for birth in pushes]) == pytest.approx(6.0 * samples)
 
 
 def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from faults_probe import JETS, commands_of, known_vehicle, make_params, samples_of
+from joint_probe import some_sample
 from numpy.testing import assert_allclose
 
 from massprop_drake.maths.estimation.faults import passes, proposals, tree, verdicts
+from massprop_drake.maths.estimation.faults import search as searches
 from massprop_drake.maths.estimation.faults.alarms import Alarm, Rest, Watch
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.maths.estimation.faults.fault_events import (
@@ -25,6 +27,7 @@ from massprop_drake.maths.estimation.faults.fault_events import (
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.faults.proposals import Birth
 from massprop_drake.maths.estimation.faults.screening import begin_screening
+from massprop_drake.maths.estimation.faults.search import StartSearch
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.faults.verdicts import Declared, pending_probability
 from massprop_drake.maths.estimation.joint.bank import empty_bank
@@ -216,6 +219,63 @@ def test_a_pass_goes_on_from_the_force_where_the_last_ended(share: float, sign: 
     assert (again.passes, again.reached, again.done) == (2, 7.0, 0)
     worth = force_correction(share * thrust, 0.01 * thrust, thrust, PRIORS, missing=sign < 0)
     assert passes.log_weight(fit, PRIORS, JOINT) == pytest.approx(7.0 - 20.0 + worth)
+
+
+def fit_weighing(weight: float, cause: Cause, onset: int = 0) -> passes.PassFit:
+    """A fit of some log weight, but for what the force is worth."""
+    contender = Contender(cause, onset, 0.0, force=(0.0,) * len(cause.jets))
+    fit = passes.begin_fit(contender, -2.0, KNOWN.mean, KNOWN, JOINT)
+    return fit._replace(scores=(NO_SCORE, Score(weight + 2.0, 0.0, 0.0)))
+
+
+def test_hypotheses_of_a_start_are_those_within_thirty_nats_one_for_each_cause() -> None:
+    nothing, drifts = Cause(Kind.NOTHING), Cause(Kind.WANDER, component=1)
+    fits = (
+        fit_weighing(-29.9, drifts),
+        fit_weighing(-5.0, Cause(Kind.JUMP), 3),
+        fit_weighing(0.0, nothing, 3),
+        fit_weighing(-4.0, Cause(Kind.JUMP), 1),
+        fit_weighing(-30.1, Cause(Kind.UNKNOWN)),
+    )
+    near = searches._fits_near_likeliest(StartSearch(fits=fits), PRIORS, JOINT)
+    assert [(each.contender.cause.kind, each.contender.onset) for each in near] == [
+        *((Kind.NOTHING, 3), (Kind.JUMP, 1), (Kind.WANDER, 0))
+    ]
+    assert searches._without_disturbances(StartSearch(fits=fits)).fits == fits[1:]
+
+
+def test_an_outcome_begins_with_the_last_sample_before_its_onset() -> None:
+    kept = tuple(Kept(sample, False) for sample in samples_of(JOINT, commands_of(4))[0])
+    search = StartSearch(entry=KNOWN._replace(time_s=-0.5), kept=kept)
+    for onset, onset_s in ((0, -0.5), (1, 0.1), (3, 0.3)):
+        found = searches._make_outcome(fit_weighing(7.0, of_jets(2), onset), search, JOINT)
+        assert (found.onset_s, found.since_s) == pytest.approx((onset_s, -0.5))
+        assert (found.score.likelihood, found.log_prior) == (9.0, -2.0)
+    later = searches._postpone_search(search._replace(acted=True, fits=(fit_weighing(0.0, of_jets(2)),), final=True))
+    assert later.due_s == pytest.approx(0.4 + 0.9)  # when twice as many are kept
+    assert later == StartSearch(True, search.entry, kept, True, True, later.due_s)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "acted", "contradicted", "command", "forgets"),
+    [
+        (1.9, False, False, 0.0, False),
+        (2.1, False, False, 0.0, True),
+        (2.1, True, False, 0.0, False),
+        (2.1, False, True, 0.0, False),
+        (2.1, False, False, 1.0, False),
+    ],
+)
+def test_samples_of_a_start_are_forgotten_after_two_seconds_in_which_nothing_acts(
+    time_s: float, acted: bool, contradicted: bool, command: float, forgets: bool
+) -> None:
+    latest = Kept(some_sample(JOINT, time_s=time_s, commands=np.full((1, JETS), command)), False)
+    earlier, before = Kept(some_sample(JOINT), False), KNOWN._replace(time_s=time_s - 0.1)
+    search = StartSearch(entry=KNOWN, kept=(earlier,), acted=acted, contradicted=contradicted)
+    found = searches._add_sample(search, before, latest, JOINT)
+    assert found.kept == ((latest,) if forgets else (earlier, latest))
+    assert found.entry is (before if forgets else KNOWN)
+    assert found.acted == (acted or command > 0.0)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
-    Signs,
     UncertainSignatures,
     isolate,
     jet_tests,
@@ -46,7 +45,7 @@ class Case(NamedTuple):
         impulses, cross = self.wrenches * PERIOD_S, np.zeros((6, 10))
         uncertain = UncertainSignatures(self.coefficients, impulses, self.properties, covariance, cross)
         return uncertain_jet_tests(
-            self.tests(innovation, off), innovation, self.whole, uncertain, Signs(off, np.zeros_like(off))
+            self.tests(innovation, off), innovation, self.whole, uncertain, off, np.zeros_like(off)
         )
 
     def failing(self, number: int, force: float, off: Array = OFF) -> tuple[JetTests, Isolation]:

@@ -36,7 +36,6 @@ from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence,
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
-    Signs,
     UncertainSignatures,
     information,
     is_testable,
@@ -295,7 +294,7 @@ def _test_jets(
             evidence.cross_covariance,
         )
         tests = uncertain_jet_tests(
-            tests, evidence.innovation, evidence.covariance, uncertain, Signs(impossible_negative, impossible_positive)
+            tests, evidence.innovation, evidence.covariance, uncertain, impossible_negative, impossible_positive
         )
         isolation = isolate(tests.likelihood, params.clusters)
     return coefficients, tests, isolation

@@ -188,21 +188,14 @@ class UncertainSignatures(NamedTuple):
     cross_covariance: Array
 
 
-class Signs(NamedTuple):
-    """Signs of failures that the commands rule out, jet by jet.
-
-    Attributes:
-        impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
-        impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
-    """
-
-    impossible_negative: Array
-    impossible_positive: Array
-
-
 @kernel
 def uncertain_jet_tests(
-    tests: JetTests, innovation: Array, covariance: Array, signatures: UncertainSignatures, signs: Signs
+    tests: JetTests,
+    innovation: Array,
+    covariance: Array,
+    signatures: UncertainSignatures,
+    impossible_negative: Array,
+    impossible_positive: Array,
 ) -> JetTests:
     """Tests every jet again, with the uncertainty of its own signature.
 
@@ -210,8 +203,8 @@ def uncertain_jet_tests(
         tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
         innovation: e, translation first, shape (6,).
         covariance: Y, shape (6, 6).
+        impossible_negative, impossible_positive: as in `jet_tests`.
     """
-    impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
     under = covariances_given_failure(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = deviations(covariance)
