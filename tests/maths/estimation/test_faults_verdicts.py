@@ -126,6 +126,8 @@ def test_the_smallest_set_of_jets_of_which_one_has_failed_is_a_group_after_two_s
     assert (said.word, said.jets, said.signs) == (Word.GROUP, (3, 5), (1, 1))
     assert said.forces == (pytest.approx(0.3 * THRUSTS[3]), pytest.approx(0.2 * THRUSTS[5]))
     assert declared(alike, 25, verdicts)[1] == []
+    for before in ({(3, 1)}, {(3, 1), (5, 1), (0, 1)}):  # part of it, or it is part of what was declared
+        assert declared(alike, 25, Verdicts(groups=frozenset({frozenset(before)})))[1] == []
     _, later = declared(tree_of(LEAKS, NOTHING), 3, verdicts)
     assert [(one.word, one.jets) for one in later] == [(Word.FAILED, (3,))]
 
