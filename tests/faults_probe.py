@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -185,6 +186,13 @@ def flight(params: Params, commands: Array, **events: Any) -> Flown:
     samples, truths = samples_of(params.joint, commands, **events)
     flown = Flown(params, samples, [], [], [], [], truths)
     return follow(flown, Tree(), Verdicts(), known_vehicle(params.joint), 0)
+
+
+@cache
+def leaking(quantum: float) -> Flown:
+    """A flight in which a jet that is never told to fire leaks by 2 % of its thrust, from interval 30 on."""
+    params = make_params(quantum=quantum)
+    return flight(params, commands_of(45, idle=(3,)), changes={30: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)})
 
 
 def follow(flown: Flown, tree: Tree, verdicts: Verdicts, state: JointState, first: int) -> Flown:

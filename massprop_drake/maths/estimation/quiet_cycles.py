@@ -11,7 +11,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationSt
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.estimation.faults.alarms import Watch, WatchedCycle
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, quiet_report_row
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, hypothesis_report_row, no_fault_odds
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
@@ -64,7 +64,7 @@ class Quiet:
             np.ascontiguousarray(made.impulse_per_level),
             made.lag,
             np.zeros(STATUS.size + 4 * jets),
-            HYPOTHESIS_REPORT.sized(jets=jets).pack(quiet_report_row(jets)),
+            HYPOTHESIS_REPORT.sized(jets=jets).pack(hypothesis_report_row((), no_fault_odds(jets))),
         )
         self._cycles: deque[JointSample | tuple[Samples, Besides, int]] = deque(
             maxlen=self._links

@@ -6,41 +6,35 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from faults_probe import commands_of, fail, flight, make_params
+from faults_probe import leaking
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, advance_hypothesis
+from massprop_drake.maths.estimation.faults.fault_events import advance_hypothesis
 from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import draw_proposals
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array
 
-ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
-COMMANDS = commands_of(45, idle=(3,))
-ONSET = 30
 
-
-def reviewed(params: Params) -> tuple[Tree, Hypothesis, reviews.Review]:
-    """A leak of 2 % of full thrust, some samples later, and the review of its likeliest hypothesis, up to now."""
-    tree = flight(params, COMMANDS, changes={ONSET: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)}).tree
+def reviewed(tree: Tree, params: Params) -> reviews.Review:
+    """The review of the likeliest hypothesis, up to now."""
     leader = tree.leader
-    assert leader.ways == {(3, 1)}
     review = reviews.begin_review(leader, params.joint)
     for sample, over in tree.samples[review.run.cycle - tree.cycle :]:
         review = reviews.advance_review(review, leader, sample, over, params.joint)
-    return tree, leader, review
+    return review
 
 
-def alternatives(
-    tree: Tree, leader: Hypothesis, review: reviews.Review, params: Params
-) -> Iterator[tuple[float, float]]:
+def alternatives(tree: Tree, params: Params) -> Iterator[tuple[float, float]]:
     """Log likelihood and prior of alternatives less those of the reviewed: to first order, and of their own filters.
 
     First orders have the shares of full thrust in them, by which small jets are not favored.
     """
-    _, births, _ = reviews.draw_alternatives(review, leader, tree.hypotheses, params)
+    leader = tree.leader
+    _, births, _ = reviews.draw_alternatives(reviewed(tree, params), leader, tree.hypotheses, params)
     thrusts = params.joint.thrusts
     for birth in births:
         child, cause = birth.child, birth.child.run.cause
@@ -56,10 +50,12 @@ def alternatives(
         yield birth.ahead - favor, own
 
 
-@pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
-def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Params) -> None:
+@pytest.mark.parametrize("quantum", [0.0, 3e-3], ids=["noisy", "rounded"])
+def test_first_orders_of_alternatives_are_those_of_their_own_filters(quantum: float) -> None:
     """By the ratio of Savage and Dickey; but for what a force is worth, which first orders leave to N(0, T^2)."""
-    pairs = np.array(list(alternatives(*reviewed(params), params)))
+    flown = leaking(quantum)
+    assert flown.tree.leader.ways == {(3, 1)}
+    pairs = np.array(list(alternatives(flown.tree, flown.params)))
     assert pairs.shape[0] > 2
     off = pairs[:, 0] - pairs[:, 1]
     assert np.ptp(off) < 1.0
@@ -67,8 +63,19 @@ def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Par
     assert np.ptp(pairs[:, 1]) > 1.0
 
 
+def test_a_weaker_push_from_outside_costs_less_by_the_sample() -> None:
+    """A push costs 20 nats a sample, and 30 % less for each tenth of it."""
+    flown = leaking(3e-3)
+    tree, each = next((tree, each) for tree in flown.trees for each in tree.hypotheses if each.alarm)
+    births, _ = draw_proposals(each, tree.cycle, tree.hypotheses, flown.params)
+    pushes = [birth for birth in births if birth.child.run.cause.kind == Kind.UNKNOWN]
+    assert [birth.child.push for birth in pushes] == [1.0, 0.1, 0.01]
+    samples = tree.cycle - each.alarm.screen.onsets[0]
+    assert np.diff([birth.ahead for birth in pushes]) == pytest.approx(6.0 * samples)
+
+
 def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:
-    _, leader, _ = reviewed(NOISY)
+    leader = leaking(3e-3).tree.leader
     assert reviews.is_reviewable(leader)
     assert not reviews.is_reviewable(leader._replace(origin=None))
     assert not reviews.is_reviewable(leader._replace(walks=np.array([0.03, 0.0, 0.0, 0.0])))

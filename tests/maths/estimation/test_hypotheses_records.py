@@ -103,6 +103,7 @@ def test_everything_that_is_said_is_an_event(said: Declaration, event: Verdict, 
 def test_a_group_says_what_would_tell_it_apart(orbiter: Vehicle, apart: Apart, words: str) -> None:
     names = orbiter.designations
     (event,) = heard(orbiter, (ALIKE._replace(apart=apart),))
+    assert signals_of((ALIKE,))["verdict_place"][0, [30, 29, 0]].tolist() == [1.0, 2.0, 0.0]
     expected = words.format(names[29], names[30])
     assert in_words(event, orbiter.unit_names) == (
         f"one of {names[30]}, {names[29]} has failed: -870.0 ± 1.0 lbf, since 4.00 s; {expected}"

@@ -1,4 +1,4 @@
-"""The mass filter: compensation of rotation by sampling, and the scalar update against batch least squares."""
+"""The mass filter: compensation of rotation, and the scalar update in information form."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     MassParams,
     MassState,
     Rotation,
-    compensate_rotation,
     finish,
     measure,
 )
@@ -31,7 +30,6 @@ ARM = np.array([2.0, -1.0, 0.5])
 CENTER = np.array([1.0, 0.5, -2.0])  # exact in binary, as ARM is: so is their sum
 CENTER_COVARIANCE = np.array([[0.30, 0.05, -0.02], [0.05, 0.20, 0.04], [-0.02, 0.04, 0.10]])
 NOISE = np.array([[4e-3, 1e-3, 0.0], [1e-3, 3e-3, 5e-4], [0.0, 5e-4, 2e-3]])
-VARIANTS = [(NONE, False), (TRANSVERSE, False), (TRANSVERSE, True), (CENTRIPETAL, True)]
 TURN, IMPULSE = np.array([0.2, -0.3, 0.1]), np.array([3.0, -1.0, 2.0])
 
 
@@ -57,9 +55,6 @@ class Given(NamedTuple):
     @property
     def rotation(self) -> Rotation:
         return Rotation(self.turn, self.rate, self.rate_variance, CENTER, self.center_covariance)
-
-    def freed(self) -> tuple[Array, Array]:
-        return compensate_rotation(self.velocity - self.before, self.noise, self.arm, self.rotation, self.params)
 
     def cycled(self, usable: bool = True, firing: bool = True) -> tuple[MassCycle, MassInnovation]:
         state = MassState(self.mass_reciprocal, self.variance, empty_window(1))
@@ -88,11 +83,13 @@ def moments(given: Given) -> tuple[Array, Array]:
     return rotation, grown + given.rate_variance * (np.trace(moment) * np.eye(3) - moment)
 
 
-@pytest.mark.parametrize(("compensation", "grow"), VARIANTS)
+@pytest.mark.parametrize(
+    ("compensation", "grow"), [(NONE, False), (TRANSVERSE, False), (TRANSVERSE, True), (CENTRIPETAL, True)]
+)
 def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensation: int, grow: bool) -> None:
     disturbance = np.diag([1e-3, 2e-3, 3e-3])
     given = GIVEN.having(compensation=compensation, compensation_covariance=grow, disturbance_covariance=disturbance)
-    _, dut = given.cycled()
+    done, dut = given.cycled()
     rotation, growth = moments(given)
     noise = NOISE + disturbance + growth * grow
     expected = given.velocity - given.before - rotation - 0.3 * IMPULSE
@@ -102,22 +99,9 @@ def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensat
     assert_allclose(dut.covariance, total, rtol=1e-13)
     assert_allclose(dut.information @ total, np.eye(3), rtol=0.0, atol=1e-12)
     assert dut.nis == pytest.approx(expected @ np.linalg.solve(total, expected), rel=1e-11)
-
-
-def test_centripetal_compensation_is_the_mean_over_the_rates_that_two_readings_leave_possible() -> None:
-    # (3-67) to (3-69) in the source's sense: the readings are given, the true rates lie about them by their errors.
-    # 0.5 rad/s per reading, 0.5 / sqrt(2) for the mean of two, over 10 s: 2 * 0.125 * 10 = 2.5 times the arm
-    rng, count = np.random.default_rng(2), 50_000
-    readings, true = np.array([[0.02, -0.03, 0.01], [0.03, -0.01, -0.01]]), np.array([0.3, -0.1, 0.2])
-    before, after = (reading - 0.5 * rng.standard_normal((count, 3)) for reading in readings)
-    mean = 0.5 * (before + after)
-    seen = true + np.cross(after - before, ARM) + 10.0 * np.cross(mean, np.cross(mean, ARM))
-    given = GIVEN._replace(before=np.zeros(3), velocity=seen.mean(axis=0), rate_variance=0.5)
-    given = given._replace(turn=readings[1] - readings[0], rate=readings.mean(axis=0)).having(period_s=10.0)
-    standard_error = seen.std(axis=0) / np.sqrt(count)
-    assert (np.abs(given.freed()[0] - true) < 5.0 * standard_error).all()
-    # the test can tell whether the correction is there, and whether it is for one reading or for the mean of two
-    assert (2.5 * np.abs(ARM) > 10.0 * standard_error).all()
+    weighted = np.linalg.solve(noise, IMPULSE)  # the update in information form
+    variance = 1.0 / (1.0 / 0.02 + weighted @ IMPULSE)
+    assert done.state[:2] == pytest.approx((0.3 + variance * (weighted @ expected), variance), rel=1e-11)
 
 
 def test_innovation_covariance_that_is_not_positive_definite_is_an_error() -> None:
@@ -134,42 +118,6 @@ def test_a_sample_that_is_missing_or_cannot_be_used_keeps_the_state(missing: str
         assert (dut.used, dut.jumped) == (False, False)
         assert np.isnan([innovation.nis, *innovation.innovation]).all() == bool(reading)
         assert dut.state[:2] == (0.3, 0.02 + 1e-3)
-
-
-def random_run(rng: np.random.Generator, samples: int) -> list[dict[str, Any]]:
-    run = []
-    for _ in range(samples):
-        factor = rng.standard_normal((2, 3, 5)) * [[[0.05]], [[0.2]]]
-        noise, center = factor @ factor.transpose(0, 2, 1)
-        before, velocity, arm, turn, rate, impulse = rng.standard_normal((6, 3)) * [[1], [1], [1], [0.2], [2], [1]]
-        named = {"before": before, "velocity": velocity, "arm": arm, "turn": turn, "rate": rate, "impulse": impulse}
-        run.append(named | {"noise": noise, "center_covariance": center, "rate_variance": 1e-3})
-    return run
-
-
-def run_through(given: Given, run: list[dict[str, Any]]) -> tuple[float, float, list[float]]:
-    nis = []
-    for sample in run:
-        done, innovation = given._replace(**sample).cycled()
-        given = given._replace(mass_reciprocal=done.state.mass_reciprocal, variance=done.state.variance)
-        nis.append(innovation.nis)
-    return given.mass_reciprocal, given.variance, nis
-
-
-@pytest.mark.parametrize(("compensation", "grow"), VARIANTS)
-def test_recursive_estimate_equals_batch_least_squares(compensation: int, grow: bool) -> None:
-    # zeta' = lambda / m + v, covariance R': information 1 / s_0^2 + sum lambda^T R'^-1 lambda
-    given = GIVEN._replace(mass_reciprocal=0.5, variance=4.0)
-    given = given.having(compensation=compensation, compensation_covariance=grow)
-    run, information, right_side = random_run(np.random.default_rng(4), 30), 1.0 / 4.0, 0.5 / 4.0
-    for sample in run:
-        part = given._replace(**sample)
-        rotation, growth = moments(part)
-        weighted = np.linalg.solve(part.noise + growth * grow, part.impulse)
-        information += weighted @ part.impulse
-        right_side += weighted @ (part.velocity - part.before - rotation)
-    # thirty updates whose Y has a condition up to 1e5, as the noise's smallest axis is far below lambda's
-    assert run_through(given, run)[:2] == pytest.approx((right_side / information, 1.0 / information), rel=1e-9)
 
 
 def test_a_couple_of_jets_shows_no_jump() -> None:

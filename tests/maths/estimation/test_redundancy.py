@@ -16,7 +16,6 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     MassState,
     Rotation,
     compensate_rotation,
-    shared_covariance,
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
@@ -147,22 +146,6 @@ def test_accelerometers_make_one_stacked_update(rule: int, *, correlated: bool) 
     assert len(measurement.each) == (3 if rule == Rule.SERIAL and not correlated else 0)
     if correlated:  # taken as independent, they claim to know more
         assert weighed(**about | {"correlated": False})[0].state.variance < 0.97 / information
-
-
-def test_what_two_accelerometers_share_is_that_of_samples() -> None:
-    # dw = dw^ - v and r_cm = r^_cm - dr are common to both: dw x r - dw^ x r^ of each, by sampling
-    rng, count = np.random.default_rng(9), 100_000
-    rates = TURN - np.sqrt(0.04) * rng.standard_normal((count, 3))
-    error = rng.standard_normal((count, 3)) @ np.linalg.cholesky(CENTER_COVARIANCE).T
-    errors = [np.cross(rates, arm - error) - np.cross(TURN, arm) for arm in ARMS[:2]]
-    shared = shared_covariance((ARMS[0], ARMS[1]), ROTATION, TRANSVERSE)
-    own = compensate_rotation(VELOCITIES[0], np.zeros((3, 3)), ARMS[0], ROTATION, TRANSVERSE)[1]
-    for other, expected in ((1, shared), (0, own)):
-        products = errors[0][:, :, None] * errors[other][:, None]
-        bounds = 5.0 * products.std(axis=0) / np.sqrt(count)
-        assert (np.abs(products.mean(axis=0) - expected) < bounds).all()
-        if other:
-            assert (np.abs(products.mean(axis=0) - shared.T) > bounds).any()  # it can tell the two apart
 
 
 def test_a_wild_accelerometer_does_not_get_through_the_middle_value() -> None:

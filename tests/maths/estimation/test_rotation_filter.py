@@ -1,4 +1,4 @@
-"""The second-order filter against its full form, sampling, batch least squares and symmetries."""
+"""The second-order filter against its full form, and its rules."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     measure,
 )
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric_matrix
-from massprop_drake.maths.vehicle.rigid_body import RATE, initial_state, motion_constants, step
+from massprop_drake.maths.mass_properties import ELEMENT
 
 PERIOD = 0.08  # s
 NONE = np.zeros(3)
@@ -198,20 +197,6 @@ def test_coupling_increment_of_hand_value_and_its_derivative() -> None:
         assert_allclose(jacobian[:, element], (ahead - behind) / 2e-6, rtol=1e-6, atol=1e-9)
 
 
-def test_coupling_increment_is_what_a_torque_free_body_shows() -> None:
-    # the mean of the two rates makes it right to second order: what is left falls with the third power of
-    # the period, by 8 when that is halved
-    left, start = [], initial_state(1.0)
-    start[RATE] = TUMBLING
-    for period in (PERIOD, 0.5 * PERIOD):
-        body = motion_constants(MassProperties(1.0, np.zeros(3), np.linalg.inv(INVERSE)))
-        after = step(start, np.zeros(7), np.zeros((0, 7)), (), period, body)[RATE]
-        measured, predicted = after - TUMBLING, coupling_increment(INVERSE, 0.5 * (TUMBLING + after), period)
-        assert_allclose(predicted, measured, rtol=0.0, atol=2e-4 * np.abs(measured).max())
-        left.append(np.linalg.norm(measured - predicted))
-    assert left[0] / left[1] == pytest.approx(8.0, rel=0.05)
-
-
 @pytest.mark.parametrize("firing", [True, False])
 def test_coupling_is_subtracted_where_the_rule_asks_and_the_inertia_is_possible(firing: bool) -> None:
     possible, *impossible = STATE[:6], np.zeros(6), [1, 1, -1, 0, 0, 0], [1, 1, 1, 0, 0, 2]  # as at the start, ...
@@ -285,84 +270,3 @@ def test_a_sample_that_turns_by_more_than_the_limit_is_not_used() -> None:
     for rate, measured in ((0.09 / PERIOD, True), (0.11 / PERIOD, False)):
         given = GIVEN._replace(before=rate * np.eye(3)[0], rate=rate * np.eye(3)[0]).having(largest_turn=0.1)
         assert np.isfinite(given.cycled(firing=False)[1].nis) == measured
-
-
-def random_run(rng: np.random.Generator, samples: int, noise_std: float, rate: float = 0.0) -> list[dict[str, Any]]:
-    """Samples of known impulses and of the increments they give the body, with noise."""
-    run = []
-    for _ in range(samples):
-        angular, linear = rng.standard_normal((2, 3))
-        before, increment = rate * rng.standard_normal(3), full_model(STATE, angular, linear)
-        after = before + increment + noise_std * rng.standard_normal(3)
-        run.append({"before": before, "rate": after, "angular": angular, "linear": linear})
-    return run
-
-
-def run_through(given: Given, run: list[dict[str, Any]]) -> tuple[Array, Array, list[RotationCycle], list[Any]]:
-    cycles, innovations = [], []
-    for sample in run:
-        done, innovation = given._replace(**sample).cycled()
-        given = given._replace(estimate=done.state.estimate, covariance=done.state.covariance)
-        cycles.append(done)
-        innovations.append(innovation)
-    return given.estimate, given.covariance, cycles, innovations
-
-
-def test_recursive_estimate_equals_batch_least_squares_where_the_model_is_linear() -> None:
-    # center of mass exactly known: z = A_6(a + lambda x r) x_6 + v, solved at once in information form
-    noise_std, run = 0.02, random_run(np.random.default_rng(15), 60, 0.02)
-    covariance = random_covariance(15, known_center=True)
-    given = GIVEN._replace(estimate=np.append(np.zeros(6), STATE[6:]))
-    given = given._replace(covariance=covariance, reading_variance=0.5 * noise_std**2)
-    information, right_side = np.linalg.inv(covariance[:6, :6]), np.zeros(6)
-    for sample in run:
-        matrix = angular_matrix(sample["angular"] + np.cross(sample["linear"], STATE[6:]))[:, :6]
-        information += matrix.T @ matrix / noise_std**2
-        right_side += matrix.T @ (sample["rate"] - sample["before"]) / noise_std**2
-    estimate, after, *_ = run_through(given, run)
-    batch = np.linalg.solve(information, right_side)
-    # the first update takes the covariance down by up to 1e5, and loses that many digits: 1e5 epsilon
-    assert_allclose(estimate[:6], batch, rtol=0.0, atol=2e-11 * np.abs(batch).max())
-    assert_allclose(after[:6, :6], np.linalg.inv(information), rtol=0.0, atol=2e-11 * noise_std**2)
-    # what was exactly known stays so
-    assert_array_equal(estimate[6:], STATE[6:])
-    assert not after[6:].any()
-
-
-def test_estimates_follow_a_change_of_description() -> None:
-    # axes turned, ft, slug, lbf to m, kg, N, and the origin moved by -s: the center of mass by s, angular impulses by
-    # s x lambda. Everything that can matter at once: coupling, process noise, disturbance, and some increments
-    rng, length, force = np.random.default_rng(17), 0.3048, 4.4482216152605
-    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    turn *= np.linalg.det(turn)
-    shift, transform = np.array([2.0, -1.0, 0.5]), np.zeros((9, 9))
-    for element in range(6):
-        turned = turn @ symmetric_matrix(np.eye(6)[element]) @ turn.T
-        transform[:6, element] = six_elements(turned) / (force * length)
-    transform[6:, 6:] = length * turn
-    run, factor = random_run(rng, 25, 1e-2, 0.3), 1e-3 * rng.standard_normal((3, 4))
-    noises = {"jump_covariance": random_covariance(rng, 1e-2), "process_noise": random_covariance(rng, 1e-4)}
-    here = GIVEN._replace(estimate=0.9 * STATE, covariance=random_covariance(rng, 0.3))
-    here = here.having(coupling=RotationCoupling.HYBRID, jump_threshold=4.0)
-    offset = np.append(np.zeros(6), shift)
-    there = here._replace(
-        estimate=transform @ here.estimate + offset, covariance=transform @ here.covariance @ transform.T
-    )
-    moved = []
-    for sample in run:
-        seen = {name: turn @ sample[name] for name in ("before", "rate")}
-        linear = force * turn @ sample["linear"]
-        angular = force * length * turn @ sample["angular"] + np.cross(shift, linear)
-        moved.append(seen | {"angular": angular, "linear": linear})
-    ours = run_through(here.having(**noises, disturbance_covariance=factor @ factor.T), run)
-    noises = {name: transform @ noise @ transform.T for name, noise in noises.items()}
-    disturbance = turn @ factor @ factor.T @ turn.T
-    theirs = run_through(there.having(**noises, disturbance_covariance=disturbance), moved)
-    assert {done.jumped for done in ours[2]} == {True, False}
-    assert {innovation.subtract_coupling for innovation in ours[3]} == {True, False}
-    # rounding: an update takes the covariance down by up to 1e5, so 1e5 epsilon in units of the 1-sigma
-    scale = np.sqrt(np.diag(theirs[1]))
-    assert_allclose((transform @ ours[0] + offset) / scale, theirs[0] / scale, rtol=1e-12, atol=2e-10)
-    left = transform @ ours[1] @ transform.T - theirs[1]
-    assert_allclose(left / np.outer(scale, scale), 0.0, atol=2e-11)
-    assert_allclose([e.nis for e in ours[3]], [e.nis for e in theirs[3]], rtol=1e-10)

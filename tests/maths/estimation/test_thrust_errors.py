@@ -169,13 +169,15 @@ def test_packages_one_after_the_other_are_as_many_updates() -> None:
     each = tuple(sample._replace(increment=sample.increment + 0.1 * rng.normal(size=3)) for _ in range(3))
     params = ROTATION._replace(rule=Rule.SERIAL)
     innovation = rotation_filter.innovate(state, sample, False, params)
-    dut, expected = rotation_filter.update(state, sample, innovation, NO_ADAPTATION, params, each).state, state
+    turning = rotation_filter.RotationMeasurement(sample, innovation, each)
+    dut, expected = rotation_filter.finish(state, turning, True, NO_ADAPTATION, params).state, state
     for part in each:
         expected = RotationState(*by_hand(rotation_parts(expected, part)))
     same(dut, list(expected))
     moved, pushed = mass_case(rng)
     many = tuple(pushed._replace(measured=pushed.measured + 0.1 * rng.normal(size=3)) for _ in range(3))
-    weight = mass_filter.update(moved, pushed, mass_filter.innovate(moved, pushed), NO_ADAPTATION, MASS, many).state
+    moving = mass_filter.MassMeasurement(pushed, mass_filter.innovate(moved, pushed), many)
+    weight = mass_filter.finish(moved, moving, True, True, NO_ADAPTATION, MASS).state
     for part in many:
         reciprocal, variance, psi = by_hand(mass_parts(moved, part))
         moved = moved._replace(mass_reciprocal=reciprocal.item(), variance=variance.item(), sensitivity=psi[0])

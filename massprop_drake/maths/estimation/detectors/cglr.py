@@ -36,7 +36,6 @@ from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence,
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
-    Signs,
     UncertainSignatures,
     information,
     is_testable,
@@ -106,11 +105,7 @@ class CglrParams(NamedTuple):
 
 
 def make_params(jets: KnownJets, options: Any) -> CglrParams:
-    """Makes the parameters from a scenario's block `detector`.
-
-    Args:
-        options: the block, field by field.
-    """
+    """Makes the parameters from a scenario's block `detector`."""
     limit = options.unexplained_limit
     return CglrParams(
         period_s=jets.period_s,
@@ -182,7 +177,6 @@ class CglrFinding(NamedTuple):
     """Finding of the detector about one sample.
 
     Attributes:
-        tested: whether the sample was tested.
         alarm: whether an alarm passed as a jet's.
         isolation: see `jet_tests.isolate`; of no meaning when not tested.
         jet_isolated: whether the alarm names the jet.
@@ -210,10 +204,7 @@ class DetectorCycle(NamedTuple):
     """Result of one cycle.
 
     Attributes:
-        state: to remember.
         tests: of every jet; arguments are NaN where the sample was not tested.
-        finding: of this sample.
-        adaptation: for the filters.
     """
 
     state: DetectorState
@@ -303,7 +294,7 @@ def _test_jets(
             evidence.cross_covariance,
         )
         tests = uncertain_jet_tests(
-            tests, evidence.innovation, evidence.covariance, uncertain, Signs(impossible_negative, impossible_positive)
+            tests, evidence.innovation, evidence.covariance, uncertain, impossible_negative, impossible_positive
         )
         isolation = isolate(tests.likelihood, params.clusters)
     return coefficients, tests, isolation
@@ -391,11 +382,8 @@ def _declare_failure(
     state: DetectorState, tests: JetTests, isolation: Isolation, params: CglrParams
 ) -> tuple[DetectorState, int, int]:
     """Declares a failure when there are enough alarms in a row; returns the state, the event and the jet."""
-    jet, (force, variance), (removed, closed) = (
-        isolation.jet,
-        (state.force, state.variance),
-        (state.removed, state.closed),
-    )
+    jet, force, variance = isolation.jet, state.force, state.variance
+    removed, closed = state.removed, state.closed
     known_already = removed[jet] != 0.0 and tests.magnitude[jet] < 0.0  # declared, but still in use
     if params.alarms_to_declare == 0 or state.alarms < params.alarms_to_declare or known_already:
         return state, _NOTHING, jet

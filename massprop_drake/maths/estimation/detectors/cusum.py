@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action
 from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
-from massprop_drake.maths.estimation.detectors.jet_tests import information_if_testable, isolate, jet_tests, signatures
+from massprop_drake.maths.estimation.detectors.jet_tests import information, is_testable, isolate, jet_tests, signatures
 from massprop_drake.maths.estimation.detectors.known_forces import known_force
 from massprop_drake.maths.linear_algebra import Array
 
@@ -101,11 +101,10 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    information = information_if_testable(evidence, params.limits)
-    if information is None:
+    if not is_testable(evidence, params.limits):
         blank = np.full(params.clusters.size, np.nan)
         return Judgment(state, NO_ADAPTATION, STATUS.make(tested=0.0, alarm=0.0, detector_event=0.0), blank, blank)
-    state = add_sample(state, evidence, information, params)
+    state = add_sample(state, evidence, params)
     likelihood = state.sums.max(axis=0)
     sides = state.sums.argmax(axis=0)
     every = np.arange(params.clusters.size)
@@ -137,11 +136,12 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
     return Judgment(state, adaptation, status, likelihood, magnitude)
 
 
-def add_sample(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
+def add_sample(state: CusumState, evidence: Evidence, params: CusumParams) -> CusumState:
     """Adds a sample to the cumulative sums; a sum that falls to zero restarts at the sample's end."""
     never = np.zeros(params.clusters.size, dtype=bool)
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
-    tests = jet_tests(coefficients, evidence.innovation, information, never, never)
+    inverse = information(evidence.covariance, evidence.coupled)
+    tests = jet_tests(coefficients, evidence.innovation, inverse, never, never)
     strength = 1.0 / tests.variance
     normalized = tests.magnitude * np.sqrt(strength)
     # what is known to have failed already is not suspected again, and a jet that rests cannot give too little

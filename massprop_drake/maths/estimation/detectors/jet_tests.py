@@ -75,27 +75,13 @@ class JetTests(NamedTuple):
     unexplained: Array
 
 
-def information_if_testable(evidence: Evidence, limits: Array) -> Array | None:
-    """Computes the inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
-
-    A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
-    have converged.
-
-    Args:
-        evidence: of the sample.
-        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
-
-    Raises:
-        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
-    """
-    if not is_testable(evidence, limits):
-        return None
-    return information(evidence.covariance, evidence.coupled)
-
-
 @kernel
 def is_testable(evidence: Evidence, limits: Array) -> bool:
-    """Tests whether a sample can be tested for failed jets; arguments as `information_if_testable`."""
+    """Tests whether a sample can be tested: steady jets, both innovations there, and estimates converged.
+
+    Args:
+        limits: of convergence, see `mass_properties.is_converged`, shape (3,).
+    """
     innovation = evidence.innovation
     if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
         return False
@@ -202,21 +188,14 @@ class UncertainSignatures(NamedTuple):
     cross_covariance: Array
 
 
-class Signs(NamedTuple):
-    """Signs of failures that the commands rule out, jet by jet.
-
-    Attributes:
-        impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
-        impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
-    """
-
-    impossible_negative: Array
-    impossible_positive: Array
-
-
 @kernel
 def uncertain_jet_tests(
-    tests: JetTests, innovation: Array, covariance: Array, signatures: UncertainSignatures, signs: Signs
+    tests: JetTests,
+    innovation: Array,
+    covariance: Array,
+    signatures: UncertainSignatures,
+    impossible_negative: Array,
+    impossible_positive: Array,
 ) -> JetTests:
     """Tests every jet again, with the uncertainty of its own signature.
 
@@ -224,8 +203,8 @@ def uncertain_jet_tests(
         tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
         innovation: e, translation first, shape (6,).
         covariance: Y, shape (6, 6).
+        impossible_negative, impossible_positive: as in `jet_tests`.
     """
-    impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
     under = covariances_given_failure(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = deviations(covariance)

@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Judgment, KnownJets, Verdict
-from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Unexplained, Word
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, declaration_row
 from massprop_drake.maths.estimation.filters.pose import PoseEvidence, PoseFilterParams
 from massprop_drake.maths.estimation.pose import delays, pose_hypotheses
 from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules
@@ -28,7 +28,6 @@ class FactorParams(NamedTuple):
     """Parameters of the detector.
 
     Attributes:
-        pose: see `PoseParams`.
         thrusts: full force of each jet, lbf or N, shape (n_jets,).
         rules: when a failure is named.
     """
@@ -72,7 +71,7 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     jets = params.thrusts.size
     if not evidence.tested:
         nothing = np.full(jets, np.nan)
-        own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=0.0, **_empty_report(jets))
+        own = declaration_row((), jets)._replace(racing=0.0)
         return Judgment(state, NO_ADAPTATION, _status(None, None, 0.0, params), nothing, nothing, own=own)
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
@@ -91,54 +90,32 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
         removed[found.members[0] % jets] = 1.0
         state = state._replace(removed=removed)
     likeliest = int(np.argmax(odds)) if np.isfinite(odds).any() else None
-    row = _empty_report(jets)
-    if found is not None and pushed:
-        row["unexplained_since"] = np.array(_to_cycle_clock(found.onset_s, evidence))
-    elif found is not None:
-        row = _declaration_report(found, evidence, params)
+    said = () if found is None else (_declaration(found, evidence, params),)
     lead = float(leads.max()) if np.isfinite(leads).any() else math.nan
     racing = float(lead > params.rules.lead_nothing)
-    own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=racing, lead=lead if racing else math.nan, **row)
+    own = declaration_row(said, jets)._replace(racing=racing, lead=lead if racing else math.nan)
     return Judgment(
         state=state,
         adaptation=NO_ADAPTATION,
         status=_status(found, likeliest, racing, params),
         likelihood=leads,
-        magnitude=row["verdict_magnitude"],
+        magnitude=own.verdict_magnitude,
         replacement=tried,
         published=ahead,
         own=own,
     )
 
 
-def _empty_report(jets: int) -> dict[str, Array]:
-    """Returns the rows of `HYPOTHESIS_REPORT` when nothing is declared."""
-    zero = {name: np.zeros(jets) for name in ("verdict", "verdict_group", "verdict_place")}
-    names = ("verdict_magnitude", "verdict_std", "verdict_onset", "verdict_apart_by", "verdict_apart_after")
-    unknown = {name: np.full(jets, np.nan) for name in names}
-    return zero | unknown | {name: np.full(3, np.nan) for name in ("jump_position", "jump_position_std")}
-
-
-def _declaration_report(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
-    jets = params.thrusts.size
-    row, alone = _empty_report(jets), len(found.members) == 1
-    onset = _to_cycle_clock(found.onset_s, evidence)
-    order = list(dict.fromkeys(member % jets for member in found.members))
-    leader = found.members[0]
-    sign = -1.0 if leader < jets else 1.0
-    share, deviation = found.share
-    for place, jet in enumerate(order):
-        row["verdict"][jet] = float(Word.FAILED if alone else Word.GROUP)
-        row["verdict_group"][jet], row["verdict_place"][jet] = 1.0, 1.0 + place
-        row["verdict_onset"][jet] = onset
-        row["verdict_magnitude"][jet] = sign * share * params.thrusts[jet]
-        row["verdict_std"][jet] = deviation * params.thrusts[jet]
-    return row
-
-
-def _to_cycle_clock(time_s: float, evidence: PoseEvidence) -> float:
-    """Converts a time of the record to the clock of the cycles."""
-    return evidence.cycle_s - (evidence.time_s - time_s)
+def _declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
+    """Makes the declaration of what has been found, its onset by the clock of the cycles."""
+    n, onset_s = params.thrusts.size, evidence.cycle_s - (evidence.time_s - found.onset_s)
+    if 2 * n in found.members:
+        return Unexplained(onset_s)
+    jets = tuple(dict.fromkeys(member % n for member in found.members))
+    sign, thrusts = -1 if found.members[0] < n else 1, params.thrusts[list(jets)]
+    forces, sigmas = (tuple((share * thrusts).tolist()) for share in found.share)
+    word = Word.FAILED if len(found.members) == 1 else Word.GROUP
+    return JetsDeclared(word, jets, (sign,) * len(jets), forces, sigmas, onset_s)
 
 
 def _status(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:

@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, collect_traces, link_from_traces
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, collect_traces
 from massprop_drake.maths.estimation.joint.unknown import is_untestable
 from massprop_drake.maths.linear_algebra import Array
 
@@ -62,7 +62,6 @@ class Alarm(NamedTuple):
         cycle: of the first alarm.
         states: where the screen begins, and at each of its onsets.
         scores: at each of its onsets.
-        screen: see `Screen`.
         read: readings at the first onset, shape (m,).
         drawn: age of the newest draw.
         rest: of that draw; None: nothing is left.
@@ -81,8 +80,6 @@ class Watch(NamedTuple):
     """Bank of onsets of a hypothesis, its cycles since the oldest, and its alarm.
 
     Attributes:
-        bank: see `Bank`.
-        records: see `WatchedCycle`.
         alarm: None: its readings are explained.
         tested: whether the newest readings were tested.
         statistic: largest GLR of a jet in them.
@@ -101,10 +98,6 @@ def advance_watch(
     """Advances the bank of onsets and the alarm of a hypothesis whose filter has made a plain cycle.
 
     Args:
-        each: before it.
-        evidence: of it.
-        cycle: its number.
-        params: without increments.
         likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
             alarm is of what has happened, and what moves its state since is no onset.
     """
@@ -160,7 +153,7 @@ def likelihood_loss(each: Hypothesis) -> float:
 def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
     """Raises an alarm at the last onset but one of a watched hypothesis that has none."""
     watch = each.watch
-    if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
+    if watch is None or each.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
     bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
     alarm = _make_alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
@@ -176,11 +169,6 @@ def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: Join
         may_change = walks[slot] * params.thrusts[int(before.slot_jet[slot])]
         noise = noise + may_change**2 * np.outer(effect, effect)
     return seen._replace(noise=noise)
-
-
-def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
-    """Computes the first-order effects of errors over the cycle that the filter has made."""
-    return link_from_traces(collect_traces(evidence.before, evidence.report, evidence.sample), params)
 
 
 def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:

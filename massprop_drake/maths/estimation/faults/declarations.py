@@ -35,7 +35,6 @@ class JetsDeclared(NamedTuple):
     """Declaration about jets.
 
     Attributes:
-        word: see `Word`.
         jets: indices; of a group its members, likeliest first.
         signs: 1: it gives more than it is told to, -1: less.
         forces, sigmas: of each, lbf or N; NaN but for the first where a group is spoken of again.

@@ -38,7 +38,6 @@ class Event(NamedTuple):
     """Fault event: its mode, component and onset.
 
     Attributes:
-        cause: see `Cause`.
         onset_s: time of the sample before it.
         score: sum over the readings until then.
     """
@@ -88,6 +87,11 @@ class Hypothesis(NamedTuple):
     trail: tuple[float, ...] = ()
 
     @property
+    def alarm(self) -> Any:
+        """Alarm that its readings have raised, see `alarms.Alarm`; None: there is none."""
+        return None if self.watch is None else self.watch.alarm
+
+    @property
     def parts(self) -> tuple[Part, ...]:
         """Parts of the history, each with the number of its earlier occurrences."""
         found: list[Part] = []
@@ -102,20 +106,10 @@ class Hypothesis(NamedTuple):
     def key(self) -> tuple[Any, ...]:
         """Key that equal hypotheses share: the parts of their history, and their present forces."""
         state = self.run.state
-        slots = [
-            (int(jet), int(sign), int(on_top), walk)
-            for jet, sign, on_top, walk in zip(
-                state.slot_jet, state.slot_sign, state.slot_on_top, self.walks, strict=True
-            )
-            if jet >= 0
-        ]
-        return (
-            frozenset(self.parts),
-            frozenset(slots),
-            self.push,
-            (state.stir, state.stir_s),
-            0.0 if state.guarded else self.jumped,
-        )
+        slots = zip(state.slot_jet, state.slot_sign, state.slot_on_top, self.walks, strict=True)
+        forces = frozenset((int(jet), int(sign), int(on_top), walk) for jet, sign, on_top, walk in slots if jet >= 0)
+        jumped = 0.0 if state.guarded else self.jumped
+        return frozenset(self.parts), forces, self.push, (state.stir, state.stir_s), jumped
 
     @property
     def ways(self) -> frozenset[Way]:
@@ -146,14 +140,8 @@ def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
             if each.walks[slot] > 0.0:
                 total += log_feasible_force(force, sigma, thrust)
                 continue
-            total += force_correction(
-                force,
-                sigma,
-                thrust,
-                params.priors,
-                missing=bool(state.slot_sign[slot] < 0.0),
-                about=None if math.isnan(about) else about,
-            )
+            before, missing = None if math.isnan(about) else about, bool(state.slot_sign[slot] < 0.0)
+            total += force_correction(force, sigma, thrust, params.priors, missing=missing, about=before)
     return each._replace(weight=total)
 
 
@@ -167,9 +155,7 @@ def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> Joi
     """Adds the noise of walking forces and unknown pushes over the next interval to the filter state.
 
     Args:
-        each: the hypothesis.
         over: an interval like the next.
-        params: see `JointParams`.
     """
     state = add_force_noise(each.run.state, force_change_shares(each, over.duration_s), params)
     return add_push_impulse(state, each.push, over, params)
@@ -201,10 +187,7 @@ def advance_hypothesis(
     """Advances a hypothesis by one cycle.
 
     Args:
-        each: before it.
-        sample: of the cycle.
         over: the cycle of any filter that is near.
-        params: without increments.
         starting: whether the filter's start is under way: hypotheses that are compared converge together.
 
     Raises:
@@ -238,5 +221,5 @@ def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis,
 def restart_hypothesis(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
     """Restarts the filter of a hypothesis after a gap, an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
-    begun_anew = record_cycle(each, each.run._replace(state=after, cycle=cycle), params)
-    return begun_anew._replace(watch=None, origin=None, review=None)
+    recorded = record_cycle(each, each.run._replace(state=after, cycle=cycle), params)
+    return recorded._replace(watch=None, origin=None, review=None)

@@ -68,7 +68,6 @@ class History(NamedTuple):
 
     Attributes:
         since_s: time of the fork, s.
-        score: since then.
     """
 
     since_s: float
@@ -108,39 +107,23 @@ def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: Hi
     """Makes the fields of `HYPOTHESIS_REPORT` after a sample.
 
     Args:
-        said: declared at it.
-        odds: see `Odds`.
         history: None: the likeliest history is the one that was reported.
     """
-    told = _declaration_row(said, odds.jets.size) if said else _empty_declaration_row(odds.jets.size)
-    of_jets = {"fault_probability": odds.jets, "fault_mode": odds.modes}
-    of_jets |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
-    row = {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
+    row: dict[str, Any] = {"fault_probability": odds.jets, "fault_mode": odds.modes}
+    row |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
+    row |= {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
     if history is not None:
         score = history.score
         row |= {"history_since": history.since_s, "history_rotation_nis": score.gyro_nis}
         row |= {"history_rotation_components": score.gyro_degrees, "history_mass_nis": score.nis - score.gyro_nis}
         row |= {"history_mass_components": score.degrees - score.gyro_degrees}
-    return told._replace(**row, **of_jets)
-
-
-@cache
-def _empty_declaration_row(n_jets: int) -> Any:
-    """Returns the log row of a sample without declarations; its arrays are shared, do not modify."""
-    return _declaration_row((), n_jets)
-
-
-def quiet_report_row(n_jets: int) -> Any:
-    """Makes the fields of `HYPOTHESIS_REPORT` after a cycle in which nothing happens."""
-    return hypothesis_report_row((), no_fault_odds(n_jets))
+    return declaration_row(said, odds.jets.size)._replace(**row)
 
 
 def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
     """Makes the fields of `STATUS` after a sample; of several declarations the first.
 
     Args:
-        said: declared at it.
-        odds: see `Odds`.
         tested: whether the readings were tested against the likeliest hypothesis.
         statistic: largest GLR of a jet in that test.
     """
@@ -150,9 +133,11 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     alarm = odds.jets[suspected] > 0.5
     if said:
         first = said[0]
-        event = _verdict_of(first)
+        jumped = isinstance(first, JumpDeclared) and not first.measured
+        event = Verdict.JUMP if jumped else Verdict.OTHER
         row |= {"onset": first.onset_s, "alarms": 1.0}
         if isinstance(first, JetsDeclared):
+            event = _EVENTS.get(first.word, Verdict.OTHER)
             row["suspected_jet"] = float(first.jets[0])
             row["suspected_magnitude"] = first.signs[0] * first.forces[0]
             row["suspected_magnitude_std"] = first.sigmas[0]
@@ -164,14 +149,8 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
-def _verdict_of(one: Declaration) -> Verdict:
-    if isinstance(one, JetsDeclared):
-        return _EVENTS.get(one.word, Verdict.OTHER)
-    return Verdict.JUMP if isinstance(one, JumpDeclared) and not one.measured else Verdict.OTHER
-
-
-def _declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
-    """Makes the log row of the declarations at a sample."""
+def declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
+    """Makes the fields of `HYPOTHESIS_REPORT` that say what is declared at a sample."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)

@@ -39,8 +39,6 @@ class HypothesisFilterState(NamedTuple):
     """State of the detector. Never changed; a cycle makes a new one.
 
     Attributes:
-        tree: see `Tree`.
-        verdicts: see `Verdicts`.
         search: of failures in the start, see `search.StartSearch`.
         force, variance: of the declared jets that push untold, as the filter has them, lbf or N, shape (n_jets,).
         removed: 1 for each jet that is named alone, shape (n_jets,).
@@ -72,11 +70,6 @@ def initial(params: Params) -> HypothesisFilterState:
 
 def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params) -> Judgment:
     """Advances the hypotheses by a sample, and declares events that are certain enough.
-
-    Args:
-        state: of the cycle before.
-        evidence: see `JointEvidence`.
-        params: see `Params`.
 
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.

@@ -84,7 +84,6 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
         log_prior: see `PassFit`.
         about: x* but for the failed jet's force, which is what the contender has, shape (size,).
         entry: state before the first kept sample.
-        params: see `JointParams`.
     """
     about, cause = about.copy(), contender.cause
     for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
@@ -154,10 +153,8 @@ def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[Joint
 def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Ends a pass over all samples: marks the fit as arrived, or begins another pass where it may still converge."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
-    stays_so = (
-        is_pass_converged(fit.state, fit.about, params.places) and _cause_by_force(fit, params) == fit.contender.cause
-    )
-    if wanders or fit.passes >= MOST or stays_so:
+    stays = is_pass_converged(fit.state, fit.about, params.places)
+    if wanders or fit.passes >= MOST or (stays and _cause_by_force(fit, params) == fit.contender.cause):
         return fit._replace(arrived=True)
     return begin_pass(fit, entry, params)
 

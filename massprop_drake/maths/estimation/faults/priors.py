@@ -72,7 +72,6 @@ class Params(NamedTuple):
 
     Attributes:
         joint: of the filter, without increments.
-        priors: see `Priors`.
         allowed: 1 for each fault of a jet that there may be, more thrust and then less, shape (2 n_jets,).
         rates: failures per hour of each jet in terms of the usual rate, shape (n_jets,).
     """
@@ -96,7 +95,6 @@ def log_failure_probability(force: float, thrust: float, seconds: float, priors:
     Args:
         force, thrust: f and T, lbf or N.
         seconds: within which it fails.
-        priors: see `Priors`.
         missing: whether the force is missing, and not too much.
     """
     known = force_correction(force, _FAIRLY * force, thrust, priors, missing=missing)
@@ -116,7 +114,6 @@ def force_correction(
     Args:
         force, sigma: of the posterior, lbf or N.
         thrust: T.
-        priors: see `Priors`.
         missing: whether the force is missing, and not too much.
         about: the force before it changed; a third of changes is to nothing, a third to full thrust. None: it is new.
     """

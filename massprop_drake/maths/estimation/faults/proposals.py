@@ -61,7 +61,6 @@ class Birth(NamedTuple):
     """Proposal that is being replayed from its onset to the newest sample.
 
     Attributes:
-        child: its hypothesis.
         ahead, than: see `Rest`.
         doubt: by which the first order may be off, nats.
         origin: draws that it is of.
@@ -103,12 +102,10 @@ def draw_proposals(
     """Draws proposals from a hypothesis with an alarm; returns them, and the sum of those not followed; None: no more.
 
     Args:
-        each: the hypothesis.
         cycle: number of the newest sample.
         among: all hypotheses that there are.
-        params: see `Params`.
     """
-    alarm: Alarm = each.watch.alarm
+    alarm: Alarm = each.alarm
     since = each.watch.records[-1].score.without(alarm.scores[0])
     explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
     level = explained + each.prior - 0.5 * alarm.screen.misfit
@@ -132,22 +129,21 @@ def rank_proposals(
 
     Args:
         each: hypothesis of which they are children.
-        alarm: see `Alarm`.
         level: log weight that a lead of zero stands for.
         among: all hypotheses that there are.
-        params: see `Params`.
         off: share of a lead by which the first order may be off.
     """
     joint = params.joint
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
     free = int((state.slot_jet < 0).sum())
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
+
+    def slots_needed(one: Contender) -> int:
+        ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in one.cause.failures)
+        return sum(known[way] == 0.0 for way in ways)
+
     found = screens.find_contenders(alarm.screen, allowed, known, joint, -_NEAR)
-    new = [
-        sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
-        for one in found
-    ]
-    found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
+    found = [one for one in found if slots_needed(one) <= free]
     priors = [_log_prior(each, one, alarm, params) for one in found]
     worth = [
         one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
@@ -247,17 +243,8 @@ def _find_shared_proposal(
 
 def proposal_key(child: Hypothesis) -> object:
     """Returns the key that equal proposals share: their history, and the kind of their newest event."""
-    cause = child.run.cause
-    return (
-        frozenset(child.parts),
-        cause.component,
-        cause.jets,
-        cause.signs,
-        cause.on_top,
-        tuple(child.walks),
-        child.push,
-        child.run.share,
-    )
+    _, *newest = child.run.cause
+    return frozenset(child.parts), *newest, tuple(child.walks), child.push, child.run.share
 
 
 def _onset_span_s(alarm: Alarm, place: int) -> float:

@@ -40,7 +40,6 @@ class Review(NamedTuple):
 
     Attributes:
         run: the hypothesis's filter, from the screen's first onset on.
-        screen: see `Screen`.
         calm: log likelihood and misfit when the hypothesis was likely last, nats: from then on the first order alone
             says how much it does not explain, as of an alarm.
         drawn: age of the newest draw.
@@ -76,11 +75,7 @@ def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: 
     """Advances the review by one cycle.
 
     Args:
-        review: before it.
-        each: the hypothesis.
-        sample: of the cycle.
         over: the cycle of any filter that is near.
-        params: without increments.
 
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
@@ -111,27 +106,17 @@ def draw_alternatives(
     """Draws alternatives to the newest event; returns the review, the proposals, and the sum of those not followed.
 
     Args:
-        review: at the present.
-        each: the hypothesis.
         among: all hypotheses that there are.
-        params: see `Params`.
     """
     origin: Origin = each.origin
-    likely = each.weight > max(other.weight for other in among) - _NEAR
-    now = (review.run.score.likelihood, review.screen.misfit)
-    if likely:
-        review = review._replace(calm=now)
-    screen, posterior = _reset_event_forces(review, each, params.joint)
+    if each.weight > max(other.weight for other in among) - _NEAR:
+        review = review._replace(calm=(review.run.score.likelihood, review.screen.misfit))
+    of_forces, posterior = _event_force_density(review, each, params.joint)
+    screen = screens.condition_screen(review.screen, *of_forces)
     level = review.calm[0] - 0.5 * (review.screen.misfit - review.calm[1]) + posterior
     alarm = Alarm(origin.cycle, origin.states, origin.scores, screen, origin.read)
     births, rest = rank_proposals(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
     return review, births, rest
-
-
-def _reset_event_forces(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
-    """Resets the newest event's forces in the screen; returns it, and the change in log likelihood, nats."""
-    (rows, away, covariance), posterior = _event_force_density(review, each, params)
-    return screens.condition_screen(review.screen, rows, away, covariance), posterior
 
 
 def _event_force_density(

@@ -54,9 +54,7 @@ def begin_screening(
     Args:
         entry: see `Screening`.
         about: see `Screening`.
-        kept: samples that it goes over.
         around: onset about which it looks, and samples between onsets; None: it looks everywhere.
-        params: see `JointParams`.
     """
     count, first = len(kept), kept[0].sample
     middle, gap = around or (0, -(-count // _ONSETS))

@@ -67,7 +67,6 @@ class StartSearch(NamedTuple):
         until: number of samples that the search goes over; 0: none is under way.
         rounds: screenings begun, but for those with finer onsets.
         screening: see `Screening`; None: it has ended.
-        fits: hypotheses that have passes.
         tried: causes, and causes with their onsets, that have had passes.
         final: whether the search goes over all samples up to the newest.
         rotation_known: whether what jets do to the rates was known before the first kept sample.
@@ -132,12 +131,7 @@ def advance_search(
     """Keeps a sample of the start, and advances the search if something has contradicted it.
 
     Args:
-        search: before the cycle.
         before: the filter's state before it.
-        report: of the cycle.
-        sample: of it.
-        priors: see `Priors`.
-        params: see `JointParams`.
 
     Returns:
         The search, and once passes have gone over all samples, the hypotheses within 30 nats of the likeliest, which
@@ -223,7 +217,9 @@ def _run_search_steps(search: StartSearch, priors: Priors, params: JointParams) 
             search = search._replace(screening=finer) if finer else _begin_jet_passes(search, screening, priors, params)
         elif not all(map(search.is_done, search.fits)):
             ahead = (each for each in search.fits if not search.is_done(each))
-            search, left = _step_one_fit(search, min(ahead, key=_pass_order), params), left - 1
+            # those that have arrived come first, then first passes, then the likeliest
+            first = min(ahead, key=lambda each: (not each.arrived, each.passes > 1, -each.reached))
+            search, left = _step_one_fit(search, first, params), left - 1
         elif not search.final:
             search = _begin_next_round(search, priors, params)
         elif any(passes.has_moved(each, params) for each in search.fits):
@@ -255,11 +251,6 @@ def _tried_key(contender: Contender, sure: bool) -> object:
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
-def _pass_order(fit: PassFit) -> tuple[bool, bool, float]:
-    """Returns the sort key of fits to advance: arrived ones, then first passes, then the largest log likelihood."""
-    return not fit.arrived, fit.passes > 1, -fit.reached
-
-
 def _step_one_fit(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
     """Advances a fit by one filter step, and drops it if it is far behind."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
@@ -282,11 +273,8 @@ def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) 
     """
     if Kind.WANDER in search.tried or (search.rounds > 0 and (not search.fits or search.rounds >= _ROUNDS)):
         return _extend_to_newest(search, priors, params)
-    entry, kept, near = (
-        search.beginning,
-        search.kept[: search.until],
-        _fits_near_likeliest(_without_disturbances(search), priors, params),
-    )
+    entry, kept = search.beginning, search.kept[: search.until]
+    near = _fits_near_likeliest(_without_disturbances(search), priors, params)
     around, rounds, end = None, search.rounds + 1, near[0].state if near else entry
     if search.rounds > 0:
         around = (near[0].contender.onset, 1)
@@ -320,9 +308,8 @@ def _without_disturbances(search: StartSearch) -> StartSearch:
 
 def _fits_near_likeliest(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
     """Returns the fits near the likeliest, one for each jet, likeliest first."""
-    weighed = sorted(
-        ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
-    )
+    weighed = [(passes.log_weight(each, priors, params), each) for each in search.fits]
+    weighed.sort(key=lambda pair: -pair[0])
     near: dict[object, PassFit] = {}
     for weight, each in weighed:
         if weight >= weighed[0][0] - _NEAR:

@@ -21,7 +21,6 @@ from massprop_drake.maths.estimation.faults.alarms import (
     Leads,
     advance_watch,
     likelihood_loss,
-    newest_link,
     raise_alarm,
 )
 from massprop_drake.maths.estimation.faults.fault_events import (
@@ -48,7 +47,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Run
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.sensitivity import Link
+from massprop_drake.maths.estimation.joint.sensitivity import Link, make_link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _BEHIND = 30.0  # nats at which a hypothesis is dropped: a probability of 1e-13
@@ -70,7 +69,6 @@ class Tree(NamedTuple):
 
     Attributes:
         cycle: number of samples taken.
-        hypotheses: see `Hypothesis`.
         births: see `Birth`, best first.
         samples: those since the oldest onset that a proposal may have, with their links.
         tried: proposals that have arrived of late, whatever has become of them.
@@ -91,20 +89,16 @@ class Tree(NamedTuple):
 
     def next_state(self, params: Params) -> JointState:
         """Returns the state from which the filter makes the next cycle."""
-        return (
-            add_interval_noise(self.leader, self.samples[-1][1], params.joint)
-            if self.samples
-            else self.leader.run.state
-        )
+        if not self.samples:
+            return self.leader.run.state
+        return add_interval_noise(self.leader, self.samples[-1][1], params.joint)
 
 
 def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     """Advances the tree by one sample.
 
     Args:
-        tree: before it.
         evidence: of the cycle of the filter, which began with the leader's state.
-        params: see `Params`.
     """
     cycle, report = tree.cycle + 1, evidence.report
     if not tree.hypotheses:
@@ -113,14 +107,13 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     if report.course is None or (report.incremented and not leader.events):
         begins = record_cycle(leader, leader.run._replace(state=evidence.after, cycle=cycle), params.joint)
         begins = begins._replace(watch=None)
-        others = tree.hypotheses[1:] if report.course is None else ()
-        return Tree(
-            cycle, (begins, *(restart_hypothesis(each, evidence.sample, cycle, params.joint) for each in others))
-        )
+        rest = tree.hypotheses[1:] if report.course is None else ()
+        others = [restart_hypothesis(each, evidence.sample, cycle, params.joint) for each in rest]
+        return Tree(cycle, (begins, *others))
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
-    over = newest_link(evidence, params.joint)
+    over = make_link(evidence.before, report, evidence.sample, params.joint)
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
@@ -135,9 +128,7 @@ def tree_from_search(found: Sequence[SearchOutcome], tree: Tree, params: Params)
     """Makes the tree of the hypotheses that a search over the start has found.
 
     Args:
-        found: see `search.SearchOutcome`.
         tree: before the newest sample.
-        params: see `Params`.
     """
     cycle = tree.cycle + 1
     hypotheses = []
@@ -163,9 +154,8 @@ def _step_hypotheses(
             try:
                 if needs_special_cycle(each, over.duration_s, joint):
                     if each.run.lying or each.run.age == 0:
-                        found.append(
-                            advance_hypothesis(each, sample, over, joint, starting=starting)._replace(watch=None)
-                        )
+                        after = advance_hypothesis(each, sample, over, joint, starting=starting)
+                        found.append(after._replace(watch=None))
                     else:
                         found.append(_advance_with_kick(each, evidence, cycle, over, joint, likely=likely))
                 elif place == 0 and each.run.state is whole.run.state:
@@ -204,9 +194,8 @@ def _advance_from_state(
     after, report = step(before, evidence.sample, params)
     after = reset_guard(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
-    return advance_watch(
-        each, JointEvidence(before, after, report, evidence.sample, False), cycle, params, likely=likely
-    )
+    own = JointEvidence(before, after, report, evidence.sample, False)
+    return advance_watch(each, own, cycle, params, likely=likely)
 
 
 def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
@@ -229,7 +218,7 @@ def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
         age = each.run.age
         if each.push > 0.0 and age > 0 and _is_draw_due(age, age - 1):
             more.append(update_weight(end_push(each, over.duration_s, params.joint), params))
-        alarm = each.watch.alarm if each.watch is not None else None
+        alarm = each.alarm
         if alarm is None:
             hypotheses.append(each)
             continue
@@ -276,8 +265,7 @@ def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
 
 def _alarm_age(each: Hypothesis, tree: Tree) -> int:
     """Returns the number of cycles since the alarm of a hypothesis; -1: it has none."""
-    alarm = each.watch.alarm if each.watch is not None else None
-    return -1 if alarm is None else tree.cycle - alarm.cycle
+    return -1 if each.alarm is None else tree.cycle - each.alarm.cycle
 
 
 def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
@@ -334,12 +322,8 @@ def _advance_reviews(tree: Tree, params: Params) -> Tree:
             review = reviews.advance_review(review, each, sample, over, params.joint)
         age, alarmed = each.run.age, _alarm_age(each, tree)
         due = _is_draw_due(age, review.drawn) or _is_draw_due(alarmed, review.drawn - age + alarmed)
-        if (
-            left > 0
-            and review.run.cycle == tree.cycle
-            and due
-            and reviews.is_force_significant(review, each, params.joint)
-        ):
+        due = due and left > 0 and review.run.cycle == tree.cycle
+        if due and reviews.is_force_significant(review, each, params.joint):
             left -= 1
             origin, there = ("review", each.key), _map_known_proposals(tree, hypotheses, births)
             review, fresh, rest = reviews.draw_alternatives(review, each, hypotheses, params)

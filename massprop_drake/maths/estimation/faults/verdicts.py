@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, Part, Way, needs_special_cycle
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Hypothesis, Part, Way, needs_special_cycle
 from massprop_drake.maths.estimation.faults.fault_report import Odds, no_fault_odds
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
@@ -32,7 +32,7 @@ from massprop_drake.maths.estimation.faults.tree import (
 from massprop_drake.maths.estimation.joint.apart import Apart, find_separation
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, failure_slot, unstated_disturbance_sigmas
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, is_initialized
-from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, gained_payload
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, gained_payload
 from massprop_drake.maths.estimation.joint.thrust_scale import force_with_scale
 
 _GROUP_S = 2.0  # for which that of a group must be there
@@ -59,10 +59,8 @@ class Verdicts(NamedTuple):
     """Declarations so far, and those that may follow.
 
     Attributes:
-        jets: failures.
         others: other parts of the likeliest history.
         group: smallest set of jets that is likely enough, and since when, s.
-        groups: declared.
         earlier: state before a jump whose size has not been told.
     """
 
@@ -115,10 +113,9 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
     n = params.places.jets
     if len(tree.hypotheses) == 1 and not tree.leader.events:
         return no_fault_odds(n)
-    healthy, modes = np.ones(n), np.zeros(n)
+    failed, modes = np.zeros((2, n))
     forces, sigmas, best = np.full(n, np.nan), np.full(n, np.nan), np.full(n, -np.inf)
     none = unknown = 0.0
-    failed = np.zeros(n)
     for each, share in probabilities(tree):
         none += share * float(not each.events)
         unknown += share * float(any(event.cause.kind in _PUSHING for event in each.events))
@@ -129,7 +126,6 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
                 best[jet], modes[jet] = share, float(mode_of(way, each, params))
                 force, sigmas[jet] = force_with_scale(each.run.state, failure_slot(each.run.state, jet, sign), params)
                 forces[jet] = sign * force
-    healthy -= failed
     return Odds(len(tree.hypotheses), min(none, 1.0), min(unknown, 1.0), np.minimum(failed, 1.0), modes, forces, sigmas)
 
 
@@ -137,30 +133,19 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
     """Returns the fault mode of a failed jet."""
     jet, sign = way
     slot = failure_slot(each.run.state, jet, sign)
-    walk, share = (
-        float(each.walks[slot]),
-        force_with_scale(each.run.state, slot, params)[0] / float(params.thrusts[jet]),
-    )
-    if walk == ANEW:
-        return Mode.INTERMITTENT
-    if walk > 0.0:
-        return Mode.DRIFTING
+    if each.walks[slot] > 0.0:
+        return Mode.INTERMITTENT if each.walks[slot] == ANEW else Mode.DRIFTING
+    share = force_with_scale(each.run.state, slot, params)[0] / float(params.thrusts[jet])
     if sign > 0:
         return Mode.STUCK_ON if share > _STUCK_ON else Mode.LEAK
     return Mode.STUCK_OFF if share > _STUCK_OFF else Mode.LOSS
 
 
 def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
-    """Updates the verdicts with a sample; returns them, and the new declarations.
-
-    Args:
-        verdicts: before it.
-        tree: after it.
-        params: see `Params`.
-    """
+    """Updates the verdicts with a sample; returns them, and the new declarations."""
     if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
         return Verdicts(others=verdicts.others), ()
-    joint, now_s = params.joint, tree.leader.run.state.time_s
+    joint = params.joint
     jets, others = jet_fault_probabilities(tree, joint), other_part_probabilities(tree)
     verdicts, said = _withdraw_unlikely(verdicts, jets, tree)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
@@ -170,7 +155,7 @@ def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Ver
         if share >= enough and share * (1.0 - pending_probability(part, tree)) >= enough:
             verdicts, more = _declare_part(part, verdicts, tree, joint)
             said += more
-    verdicts, more = _declare_group(verdicts, open_to, (tree, now_s), params)
+    verdicts, more = _declare_group(verdicts, open_to, tree, params)
     said += more
     if _is_settled(tree, joint):
         verdicts, more = _declare_updates(verdicts, tree, joint)
@@ -190,13 +175,12 @@ def pending_probability(part: Part | frozenset[Way], tree: Tree) -> float:
 
     Args:
         part: a part; or jets, of which one is enough.
-        tree: see `Tree`.
     """
     total, leads = _waiting_odds(tree, lambda child: not _has_part(part, child)), relative_log_weights(tree)
     for each in hypotheses_with_draws(tree):
-        draws = (each.watch.alarm if each.watch else None, each.review if is_likely(each, tree) else None)
+        draws = (each.alarm, each.review if is_likely(each, tree) else None)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
-        total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
+        total += float(each.alarm is not None and each.alarm.drawn < 0)
     return total / (1.0 + total)
 
 
@@ -215,11 +199,11 @@ def _has_part(part: Part | frozenset[Way], each: Hypothesis) -> bool:
 
 def _is_settled(tree: Tree, params: JointParams) -> bool:
     """Tests whether the likeliest history explains its readings, with no impulse left and no proposal waiting."""
-    watch = tree.leader.watch
-    if watch is None or watch.alarm is not None or tree.births or not tree.samples:
+    leader = tree.leader
+    if leader.watch is None or leader.alarm is not None or tree.births or not tree.samples:
         return False
     _, over = tree.samples[-1]
-    return not needs_special_cycle(tree.leader, over.duration_s, params)
+    return not needs_special_cycle(leader, over.duration_s, params)
 
 
 def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
@@ -234,7 +218,7 @@ def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -
 
 def _bound_probability(way: Way, share: float, tree: Tree) -> float:
     """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true."""
-    waiting = _waiting_odds(tree, lambda child: _has_part(way, child)) if share < 0.5 else 0.0
+    waiting = _waiting_odds(tree, lambda child: way in child.ways) if share < 0.5 else 0.0
     return (share + waiting) / (1.0 + waiting)
 
 
@@ -250,7 +234,7 @@ def _declare_part(
         said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
         return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
     verdicts = verdicts._replace(others=verdicts.others | {part})
-    event = _event_of(part, holder)
+    event = [event for event in holder.events if event.cause.part == part[:2]][part[2]]
     match part[0]:
         case Kind.JUMP:
             return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
@@ -265,17 +249,11 @@ def _declare_part(
             return verdicts, [Unexplained(event.onset_s)] if begins else []
 
 
-def _event_of(part: Part, holder: Hypothesis) -> Event:
-    """Finds the event that a part belongs to."""
-    same = [event for event in holder.events if event.cause.part == part[:2]]
-    return same[part[2]]
-
-
 def _declare_group(
-    verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float], params: Params
+    verdicts: Verdicts, open_to: dict[Way, float], tree: Tree, params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
     """Declares the smallest set of jets one of which has almost surely failed."""
-    tree, now_s = seen
+    now_s = tree.leader.run.state.time_s
     likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
     for count in range(2, len(likely) + 1):
@@ -312,7 +290,7 @@ def _declare_group(
 
 def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
     """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
-    alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
+    alarm = next((each.alarm for each in tree.hypotheses if each.alarm), None)
     if alarm is None:
         return Apart()
     members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
@@ -326,7 +304,7 @@ def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
     earlier = verdicts.earlier
     if earlier is not None and is_initialized(now, params):
         size = gained_payload(earlier, now, params)
-        if is_measured(size):
+        if size.mass_sigma < _MEASURED * abs(size.mass):
             said.append(JumpDeclared(True, earlier.time_s, *size))
             earlier = None
     kept = []
@@ -358,8 +336,3 @@ def _update_declared(one: Declared, leader: Hypothesis, params: JointParams) -> 
     if sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
         return one._replace(force=force, sigma=sigma), None
     return one, None
-
-
-def is_measured(size: Payload) -> bool:
-    """Tests whether a gained mass is known well enough to be declared."""
-    return size.mass_sigma < _MEASURED * abs(size.mass)

@@ -80,7 +80,6 @@ class JointFilterParams(NamedTuple):
     """Parameters of the filter.
 
     Attributes:
-        joint: see `JointParams`.
         period_s: sample period, s.
         at_stamps: see `ticks.Pace`.
         opens_at: see `Setup`.
@@ -96,14 +95,11 @@ class JointFilterState(NamedTuple):
     """State of the filter after a sample.
 
     Attributes:
-        joint: see `JointState`.
-        clock: see `Clock`.
         estimate, covariance: what is reported of it: the ten parameters and the covariance of their errors, NaN for
             the mass reciprocal where it is not observed, shapes (10,) and (10, 10).
         start: what is kept of a start that is under way; neither packed nor saved.
         frame: shared attitude, see `joint.orientation`, a quaternion, shape (4,).
         speeds: of the wheels as they have been read last, NaN where none has been, rad/s, shape (n_wheels,).
-        setting: of the engines.
     """
 
     joint: JointState
@@ -117,12 +113,7 @@ class JointFilterState(NamedTuple):
 
 
 class JointMeasurement(NamedTuple):
-    """Cycle of the filter, before the detector has judged it.
-
-    Attributes:
-        state: after it.
-        evidence: see `JointEvidence`.
-    """
+    """Cycle of the filter, before the detector has judged it."""
 
     state: JointFilterState
     evidence: JointEvidence
@@ -254,12 +245,10 @@ def _covariance_root(covariance: Array) -> Array:
 
 def initial_state(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
-    clock, unread = (
-        ticks.start_clock(0.0, np.zeros(params.joint.places.jets)),
-        np.full(params.joint.places.wheels, np.nan),
-    )
+    places = params.joint.places
+    clock, unread = ticks.start_clock(0.0, np.zeros(places.jets)), np.full(places.wheels, np.nan)
     begun = _make_filter_state(beginning.initial_joint_state(params.joint), clock, params)
-    return begun._replace(start=starts.BEGUN, speeds=unread, setting=shut_engine_settings(params.joint.places.engines))
+    return begun._replace(start=starts.BEGUN, speeds=unread, setting=shut_engine_settings(places.engines))
 
 
 def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
@@ -301,8 +290,7 @@ def step(
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
     """
-    before = state.joint
-    steady = params
+    before, steady = state.joint, params
     acting = told.command != 0.0  # or not known
     if state.start.rotation and knows_rotation(before, params.joint, acting):  # what contradicts is for the detector
         steady = params._replace(joint=without_increments(params.joint))
@@ -356,7 +344,6 @@ class Sampled(NamedTuple):
     """Sample as the filter takes it, and the memory with which it goes on.
 
     Attributes:
-        clock: after it.
         sample: see `cycle.Sample`.
         anew: whether what has been before tells nothing of it.
         kept: last speeds of the wheels, and the engines' setting.
@@ -394,7 +381,8 @@ def make_sample(
         coming = None if told.coming is None else _command_with_onsets(told.coming, told.coming_onset_s, params)
         clock, interval = ticks.measure_interval(state.clock, told.stamp_s, (now, coming), pace)
         needed = readings[:1] if params.joint.rates.period_s > 0.0 else readings  # others are read at their own times
-        if np.isnan(interval.commands).all(axis=1).any() and not _all_read(needed):
+        read = all((~np.isnan(each)).any(axis=0).all() for each in needed if each.shape[0] > 0)
+        if np.isnan(interval.commands).all(axis=1).any() and not read:
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
         clock = ticks.start_clock_with_onsets(told.stamp_s, now)
@@ -403,9 +391,9 @@ def make_sample(
         )
     duration_s = float(interval.durations_s.sum())
     outside = told.outside_wrench * duration_s
-    attitudes, read, engines = _split_tracked_columns(told, params.joint)
+    attitudes, wheels, engines = _split_tracked_columns(told, params.joint)
     seen = _measure_attitudes(state, interval, (readings[0], attitudes), params.joint)
-    speeds, last = interval_wheel_speeds(state.speeds, read, duration_s, params.joint.wheels)
+    speeds, last = interval_wheel_speeds(state.speeds, wheels, duration_s, params.joint.wheels)
     burn, setting = make_burn(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
     sample = JointSample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
@@ -414,10 +402,6 @@ def make_sample(
 
 def _command_with_onsets(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
     return Commanded(command, command_onsets(command, onset_s, params.opens_at, params.period_s))
-
-
-def _all_read(readings: tuple[np.ndarray, ...]) -> bool:
-    return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
 
 
 def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) -> Told:
@@ -437,11 +421,6 @@ def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
     return ahead > math.log(_BETWEEN / (1.0 - _BETWEEN))
 
 
-def evidence(_state: JointFilterState, measurement: JointMeasurement, _interval: Interval) -> JointEvidence:
-    """Returns the cycle's evidence for the detector: states, report and sample."""
-    return measurement.evidence
-
-
 def finish(
     _state: JointFilterState,
     measurement: JointMeasurement,
@@ -449,12 +428,7 @@ def finish(
     _adaptation: Adaptation,
     params: JointFilterParams,
 ) -> FilterStep:
-    """Returns the cycle's filter step as `measure` made it; a detector changes its state by `replace_state`."""
-    return make_filter_step(measurement, params)
-
-
-def make_filter_step(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep:
-    """Makes the filter step of a cycle: its state and its log rows."""
+    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replace_state`."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
     seen = Seen(*(getattr(report, name) for name in Seen._fields))
@@ -502,18 +476,6 @@ def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Arr
     return np.concatenate((pack(state.joint, places), clock, frame, state.speeds, setting))
 
 
-def unpack_filter_state(vector: Array, params: JointFilterParams) -> JointFilterState:
-    """Unpacks a state: the inverse of `pack_filter_state`."""
-    places = params.joint.places
-    size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
-    clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
-    ends = rest.size - 3 * N_CHANNELS * places.engines
-    frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
-    of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
-    known = _make_filter_state(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
-    return known._replace(frame=frame) if places.trackers > 0 else known
-
-
 def save_state(state: JointFilterState, params: JointFilterParams) -> Groups:
     """Packs a state into a dictionary of vectors, by the diagram's system that holds each."""
     return {GROUP: pack_filter_state(state, params)}
@@ -525,8 +487,15 @@ def restore_state(groups: Groups, params: JointFilterParams) -> JointFilterState
     Raises:
         ValueError: when the state holds what the filter cannot leave.
     """
-    state = unpack_filter_state(groups[GROUP], params)
-    for broken, message in check_state_rules(state.joint, state.clock, state.frame, params.joint.places):
+    vector, places = groups[GROUP], params.joint.places
+    size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
+    clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
+    ends = rest.size - 3 * N_CHANNELS * places.engines
+    frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
+    of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
+    state = _make_filter_state(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
+    state = state._replace(frame=frame) if places.trackers > 0 else state
+    for broken, message in check_state_rules(state.joint, clock, state.frame, places):
         if broken:
             raise ValueError(f"{GROUP}: {message}")
     return state
@@ -537,7 +506,7 @@ FILTER = Filter(
     initial=initial_state,
     predicted=lambda state: state.estimate,
     measure=measure,
-    evidence=evidence,
+    evidence=lambda _state, measurement, _interval: measurement.evidence,
     finish=finish,
     covariance=lambda state: state.covariance,
     saved=save_state,

@@ -116,7 +116,6 @@ def compensate_rotation(
         velocity_increment: zeta, ft/s or m/s, body axes, shape (3,).
         velocity_noise: R^zeta, shape (3, 3).
         arm: r^, accelerometer from the estimated center of mass, ft or m, shape (3,).
-        rotation: over the sample, see `Rotation`.
         params: for the period and what is compensated; where the covariance is not to grow by W and S_cm (the
             thesis's COV), R' = R^zeta.
     """
@@ -226,13 +225,7 @@ class MassInnovation(NamedTuple):
 
 
 class MassCycle(NamedTuple):
-    """State of the mass filter after a sample, measured or not, used or not.
-
-    Attributes:
-        state: see `MassState`.
-        used: whether the estimate was updated.
-        jumped: whether the jump test found a jump.
-    """
+    """State of the mass filter after a sample, measured or not, used or not."""
 
     state: MassState
     used: bool
@@ -287,33 +280,15 @@ def _innovation_covariance(independent: float, impulse: Array, effects: Array | 
     return add_effect_covariance(impulse[:, None] * (impulse * independent) + noise, effects)
 
 
+@kernel
 def update(
-    state: MassState,
-    sample: MassSample,
-    innovation: MassInnovation,
-    adaptation: Adaptation,
-    params: MassParams,
-    each: tuple[MassSample, ...] = (),
+    state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
 ) -> MassCycle:
     """Updates by a measurement (3-83), (3-86), variance in Joseph's form of (3-84), then in time (3-82).
 
     A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the sample; see
-    `mass_jump`. With the packages' own samples, `each`, the update is made with one after the other.
+    `mass_jump`.
     """
-    if not each or adaptation.action == Action.REJECT:
-        return update_once(state, sample, innovation, adaptation, params)
-    after, kept = _clear_jump_window(state, adaptation, params), 1.0
-    for part in each:
-        after, gain = _apply_measurement(after, part, innovate(after, part), adaptation)
-        kept *= 1.0 - float(gain @ part.linear_impulse)
-    return _test_jump(after, 1.0 - kept, (sample, innovation), adaptation, params)
-
-
-@kernel
-def update_once(
-    state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
-) -> MassCycle:
-    """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
         return MassCycle(_propagate(state, params), False, False)
     after, gain = _apply_measurement(_clear_jump_window(state, adaptation, params), sample, innovation, adaptation)
@@ -480,12 +455,10 @@ def measure(
     The velocities are readings of the accelerometers at the sample's two ends, in the order of the parameters'
     positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
     """
-    if uses_one_package(params):
-        return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     increments = velocities - velocities_before
     turns = params.compensation == Compensation.NONE or _is_measured(rotation.increment)
     there = [index for index in range(len(increments)) if turns and _is_measured(increments[index])]
-    if len(there) < 2:
+    if uses_one_package(params) or len(there) < 2:
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     freed = [_compensate_package(index, increments, rotation, params) for index in there]
     disturbance = add_noise(params.disturbance_covariance, interval.extra_noise)
@@ -557,16 +530,20 @@ def finish(
     """Runs the second half of a cycle: the update, when the sample can be used.
 
     After a jump of the mass properties beyond doubt the variance is raised, and the sample used with it. A sample is
-    `usable` when the combination of jets was steady, and `firing` when a known impulse acted.
+    `usable` when the combination of jets was steady, and `firing` when a known impulse acted. With the packages' own
+    samples the update is made with one after the other.
     """
     sample, innovation, each = measurement
-    there = not math.isnan(innovation.nis)
+    if not (each and usable and firing) or adaptation.action == Action.REJECT:
+        return finish_one(state, (sample, innovation), (usable, firing), adaptation, params)
     if adaptation.mass_jumped:
         state = _raise_variance(state, params)
-        innovation = innovate(state, sample) if there else innovation
-    if not (there and usable and firing):
-        return MassCycle(_propagate(state, params), False, False)
-    return update(state, sample, innovation, adaptation, params, each)
+        innovation = innovate(state, sample)
+    after, kept = _clear_jump_window(state, adaptation, params), 1.0
+    for part in each:
+        after, gain = _apply_measurement(after, part, innovate(after, part), adaptation)
+        kept *= 1.0 - float(gain @ part.linear_impulse)
+    return _test_jump(after, 1.0 - kept, (sample, innovation), adaptation, params)
 
 
 @kernel
@@ -587,7 +564,7 @@ def finish_one(
             innovation = innovate(state, sample)
     if not (there and usable and firing):
         return MassCycle(_propagate(state, params), False, False)
-    return update_once(state, sample, innovation, adaptation, params)
+    return update(state, sample, innovation, adaptation, params)
 
 
 @kernel

@@ -64,7 +64,6 @@ class PoseFilterParams(NamedTuple):
     """Parameters of the filter.
 
     Attributes:
-        pose: see `PoseParams`.
         known: which of the ten parameters have no sigma, shape (10,).
         nominal: the ten nominal parameters, which these have, shape (10,).
         hypotheses: whether the filter carries those of a detector.
@@ -106,17 +105,14 @@ class PoseEvidence(NamedTuple):
     """Evidence of a cycle of this filter for a detector.
 
     Attributes:
-        tried: after it.
         time_s: of the sample, by the record's clock.
         cycle_s: by that of the cycles.
-        told: see `Told`.
         tested: whether anything was read that bears on jets.
     """
 
     tried: Tried
     time_s: float
     cycle_s: float
-    told: Told
     tested: bool
 
 
@@ -179,12 +175,10 @@ def measure(
             return PoseMeasurement(state._replace(time_s=now_s), None, told)
         first = pose_start.initialize_bank(readings, made)
         tried = _make_first_filters(first, now_s, params)
-        commands = _add_command(
-            Commands(np.zeros(0), state.commands.levels), now_s, (told.coming, told.coming_onset_s), params
-        )
-        return PoseMeasurement(
-            _update_estimate(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told
-        )
+        none = Commands(np.zeros(0), state.commands.levels)
+        commands = _add_command(none, now_s, (told.coming, told.coming_onset_s), params)
+        begun = _update_estimate(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
+        return PoseMeasurement(begun, None, told)
     kept = _add_command(state.commands, state.time_s, (told.command, told.onset_s), params)
     acting = _add_command(kept, now_s, (told.coming, told.coming_onset_s), params)
     if has_nonzero(told.outside_wrench):
@@ -199,10 +193,10 @@ def _make_first_filters(first: PoseBank, now_s: float, params: PoseFilterParams)
     """Makes the filter banks at the first sample: one for every possible delay, with all of a detector's hypotheses."""
     none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split_by_delay(first, params.pose)
     if params.hypotheses:
-        return delays.join_delays(
-            [pose_hypotheses.begin_hypotheses(bank, now_s, params.pose) for bank in banks], params.pose
-        )
-    return delays.join_delays([pose_hypotheses.make_single_filter(bank, none, now_s) for bank in banks], params.pose)
+        tried = [pose_hypotheses.begin_hypotheses(bank, now_s, params.pose) for bank in banks]
+    else:
+        tried = [pose_hypotheses.make_single_filter(bank, none, now_s) for bank in banks]
+    return delays.join_delays(tried, params.pose)
 
 
 def collect_readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
@@ -221,12 +215,6 @@ def collect_readings(tracked: Array | None, rates: Array, velocities: Array, par
     return PoseReadings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
-def _commands_before(commands: Commands, time_s: float) -> Commands:
-    """Returns the part of a command history before a time."""
-    until = int(np.searchsorted(commands.time_s, time_s))
-    return Commands(commands.time_s[:until], commands.levels[:until])
-
-
 def _add_command(
     commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
@@ -238,7 +226,8 @@ def _add_command(
         told: command, None: nothing is said, and its onsets, None: they are not told.
     """
     command, onset_s = told
-    commands = _commands_before(commands, time_s)
+    until = int(np.searchsorted(commands.time_s, time_s))
+    commands = Commands(commands.time_s[:until], commands.levels[:until])
     if command is None:
         return commands
     onset_s = command_onsets(command, onset_s, params.opens_at, params.period_s)
@@ -259,7 +248,7 @@ def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _inte
     """Makes the detector's evidence from the hypotheses and times of a cycle."""
     state, told = measurement.state, measurement.told
     done = measurement.done
-    return PoseEvidence(state.tried, state.time_s, told.time_s, told, done is not None and done.innovation.size > 0)
+    return PoseEvidence(state.tried, state.time_s, told.time_s, done is not None and done.innovation.size > 0)
 
 
 def finish(
@@ -374,19 +363,12 @@ def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
     if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(PUSHED, jets)):
         raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
     _require_possible(read)
-    bank = PoseBank(
-        read.mean[None].copy(),
-        read.covariance[None].copy(),
-        read.rotation[None].copy(),
-        read.opens.astype(int),
-        read.reference[None].copy(),
-        read.turned[None].copy(),
-    )
+    mean, covariance, rotation = (part[None].copy() for part in (read.mean, read.covariance, read.rotation))
+    reference, turned = read.reference[None].copy(), read.turned[None].copy()
+    bank = PoseBank(mean, covariance, rotation, read.opens.astype(int), reference, turned)
     time_s, begun = float(read.time_s[0]), bool(read.started[0])
-    tried, commands = (
-        pose_hypotheses.make_single_filter(bank, read.known.copy(), time_s),
-        Commands(np.zeros(0), np.zeros((0, jets))),
-    )
+    tried = pose_hypotheses.make_single_filter(bank, read.known.copy(), time_s)
+    commands = Commands(np.zeros(0), np.zeros((0, jets)))
     if begun:
         try:
             tried, commands = keeping.unpack_hypotheses(more, params.pose)

@@ -179,8 +179,6 @@ class RotationCycle(NamedTuple):
     """State of the rotation filter after a sample, measured or not, used or not.
 
     Attributes:
-        state: see `RotationState`.
-        used: whether the estimate was updated.
         jumped: whether the covariance was incremented first (2-138).
     """
 
@@ -309,41 +307,22 @@ def _total_covariance(covariance: Array, sensitivity: Array | None, effects: Arr
     return covariance + sensitivity @ sensitivity.T
 
 
+@kernel
 def update(
     state: RotationState,
     sample: RotationSample,
     innovation: RotationInnovation,
     adaptation: Adaptation,
     params: RotationParams,
-    each: tuple[RotationSample, ...] = (),
 ) -> RotationCycle:
-    r"""Updates by one usable firing sample, then in time (2-123).
+    """Updates by one usable firing sample, then in time (2-123).
 
     When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
-    innovation formed again from the same measurement (2-138), unless a jet's failure explains it. With the packages'
-    own samples, `each`, the update is made with one after the other.
+    innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if not each or adaptation.action == Action.REJECT:
-        return update_once(state, sample, innovation, adaptation, params)
-    state, innovation, jumped = _inflate_after_jump(state, sample, innovation, adaptation, params)
-    for part in each:
-        own = innovate(state, part, innovation.subtract_coupling, params)
-        state = _apply_measurement(state, part, own, adaptation)
-    return RotationCycle(_propagate(state, params), True, jumped)
-
-
-@kernel
-def update_once(
-    state: RotationState,
-    sample: RotationSample,
-    innovation: RotationInnovation,
-    adaptation: Adaptation,
-    params: RotationParams,
-) -> RotationCycle:
-    """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
         return RotationCycle(_propagate(state, params), False, False)
     before, innovation, jumped = _inflate_after_jump(state, sample, innovation, adaptation, params)
@@ -475,11 +454,9 @@ def measure(
 
     The readings `rates` are as in `RotationMemory`, shape (s, 3).
     """
-    if uses_one_package(params):
-        return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     there = [index for index in range(len(rates)) if _is_usable_increment(increments[index], means[index], params)]
-    if len(there) < 2:
+    if uses_one_package(params) or len(there) < 2:
         return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
     covariances = np.zeros((len(there), len(there), 3, 3))
@@ -543,12 +520,16 @@ def finish(
     """Runs the second half of a cycle: the update, when the sample can be used.
 
     A sample is used when both readings are there, the jets' combination was steady, and an impulse acted; `usable` says
-    the latter two.
+    the latter two. With the packages' own samples the update is made with one after the other.
     """
     sample, innovation, each = measurement
-    if math.isnan(innovation.nis) or not (usable and sample.firing):
-        return RotationCycle(_propagate(state, params), False, False)
-    return update(state, sample, innovation, adaptation, params, each)
+    if not (each and usable and sample.firing) or adaptation.action == Action.REJECT:
+        return finish_one(state, (sample, innovation), usable, adaptation, params)
+    state, innovation, jumped = _inflate_after_jump(state, sample, innovation, adaptation, params)
+    for part in each:
+        own = innovate(state, part, innovation.subtract_coupling, params)
+        state = _apply_measurement(state, part, own, adaptation)
+    return RotationCycle(_propagate(state, params), True, jumped)
 
 
 @kernel
@@ -563,4 +544,4 @@ def finish_one(
     sample, innovation = measured
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_propagate(state, params), False, False)
-    return update_once(state, sample, innovation, adaptation, params)
+    return update(state, sample, innovation, adaptation, params)

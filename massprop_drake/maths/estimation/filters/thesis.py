@@ -65,7 +65,6 @@ class ThesisParams(NamedTuple):
     """Parameters of both filters.
 
     Attributes:
-        rotation: see `RotationParams`.
         mass: see `MassParams`; None without accelerometer.
         estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
         thrust_errors: see `filter.Setup`.
@@ -82,8 +81,6 @@ class ThesisState(NamedTuple):
     """State and memory of both filters.
 
     Attributes:
-        rotation: see `RotationState`.
-        memory: see `RotationMemory`.
         mass: see `MassState`; None without accelerometer.
         velocities: readings of the accelerometers at the sample before, shape (a, 3).
     """
@@ -149,7 +146,6 @@ MASS_STATE = Layout(
     window=("window", 3),
     sensitivity="errors",
 )
-_NO_NOISE = np.zeros((3, 3))
 _INSENSITIVE = np.empty((N_ROTATION, 0))
 
 
@@ -359,11 +355,7 @@ def mass_report(before: MassInnovation, cycle: MassCycle) -> MassReport:
 
 
 def make_params(setup: Setup, options: Any) -> ThesisParams:
-    """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
-
-    Args:
-        options: the scenario, field by field.
-    """
+    """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`."""
     rotation, mass, combine = options.rotation, options.mass, options.sensors.combine
     jump_std = rotation.jump_std_fraction * np.sqrt(setup.covariance.diagonal()[:N_ROTATION])
     turning = RotationParams(
