@@ -112,7 +112,7 @@ def test_it_is_kept_shown_and_read_back(runs: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(simulated.y, np.degrees(run["against.gyro"][:, 1]))  # type: ignore[union-attr]
     assert read.label == "gyro, as read"  # type: ignore[union-attr]
     html = report_html(again)
-    (cells,) = table.cause_rows(said(run))
+    (cells,) = table.cause_sheet(said(run)).rows
     for cell in cells:
         assert cell in html
 
