@@ -197,15 +197,15 @@ def _axis_height(panel: Panel, number: int) -> int:
 
 
 def _key_height(panel: Panel) -> int:
-    """Estimates the height of a panel's key, pixels; its entries wrap where a card is narrow."""
-    labels = [
-        mark.label
+    """Estimates the height of a panel's key, pixels; in a narrow card its entries wrap, into columns as wide as any."""
+    widths = [
+        _SYMBOL + _LETTER * len(mark.label)
         for mark in panel.marks
         if not isinstance(mark, Bars) and mark.label and not (isinstance(mark, Points) and not mark.drawn)
     ]
-    if panel.most and not labels:
-        return _KEY  # for what a zoom leaves beyond
-    return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
+    if sum(widths) <= _NARROW:
+        return _KEY if widths or panel.most else 0  # for what a zoom leaves beyond
+    return _KEY * math.ceil(len(widths) / max(1, _NARROW // max(widths)))
 
 
 def _horizontal_axis(over: Over, suffix: str) -> Json:
