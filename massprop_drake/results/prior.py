@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results.consistency import Diagnosis
+from massprop_drake.results.record_stretches import used_propellant
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
     """
     if scenario.estimation.start == "zero":
         return None
-    used = _used_propellant(scenario, signals)
+    used = used_propellant(scenario, signals, scenario.vehicle_data.mass_flows)
     begun = estimate.copy()
     if begun[MASS_RECIPROCAL] > 0.0:
         begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
@@ -147,18 +148,6 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
     deviation = np.nan_to_num(signals.last("standard_deviation"))
     covariance = covariance + np.diag(np.where(known, drift + deviation**2, 1.0))
     return _Start(values, covariance, tested)
-
-
-def _used_propellant(scenario: Scenario, signals: Spool) -> float:
-    """Computes the propellant that the commands have used, slug or kg."""
-    vehicle = scenario.vehicle_data
-    if params.steps_by_readings(scenario):
-        every = [
-            np.diff(block["time_s"])[:, None] * block["command"][:-1] for block in signals.blocks("time_s", "command")
-        ]
-        return float(sum(np.nansum(part, axis=0) for part in every) @ vehicle.mass_flows)
-    told = sum(np.nansum(block["command"], axis=0) for block in signals.blocks("command"))
-    return float(told @ vehicle.mass_flows) * vehicle.sample_period_s
 
 
 class _Group(NamedTuple):
