@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 def leak(stuck_run: Run) -> Run:
     """The orbiter; a jet leaks, and is named at once."""
     (failure,) = load_scenario("leak_named").failures
-    changes = {"failures": (failure.model_copy(update={"start_s": 1.0}),), "duration_s": 3.0}
+    changes = {"failures": (failure.model_copy(update={"start_s": 1.0}),), "duration_s": 2.0}
     return simulate(stuck_run.scenario.model_copy(update=changes))
 
 
@@ -46,7 +46,7 @@ def leak(stuck_run: Run) -> Run:
 def followed() -> Run:
     """A vehicle whose position and attitude a pose filter estimates."""
     failure = "failures=[{kind: stuck_off, jet: T2, start_s: 1}]"
-    return simulate(load_scenario("air_bearing_pulses", ["duration_s=3", failure]))
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=1.6", failure]))
 
 
 def _record(run: Run, folder: Path) -> Run:
@@ -315,7 +315,7 @@ def test_times_that_no_file_holds_are_refused(followed: Run, tmp_path: Path, epo
 
 
 def test_a_run_on_disk_gives_the_same_in_pieces(followed: Run, tmp_path: Path) -> None:
-    spool = Spool(rows_per_piece=10, index="time_s")
+    spool = Spool(rows_per_piece=5, index="time_s")
     spool.append({"time_s": followed.time_s, **followed.signals})
     assert not spool.in_memory
     pieces = Run(followed.scenario, followed.results, None, spool)

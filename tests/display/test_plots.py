@@ -347,7 +347,7 @@ def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Source, recor
 @pytest.fixture(scope="module")
 def tracked() -> Run:
     """A vehicle in a plane that is followed by motion capture: no gyro, and most parameters fixed."""
-    return simulate(load_scenario("air_bearing_pulses", ["duration_s=2"]))
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=1"]))
 
 
 def test_what_a_vehicle_in_a_plane_cannot_do_has_no_panel(tracked: Run) -> None:
