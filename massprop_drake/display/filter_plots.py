@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.plot_source import DEGREES, Source, plot
 from massprop_drake.display.spec import (
     Band,
     Line,
@@ -24,11 +25,6 @@ from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import zero_floors
 from massprop_drake.maths.signals import AXES, SYMBOLS, is_user_signal, mass_property_units
 from massprop_drake.results.consistency import is_mean_dominated
-
-if TYPE_CHECKING:
-    pass
-
-from massprop_drake.display.plot_source import DEGREES, Source, plot
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from massprop_drake.display import figures, plots
+from massprop_drake.display import figures, motion_plots, plots
 from massprop_drake.display.run import Run
 from massprop_drake.display.spec import (
     Band,
@@ -128,7 +128,7 @@ def test_panels_share_time_windows_and_moments() -> None:
 def test_all_text_lies_apart_and_inside_the_picture(stuck_run: Run) -> None:
     source, drawn = plots.source(stuck_run), stuck_run.plot.all()
     assert list(drawn) == list(plots.available_plots(source))
-    for panel, axes in zip(plots.rates(source).panels, drawn["rates"].axes, strict=True):
+    for panel, axes in zip(motion_plots.rates(source).panels, drawn["rates"].axes, strict=True):
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), panel.marks[0].y)  # type: ignore[union-attr]
     for name, figure in drawn.items():
         figure.canvas.draw()

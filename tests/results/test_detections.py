@@ -12,17 +12,22 @@ from massprop_drake.maths.estimation.detector import STATUS, Verdict
 from massprop_drake.results.detections import (
     JUMP,
     DetectionRecord,
-    detection_entries,
     fault_mode,
     finalize_detections,
     in_words,
     note_mass_before_jumps,
+    update_detections,
 )
+from massprop_drake.results.events import list_events
 
 SI = {"force": "N", "mass": "kg", "length": "m"}
 JET = DetectionRecord(10.0, 11.0, "jet_on", 3, "T7", "jet", 0.05, 0.0012, 50.0, 2, jets=("T7",), thrust=1.0)
 PAYLOAD = DetectionRecord(10.0, 11.0, JUMP, None, None, None, None, None, 50.0, 2)
 STUCK_ON = DetectionRecord(50.0, 50.16, "jet_on", 12, "R4R", "jet", 868.0, 2.0, 1.0e4, 3, jet_index=28)
+
+
+def detection_entries(vehicle: Vehicle, time_s: Any, signals: Any, earlier: Any = ()) -> list[DetectionRecord]:
+    return update_detections(vehicle, list_events(vehicle, vehicle.sensor_names(), time_s, signals), earlier)
 
 
 def force(magnitude: float, std: float = 0.0012, **more: Any) -> DetectionRecord:
