@@ -18,6 +18,7 @@ from command_probe import FILES as ALL_FILES
 
 from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.display import figures
+from massprop_drake.display.page import summary_html
 from massprop_drake.inputs.model import digest
 from massprop_drake.results.folder import require_writable
 from massprop_drake.results.json_arrays import parameters_from_names
@@ -316,3 +317,16 @@ def test_a_seed_gives_its_run_bit_for_bit_and_others_differ(noisy_run: Run) -> N
     one, two = (simulate(load_scenario("sample_maneuver", [*overrides, f"seed={seed}"])) for seed in (1, 2))
     for name in one.signals:
         np.testing.assert_array_equal(one[name], two[name], err_msg=name)
+
+
+def test_a_run_is_seen_in_notebooks_and_tables(short_run: Run) -> None:
+    assert "orbiter: sample_maneuver" in summary_html(short_run)
+    with pytest.raises(KeyError, match=r"no signal 'rates'; did you mean 'rate'\?"):
+        short_run["rates"]
+    frame, data = short_run.to_pandas(), short_run.to_xarray()
+    np.testing.assert_array_equal(frame.index, short_run.time_s)
+    np.testing.assert_array_equal(frame["rate"]["y"], short_run["rate"][:, 1])
+    np.testing.assert_array_equal(frame["command"]["R4R"], short_run["command"][:, 28])
+    assert data["force"].attrs["units"] == "lbf"
+    np.testing.assert_array_equal(data["rate"].sel(rate_component="z"), short_run["rate"][:, 2])
+    np.testing.assert_array_equal(data["time_s"], short_run.time_s)
