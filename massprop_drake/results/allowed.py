@@ -66,10 +66,6 @@ class Intervals(NamedTuple):
         elements = {int(ELEMENT[i, j]): self.inverse_inertia[i][j] for i in range(3) for j in range(3)}
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 
-    def as_json(self) -> dict[str, Any]:
-        """Returns the content of `intervals` in `summary.json`."""
-        return self._asdict()
-
     def in_words(self) -> str:
         """Describes in a sentence the guaranteed intervals, or why there are none."""
         if self.reason is not None:

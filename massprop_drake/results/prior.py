@@ -68,13 +68,6 @@ class _Start(NamedTuple):
     covariance: Array
     tested: NDArray[np.bool_]
 
-    @property
-    def relative(self) -> Array:
-        """1-sigma over the values, shape (10,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = np.sqrt(self.covariance.diagonal()) / np.abs(self.values)
-        return result
-
     def departure(self, estimate: Array) -> _Departure:
         """Measures how far estimates are from the start.
 
@@ -191,7 +184,8 @@ def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Gro
 
 def _common_factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
     """Computes the factor that some scales have in common, and its significance in sigmas if their errors are one."""
-    logarithms, relative = np.log(estimate[members] / start.values[members]), start.relative[members]
+    logarithms = np.log(estimate[members] / start.values[members])
+    relative = np.sqrt(start.covariance.diagonal()[members]) / start.values[members]
     weights = 1.0 / relative**2
     mean = float(weights @ logarithms / weights.sum())
     return math.exp(mean), abs(mean) / float(relative.max())

@@ -291,7 +291,7 @@ class Summary:
         if self.against is not None:
             content["against"] = self.against.as_json()
         if self.intervals is not None:
-            content["intervals"] = self.intervals.as_json()
+            content["intervals"] = self.intervals._asdict()
         if self.ended is not None:
             content["ended"] = self.ended._asdict()
         if self.missing:

@@ -173,9 +173,11 @@ def printed(opened_once: Any, stuck_run: Run, tmp_path_factory: pytest.TempPathF
     """
     of_jets = np.zeros_like(stuck_run["command"])
     of_jets[40:] = np.where(np.arange(44) < 12, 0.4 - 0.02 * np.arange(44), 0.0)
-    more = {"fault_probability": of_jets, "none_probability": 1.0 - of_jets[:, :1], "unknown_probability": 0.01}
-    signals = {**stuck_run.signals, **more, "unknown_probability": np.full((len(of_jets), 1), 0.01)}
-    path = write_report(altered(stuck_run, signals), tmp_path_factory.mktemp("report") / "report.html")
+    none, unknown = 1.0 - of_jets[:, :1], np.full_like(of_jets[:, :1], 0.01)
+    more = {"fault_probability": of_jets, "none_probability": none, "unknown_probability": unknown}
+    path = write_report(
+        altered(stuck_run, {**stuck_run.signals, **more}), tmp_path_factory.mktemp("report") / "report.html"
+    )
     opened = opened_once(path, IDLE_NEVER, ready="body[data-shown=yes]")
     page, before = opened.page, {}
     opened.until(f"{DRAWN}.includes(true)")
