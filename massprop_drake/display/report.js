@@ -65,7 +65,7 @@
     return [low - margin, high + margin];
   }
 
-  // ---- axes that show most of their points: as `plots._reach` has them, of those in the window
+  // ---- axes that show most of their points: as the page was made with them, of those in the window
 
   const median = values => values.length ? values.map(Math.abs).sort((one, other) => one - other)[(values.length - 1) >> 1] : 0;
   const of = (figure, axis) => figure.traces.filter(trace => !trace.edge && "yaxis" + trace.yaxis.slice(1) === axis);
