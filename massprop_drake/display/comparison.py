@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import interactive, plots, templates
 from massprop_drake.display.plot_source import Source
-from massprop_drake.display.spec import Array, Band, Line, Mark, Panel, Plot, Points, SymmetricLog
+from massprop_drake.display.spec import Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
 from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 from massprop_drake.results.detections import in_words
@@ -64,24 +64,6 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
     )
 
 
-class _Blind(Mapping[str, Array]):
-    """Signals without the truth."""
-
-    def __init__(self, signals: Mapping[str, Array]):
-        self._signals = signals
-
-    def __getitem__(self, name: str) -> Array:
-        if name == "truth":
-            raise KeyError(name)
-        return self._signals[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return (name for name in self._signals if name != "truth")
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-
 def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
     """Prepares the runs' sources for plots over each other, with common kinds of signals and times.
 
@@ -90,7 +72,10 @@ def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, S
     """
     sources = [source for _, source in runs]
     if len({source.simulated for source in sources}) > 1:
-        sources = [source._replace(signals=_Blind(source.signals)) for source in sources]
+        sources = [
+            source._replace(signals={name: source.signals[name] for name in source.signals if name != "truth"})
+            for source in sources
+        ]
     if max(source.time_s[0] for source in sources) >= min(source.time_s[-1] for source in sources):
         sources = [source._replace(time_s=source.time_s - source.time_s[0]) for source in sources]
     return [(name, source) for (name, _), source in zip(runs, sources, strict=True)]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.display import motion
+from massprop_drake.display.plot_source import DEGREES, Source, plot
 from massprop_drake.display.spec import (
     Band,
     Level,
@@ -23,11 +23,6 @@ from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT
 from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.signals import AXES
 from massprop_drake.results.fault_probabilities import LEAST_SHOWN, format_probability
-
-if TYPE_CHECKING:
-    pass
-
-from massprop_drake.display.plot_source import DEGREES, Source, plot
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import functools
 import gc
+import inspect
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -115,7 +116,7 @@ def _make_plot_method(describe: Callable[[Source], Plot]) -> Callable[[Plots], F
 
 
 class Plots:
-    """Draws a run's signals; every method returns a matplotlib figure.
+    """Draws a run's signals; every function that describes a plot is a method, which returns a matplotlib figure.
 
     Args:
         source: the signals, and what is known about them.
@@ -143,38 +144,16 @@ class Plots:
         if failed:
             raise failed[0]
 
-    rates = _make_plot_method(motion_plots.rates)
-    velocities = _make_plot_method(motion_plots.velocities)
-    gyro_readings = _make_plot_method(motion_plots.gyro_readings)
-    rates_estimated = _make_plot_method(motion_plots.rates_estimated)
-    thrust_factors = _make_plot_method(filter_plots.thrust_factors)
-    surroundings = _make_plot_method(filter_plots.surroundings)
-    positions = _make_plot_method(motion_plots.positions)
-    own_signals = _make_plot_method(plots.own_signals)
-    accelerometer_velocities = _make_plot_method(motion_plots.accelerometer_velocities)
-    against_positions = _make_plot_method(motion_plots.against_positions)
-    against_attitudes = _make_plot_method(motion_plots.against_attitudes)
-    against_rates = _make_plot_method(motion_plots.against_rates)
-    against_velocities = _make_plot_method(motion_plots.against_velocities)
-    attitude_error = _make_plot_method(motion_plots.attitude_error)
-    phase_plane = _make_plot_method(motion_plots.phase_plane)
-    clusters = _make_plot_method(motion_plots.clusters)
-    innovations = _make_plot_method(filter_plots.innovations)
-    mass_innovations = _make_plot_method(filter_plots.mass_innovations)
-    propellant = _make_plot_method(motion_plots.propellant)
-    torques = _make_plot_method(motion_plots.torques)
-    forces = _make_plot_method(motion_plots.forces)
-    jets = _make_plot_method(motion_plots.jets)
-    inverse_inertia_diagonal = _make_plot_method(filter_plots.inverse_inertia_diagonal)
-    inverse_inertia_products = _make_plot_method(filter_plots.inverse_inertia_products)
-    center_of_mass = _make_plot_method(filter_plots.center_of_mass)
-    mass_reciprocal = _make_plot_method(filter_plots.mass_reciprocal)
-    consistency = _make_plot_method(filter_plots.consistency)
-    likelihoods = _make_plot_method(detector_plots.likelihoods)
-    fault_probabilities = _make_plot_method(detector_plots.fault_probabilities)
-    margins = _make_plot_method(detector_plots.margins)
-    failure_magnitude = _make_plot_method(detector_plots.failure_magnitude)
-    detection_timeline = _make_plot_method(detector_plots.detection_timeline)
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Callable[[], Figure]: ...
+
+
+for _module in (motion_plots, filter_plots, detector_plots, plots):
+    for _name, _describe in inspect.getmembers(_module, inspect.isfunction):
+        _is_own = _describe.__module__ == _module.__name__ and not _name.startswith("_")
+        if _is_own and _describe.__annotations__["return"] == "Plot":
+            setattr(Plots, _name, _make_plot_method(_describe))
 
 
 # ----------------------------------------------------------------------------------------- figures

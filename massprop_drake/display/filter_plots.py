@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.plot_source import DEGREES, Source, plot
 from massprop_drake.display.spec import (
     Band,
     Line,
@@ -21,13 +22,9 @@ from massprop_drake.display.spec import (
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, THIN_LINE
 from massprop_drake.inputs import params
+from massprop_drake.maths.mass_properties import zero_floors
 from massprop_drake.maths.signals import AXES, SYMBOLS, is_user_signal, mass_property_units
 from massprop_drake.results.consistency import is_mean_dominated
-
-if TYPE_CHECKING:
-    pass
-
-from massprop_drake.display.plot_source import DEGREES, Source, plot
 
 Array = NDArray[np.float64]
 
@@ -116,11 +113,11 @@ def surroundings(run: Source) -> Plot:
 
 
 def _error(run: Source, element: int) -> Panel:
-    """Makes the estimation error in percent of the truth, or in the parameter's unit where the truth is near zero."""
+    """Makes the estimation error in percent of the truth, or in the parameter's unit where the truth is zero."""
     truth = run.signals["truth"]
     true = truth[:, element]
     unit, scale = mass_property_units(run.vehicle.unit_names)[element], np.ones_like(true)
-    if np.abs(true).min() > 1e-12 * np.abs(truth).max():
+    if (np.abs(true) > zero_floors(truth)[:, element]).all():
         unit, scale = "%", 100.0 / np.abs(true)
     error = scale * (run.signals["estimate"][:, element] - true)
     band = scale * 3.0 * run.signals["standard_deviation"][:, element]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
-from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,7 +80,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
         data: as `scenario_page_data` begins it.
         live: whether the rows come from the server of the page.
     """
-    library, orders = _scripts(scene_page)
+    library, orders = re.findall(r"<script[^>]*>(.+?)</script>", scene_page, re.DOTALL)  # Meshcat's, and the scene
     data["scene"]["commands"] = orders.count("handle_command_bytearray")
     return templates.page(
         _HERE / "replay.html",
@@ -90,35 +90,6 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
         scripts=[library, orders, (_HERE / "replay.js").read_text(encoding="utf-8")],
         needs={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
     )
-
-
-class _Scripts(HTMLParser):
-    """Collects the texts of a page's scripts."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.texts: list[str] = []
-        self._inside = False
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        self._inside = tag == "script"
-        if self._inside:
-            self.texts.append("")
-
-    def handle_endtag(self, tag: str) -> None:
-        self._inside = False
-
-    def handle_data(self, data: str) -> None:
-        if self._inside:
-            self.texts[-1] += data
-
-
-def _scripts(page: str) -> list[str]:
-    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the scene."""
-    reader = _Scripts()
-    reader.feed(page)
-    reader.close()
-    return [text for text in reader.texts if text]
 
 
 def build_scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import operator
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,8 @@ def plotly_figure(plot: Plot) -> Json:
     axes: Json = {}
     views: dict[str, float] = {}
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
-    spaces = [_GAP + _key_height(panel) + _axis_height(panel, number) for number, panel in enumerate(plot.panels)]
+    axis_above = _BOTTOM if plot.panels[0].over else 0  # height of the horizontal axis of the panel above
+    spaces = [_GAP + _key_height(panel) + axis_above * (number > 0) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
     top = total
     for number, (panel, height, space) in enumerate(zip(plot.panels, heights, spaces, strict=True), 1):
@@ -148,17 +150,10 @@ class _Lists:
             self.found.append(values)
             self._places[key] = number
             if mirrored:
-                for what, made in (("minus", _minus), ("abs", _magnitude)):
-                    self._places.setdefault(tuple(map(made, values)), [number, what])
+                for what, made in (("minus", operator.neg), ("abs", abs)):
+                    there = tuple(None if value is None else made(value) for value in values)
+                    self._places.setdefault(there, [number, what])
         return self._places[key]
-
-
-def _minus(value: float | None) -> float | None:
-    return None if value is None else -value
-
-
-def _magnitude(value: float | None) -> float | None:
-    return None if value is None else abs(value)
 
 
 def pack_figures(figures: Sequence[Json]) -> Json:
@@ -191,21 +186,16 @@ def _height(panel: Panel, *, alone: bool) -> int:
     return max(_ROW * len(panel.rows), _ONE_PANEL if alone or panel.over else _PANEL)
 
 
-def _axis_height(panel: Panel, number: int) -> int:
-    """Returns the height that the horizontal axis of the panel above needs, pixels."""
-    return _BOTTOM if panel.over and number else 0
-
-
 def _key_height(panel: Panel) -> int:
-    """Estimates the height of a panel's key, pixels; its entries wrap where a card is narrow."""
-    labels = [
-        mark.label
+    """Estimates the height of a panel's key, pixels; in a narrow card its entries wrap, into columns as wide as any."""
+    widths = [
+        _SYMBOL + _LETTER * len(mark.label)
         for mark in panel.marks
         if not isinstance(mark, Bars) and mark.label and not (isinstance(mark, Points) and not mark.drawn)
     ]
-    if panel.most and not labels:
-        return _KEY  # for what a zoom leaves beyond
-    return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
+    if sum(widths) <= _NARROW:
+        return _KEY if widths or panel.most else 0  # for what a zoom leaves beyond
+    return _KEY * math.ceil(len(widths) / max(1, _NARROW // max(widths)))
 
 
 def _horizontal_axis(over: Over, suffix: str) -> Json:

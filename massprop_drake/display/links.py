@@ -18,7 +18,6 @@ from massprop_drake.inputs.true_blocks import MultibodyBlock
 Array = NDArray[np.float64]
 
 _PLAIN = Rgba(0.79, 0.81, 0.84, 1.0)
-POSE = 7  # numbers of a link's pose: position, quaternion with the scalar first
 
 
 class Links:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.display import motion
+from massprop_drake.display.plot_source import DEGREES, Source, failing_jets, plot
 from massprop_drake.display.spec import (
     Bars,
     Line,
@@ -24,11 +25,6 @@ from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, command
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.maths.signals import AGAINST, AXES, SIGNALS, fill_unit_template
 from massprop_drake.results.against_followed import rotation_differences
-
-if TYPE_CHECKING:
-    pass
-
-from massprop_drake.display.plot_source import DEGREES, Source, failing_jets, plot
 
 Array = NDArray[np.float64]
 

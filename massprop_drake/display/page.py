@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import interactive, plots, templates
 from massprop_drake.display.plot_source import PROMPT_S, Source, first_tested_s
-from massprop_drake.errors import moment
+from massprop_drake.errors import counted, moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.signals import SYMBOLS
@@ -198,13 +198,10 @@ def _onset_text(entry: DetectionRecord, results: Summary) -> str:
     since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
     of_jets = {} if results.fault_probability is None else results.fault_probability.jets
     sure = of_jets.get(entry.jet or "")
-    return since if sure is None else f"{since}, with a probability {_probability_text(sure.probability)}"
-
-
-def _probability_text(probability: float) -> str:
-    """Formats a probability to follow the word 'probability', such as 'of 0.97'."""
-    words = format_probability(probability)
-    return words if words.startswith("above") else f"of {words}"
+    if sure is None:
+        return since
+    words = format_probability(sure.probability)
+    return f"{since}, with a probability {words if words.startswith('above') else f'of {words}'}"
 
 
 _WHOLE = 6  # declarations that have a sentence each
@@ -285,7 +282,7 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
     if from_s - float(source.time_s[0]) <= PROMPT_S:
         return []
     before = [one for one in results.injected or () if one.first_acted_s is not None and one.first_acted_s < from_s]
-    missed = f"; {len(before)} failure{'s' if len(before) > 1 else ''} acted before" if before else ""
+    missed = f"; {counted(len(before), 'failure')} acted before" if before else ""
     return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
 
 
@@ -297,10 +294,8 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
         units: names of units by quantity.
         by_hypotheses: whether hypotheses were compared over several samples; else alarms of single ones led to it.
     """
-    what = "sample" if by_hypotheses else "alarm"
-    after = (
-        "at once" if by_hypotheses and not entry.alarms else f"after {entry.alarms} {what}{'s' * (entry.alarms != 1)}"
-    )
+    after = f"after {counted(entry.alarms, 'sample' if by_hypotheses else 'alarm')}"
+    after = "at once" if by_hypotheses and not entry.alarms else after
     return {
         "what": detections.in_words(entry, units),
         "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],

@@ -10,48 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_drake.display.detector_plots import (
-    detection_timeline,
-    failure_magnitude,
-    fault_probabilities,
-    likelihoods,
-    margins,
-)
-from massprop_drake.display.filter_plots import (
-    CENTER,
-    DIAGONAL,
-    PRODUCTS,
-    center_of_mass,
-    consistency,
-    estimated_elements,
-    innovations,
-    inverse_inertia_diagonal,
-    inverse_inertia_products,
-    mass_innovations,
-    mass_reciprocal,
-    other_estimates,
-    surroundings,
-    thrust_factors,
-)
-from massprop_drake.display.motion_plots import (
-    accelerometer_velocities,
-    against_attitudes,
-    against_positions,
-    against_rates,
-    against_velocities,
-    attitude_error,
-    clusters,
-    forces,
-    gyro_readings,
-    jets,
-    phase_plane,
-    positions,
-    propellant,
-    rates,
-    rates_estimated,
-    torques,
-    velocities,
-)
+from massprop_drake.display import detector_plots, filter_plots, motion_plots
 from massprop_drake.display.plot_source import Source, plot
 from massprop_drake.display.plot_source import source as source  # noqa: PLC0414 (for those who ask for plots)
 from massprop_drake.display.spec import Line, Panel, Plot
@@ -64,41 +23,44 @@ def available_plots(run: Source) -> dict[str, Callable[[Source], Plot]]:
     signals, vehicle = run.signals, run.vehicle
     beside = any(name.startswith(AGAINST) for name in signals)  # a simulation of a record's commands
     poses = vehicle.poses if beside else ()
+    placed = "position_estimate" in signals and any(pose.position_std is not None for pose in poses)
+    turned = "attitude_estimate" in signals and any(pose.attitude_std is not None for pose in poses)
     followed = "thrust_factor" in signals  # in a fixed frame
     detected = "likelihood" in signals
     probable = "none_probability" in signals and bool(np.isfinite(signals["none_probability"]).any())
+    separates = detected and any(np.isfinite(signals[name]).any() for name in ("jet_margin", "cluster_margin"))
     shown: tuple[tuple[Callable[[Source], Plot], object], ...] = (
-        (accelerometer_velocities, "velocity" not in signals and vehicle.accelerometers),
-        (rates, "rate" in signals),
-        (gyro_readings, "rate" not in signals and vehicle.gyros),
-        (rates_estimated, "rate" not in signals and not vehicle.gyros),
-        (attitude_error, "attitude_error" in signals),
-        (velocities, "velocity" in signals),
-        (positions, "position_estimate" in signals),
-        (clusters, run.clustered),
-        (jets, True),
-        (torques, "torque" in signals),
-        (forces, "force" in signals),
-        (phase_plane, "attitude_error" in signals),
-        (against_positions, "position_estimate" in signals and any(pose.position_std is not None for pose in poses)),
-        (against_attitudes, "attitude_estimate" in signals and any(pose.attitude_std is not None for pose in poses)),
-        (against_rates, beside and vehicle.gyros),
-        (against_velocities, beside and vehicle.accelerometers),
-        (inverse_inertia_diagonal, estimated_elements(run, DIAGONAL)),
-        (inverse_inertia_products, estimated_elements(run, PRODUCTS)),
-        (center_of_mass, estimated_elements(run, CENTER)),
-        (mass_reciprocal, "mass_nis" in signals),  # there is an accelerometer
-        (consistency, True),
-        (thrust_factors, followed),
-        (surroundings, followed),
-        (innovations, not followed and "rotation_innovation" in signals),
-        (mass_innovations, not followed and "mass_innovation" in signals),
-        (propellant, run.consistency is None),
-        (fault_probabilities, detected and probable),
-        (likelihoods, detected and not probable),
-        (margins, detected and any(np.isfinite(signals[name]).any() for name in ("jet_margin", "cluster_margin"))),
-        (failure_magnitude, detected),
-        (detection_timeline, detected),
+        (motion_plots.accelerometer_velocities, "velocity" not in signals and vehicle.accelerometers),
+        (motion_plots.rates, "rate" in signals),
+        (motion_plots.gyro_readings, "rate" not in signals and vehicle.gyros),
+        (motion_plots.rates_estimated, "rate" not in signals and not vehicle.gyros),
+        (motion_plots.attitude_error, "attitude_error" in signals),
+        (motion_plots.velocities, "velocity" in signals),
+        (motion_plots.positions, "position_estimate" in signals),
+        (motion_plots.clusters, run.clustered),
+        (motion_plots.jets, True),
+        (motion_plots.torques, "torque" in signals),
+        (motion_plots.forces, "force" in signals),
+        (motion_plots.phase_plane, "attitude_error" in signals),
+        (motion_plots.against_positions, placed),
+        (motion_plots.against_attitudes, turned),
+        (motion_plots.against_rates, beside and vehicle.gyros),
+        (motion_plots.against_velocities, beside and vehicle.accelerometers),
+        (filter_plots.inverse_inertia_diagonal, filter_plots.estimated_elements(run, filter_plots.DIAGONAL)),
+        (filter_plots.inverse_inertia_products, filter_plots.estimated_elements(run, filter_plots.PRODUCTS)),
+        (filter_plots.center_of_mass, filter_plots.estimated_elements(run, filter_plots.CENTER)),
+        (filter_plots.mass_reciprocal, "mass_nis" in signals),  # there is an accelerometer
+        (filter_plots.consistency, True),
+        (filter_plots.thrust_factors, followed),
+        (filter_plots.surroundings, followed),
+        (filter_plots.innovations, not followed and "rotation_innovation" in signals),
+        (filter_plots.mass_innovations, not followed and "mass_innovation" in signals),
+        (motion_plots.propellant, run.consistency is None),
+        (detector_plots.fault_probabilities, detected and probable),
+        (detector_plots.likelihoods, detected and not probable),
+        (detector_plots.margins, separates),
+        (detector_plots.failure_magnitude, detected),
+        (detector_plots.detection_timeline, detected),
         (own_signals, _own_signal_names(run)),
     )
     return {draw.__name__: draw for draw, there in shown if there}
@@ -123,7 +85,9 @@ _READABLE = 12  # components of a signal that are drawn, at the most
 
 def _own_signal_names(run: Source) -> list[str]:
     """Returns names of the user's own signals that no other plot shows; long vectors are left out."""
-    drawn = {f"{name}.estimate" for element in range(len(SYMBOLS)) for name in other_estimates(run, element)}
+    drawn = {
+        f"{name}.estimate" for element in range(len(SYMBOLS)) for name in filter_plots.other_estimates(run, element)
+    }
     return [
         name
         for name, values in run.signals.items()

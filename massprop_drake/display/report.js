@@ -65,7 +65,7 @@
     return [low - margin, high + margin];
   }
 
-  // ---- axes that show most of their points: as `plots._reach` has them, of those in the window
+  // ---- axes that show most of their points: as the page was made with them, of those in the window
 
   const median = values => values.length ? values.map(Math.abs).sort((one, other) => one - other)[(values.length - 1) >> 1] : 0;
   const of = (figure, axis) => figure.traces.filter(trace => !trace.edge && "yaxis" + trace.yaxis.slice(1) === axis);
@@ -146,8 +146,10 @@
     if (onPaper()) layout.width = columns(figure) * PAPER;
     if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
     const traces = figure.traces.map(trace => trace.edge ? edge(figure, trace) : trace).map(({ view, meta, ...trace }) => {
-      // a narrow card has room for few entries of a key; that of 3 sigma stands above all plots, that of ranges below
+      // a narrow card has room for few and short entries of a key; that of 3 sigma stands above all plots, that of
+      // ranges below, and final values are read by the cursor
       if (narrow && /^(3[- ]sigma|range of)/.test(trace.name)) trace.showlegend = false;
+      if (narrow) trace.name = trace.name.replace(/, at the end .*/, "");
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
       return { x: data.time, ...themed.traces(trace), visible };
@@ -328,8 +330,7 @@
       range = [jump.start, jump.end];
       const { traces, layout } = shown(figure);
       range = now;
-      for (const key of Object.keys(layout)) if (/^yaxis/.test(key)) layout[key].title = ""; // there is no room for it
-      return Plotly.react(plot, traces, { ...layout, height: 230 }, themed.options);
+      return Plotly.react(plot, traces, layout, themed.options);
     };
     themed.onChange(draw);
     await draw();

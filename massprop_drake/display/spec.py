@@ -188,7 +188,7 @@ class Panel(NamedTuple):
         rows: names of the rows 0, 1, ... from the top down, in place of numbers on the vertical axis.
         over: what the horizontal axis shows, where it is not the time; its first mark is then a path over the sample
             times of its plot.
-        most: whether the limits are those of most of its points, as `reach` has them; where a reader zooms in time,
+        most: whether the limits are those of most of its points; where a reader zooms in time,
             they are those of most that are in the window.
     """
 

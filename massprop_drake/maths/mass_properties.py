@@ -230,17 +230,47 @@ def initial_standard_deviation(
     return deviation
 
 
+_NOTHING = 1e-9  # of what scales a value: less is zero for every practical purpose
+
+
+def product_floors(diagonal: Array) -> Array:
+    """Computes the magnitudes at which elements 23, 13, 12 of a matrix are as good as zero, shape (..., 3).
+
+    They are 1e-9 of sqrt(A_ii A_jj).
+
+    Args:
+        diagonal: elements 11, 22, 33, shape (..., 3).
+    """
+    size = np.abs(diagonal)
+    floors: Array = _NOTHING * np.sqrt(size[..., [1, 0, 0]] * size[..., [2, 2, 1]])
+    return floors
+
+
+def zero_floors(parameters: Array) -> Array:
+    """Computes the magnitudes at which the ten parameters are as good as zero, which no percentage refers to.
+
+    That of a product is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center of mass 1e-9 of the vector's
+    length or, where that is larger and the mass is known, of the largest radius of gyration; the others have none.
+
+    Args:
+        parameters: in their order, shape (..., 10).
+    """
+    floors = np.zeros_like(parameters)
+    floors[..., 3:6] = product_floors(parameters[..., :3])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        gyration = np.sqrt(np.abs(parameters[..., MASS_RECIPROCAL] / np.abs(parameters[..., :3]).min(axis=-1)))
+    gyration = np.where(np.isfinite(gyration), gyration, 0.0)
+    length = np.linalg.norm(parameters[..., CENTER_OF_MASS], axis=-1)
+    floors[..., CENTER_OF_MASS] = _NOTHING * np.fmax(length, gyration)[..., None]
+    return floors
+
+
 def percent_error(estimate: Array, truth: Array) -> Array:
     """Computes 100 (estimate - truth) / |truth|, parameter by parameter; NaN where truth is too small or not finite.
 
-    The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center
-    of mass 1e-9 of the vector's length: smaller values are zero for every practical purpose.
+    Too small is what is not above its floor, see `zero_floors`.
     """
-    floor = np.zeros(10)
-    diagonal = np.abs(truth[:3])
-    floor[3:6] = 1e-9 * np.sqrt(diagonal[[1, 0, 0]] * diagonal[[2, 2, 1]])
-    floor[6:9] = 1e-9 * np.linalg.norm(truth[6:9])
-    known = np.abs(truth) > floor
+    known = np.abs(truth) > zero_floors(truth)
     error = np.full(10, np.nan)
     with np.errstate(over="ignore"):
         error[known] = 100.0 * (estimate[known] - truth[known]) / np.abs(truth[known])

@@ -255,7 +255,8 @@ def _select_causes(
 ) -> tuple[Explanation, ...]:
     """Selects the unknowns that explain the difference; arguments as those of `find_causes`."""
     reference, called = of
-    diagonal = np.where([one is not None for one in called], first.information.diagonal(), 0.0)
+    names = {place: one for place, one in enumerate(called) if one is not None}
+    diagonal = np.where([place in names for place in range(len(called))], first.information.diagonal(), 0.0)
     there = np.flatnonzero(diagonal > 0.0)
     alone = np.zeros_like(diagonal)
     alone[there] = first.score[there] ** 2 / diagonal[there]
@@ -280,7 +281,7 @@ def _select_causes(
     covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
     found = []
     for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
-        what, unit, scale = _require_called(called[place])
+        what, unit, scale = names[place]
         others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
         found.append(
             Explanation(
@@ -290,15 +291,10 @@ def _select_causes(
                 unit,
                 min(float(alone[place]) / excess, 1.0),
                 shares[number],
-                tuple(_require_called(called[other]).what for other in others),
+                tuple(names[other].what for other in others),
             )
         )
     return tuple(found)
-
-
-def _require_called(one: Called | None) -> Called:
-    assert one is not None, "what is no unknown explains nothing"
-    return one
 
 
 def _fit_unknowns(

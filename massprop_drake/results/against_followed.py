@@ -46,13 +46,8 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
         if sensor.position_std is not None:
             add(name, moving, length, sensor.position_std, left)
         if sensor.attitude_std is not None:
-            add(
-                f"{sensor.name} turned, ",
-                turning,
-                "rad",
-                sensor.attitude_std,
-                _attitude_differences(signals, sensor.name),
-            )
+            turned = _attitude_differences(signals, sensor.name)
+            add(f"{sensor.name} turned, ", turning, "rad", sensor.attitude_std, turned)
     for package in (*params.gyros(scenario), *params.accelerometers(scenario)):
         axes, unit = (turning, "rad/s") if package in vehicle.gyros else (moving, f"{length}/s")
         add(f"{package.name}_", axes, unit, package.variance**0.5, against.differences(signals, package.name))
@@ -115,15 +110,15 @@ def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[Call
         found[place] = None if fixed else name_mass_property(*one)
     kinds, poses = list(vehicle.jet_kinds), [pose.name for pose in vehicle.poses]
     gyros, accelerometers = ([one.name for one in few(scenario)] for few in (params.gyros, params.accelerometers))
-    nobody, turn = "that nobody commands", "angular acceleration"
+    push, nobody, turn = parts.push.start, "that nobody commands", "angular acceleration"
     named: list[tuple[slice, list[str], str, float]] = [
         (parts.thrust, [f"thrust of {jet}" for jet in vehicle.designations], "%", 100.0),
         (parts.delay, [f"delay of {kind} jets" for kind in kinds], "ms", 1e3),
         (parts.lag, [f"lag of {kind} jets" for kind in kinds], "ms", 1e3),
         (parts.opening, [f"later opening of {kind} jets" for kind in kinds], "ms", 1e3),
         (parts.drag, ["drag over mass", "drag over moment of inertia"], "1/s", 1.0),
-        (_half_slice(parts.push, 0), [f"acceleration {axis} {nobody}" for axis in AXES], f"{length}/s^2", 1.0),
-        (_half_slice(parts.push, 1), [f"{turn} {axis} {nobody}" for axis in AXES], "rad/s^2", 1.0),
+        (slice(push, push + 3), [f"acceleration {axis} {nobody}" for axis in AXES], f"{length}/s^2", 1.0),
+        (slice(push + 3, push + 6), [f"{turn} {axis} {nobody}" for axis in AXES], "rad/s^2", 1.0),
         (parts.tilt, [f"{turn} by the {way} of the heading" for way in ("cosine", "sine")], "rad/s^2", 1.0),
         (parts.point, [f"point of {name}, {axis}" for name in poses for axis in AXES], length, 1.0),
         (parts.gyro_bias, [f"{name}: bias {axis}" for name in gyros for axis in AXES], "rad/s", 1.0),
@@ -137,8 +132,3 @@ def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[Call
     for part, of_part, unit, scale in named:
         found[part] = [Called(what, unit, scale) for what in of_part]
     return found
-
-
-def _half_slice(part: slice, which: int) -> slice:
-    """Returns the slice of the first (0) or last (1) three of six elements."""
-    return slice(part.start + 3 * which, part.start + 3 * which + 3)

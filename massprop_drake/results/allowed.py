@@ -66,10 +66,6 @@ class Intervals(NamedTuple):
         elements = {int(ELEMENT[i, j]): self.inverse_inertia[i][j] for i in range(3) for j in range(3)}
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 
-    def as_json(self) -> dict[str, Any]:
-        """Returns the content of `intervals` in `summary.json`."""
-        return self._asdict()
-
     def in_words(self) -> str:
         """Describes in a sentence the guaranteed intervals, or why there are none."""
         if self.reason is not None:
@@ -111,7 +107,7 @@ def allowed_intervals(
         return _no_intervals("there are too few readings", until_s)
     if not on_ticks:
         return _no_intervals("time stamps scatter about the ticks at which commands switch", until_s)
-    if any(_opens_within(part) for part in chosen):
+    if any(part.onsets_s is not None and has_pulse(part.commands[:-1], part.onsets_s[:-1]) for part in chosen):
         return _no_intervals("jets open and close within samples", until_s)
     cells = _cells(scenario, made)
     begin = made.prior.copy()
@@ -125,11 +121,6 @@ def allowed_intervals(
         except ArithmeticError as error:
             return _no_intervals(str(error), until_s)
     return _make_intervals(allowed, _list_assumptions(made, cells, chosen), until_s)
-
-
-def _opens_within(part: Stretch) -> bool:
-    """Tests whether jets open or close within a sample of a stretch."""
-    return part.onsets_s is not None and has_pulse(part.commands[:-1], part.onsets_s[:-1])
 
 
 def _reason_unconfined(scenario: Scenario) -> str | None:

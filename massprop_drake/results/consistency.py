@@ -261,10 +261,8 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
         name: "rotation" or "mass".
         signals: by name, as in a run, shape (n, components).
     """
-    used = signals[f"{name}_used"][:, 0] != 0.0
-    nis = signals[f"{name}_nis"][used, 0]
-    components = signals[COMPONENTS[name]][used, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
-    return nis, components
+    seen = innovations(name, signals)
+    return seen.nis[seen.used], seen.components[seen.used]
 
 
 def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:

@@ -14,7 +14,6 @@ from massprop_drake.maths.signals import format_with_deviation
 from massprop_drake.results.events import (
     EventRecord,
     gained_mass_in_words,
-    list_events,
     place_in_words,
     separation_in_words,
 )
@@ -104,21 +103,6 @@ _SIGNIFICANT = 3.0  # sigmas of a mass that is told, and of a force from that of
 _NEARLY_ALL = 0.9  # share of the thrust that counts as all of it
 
 
-def detection_entries(
-    vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array], earlier: Sequence[DetectionRecord] = ()
-) -> list[DetectionRecord]:
-    """Lists declared failures and jumps, one record each, as they were declared.
-
-    Args:
-        vehicle: for its jets.
-        time_s: sample times, s, shape (n,).
-        signals: by name, shape (n, components).
-        earlier: records from before these samples, some of which may be withdrawn now.
-    """
-    sensors = vehicle.sensor_names()
-    return update_detections(vehicle, list_events(vehicle, sensors, time_s, signals), earlier)
-
-
 def update_detections(
     vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
 ) -> list[DetectionRecord]:
@@ -193,7 +177,7 @@ def finalize_detections(
     What was withdrawn keeps the size that it had while it stood.
 
     Args:
-        records: as `detection_entries` gives them.
+        records: as `update_detections` gives them.
         force, variance: known force of each jet at the end, lbf or N, and its variance, shape (n_jets,).
         mass_reciprocal, deviation: estimate of 1/m at the end, and its 1-sigma.
     """
@@ -272,10 +256,12 @@ def _make_failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
     assert event.magnitude_std is not None
     assert event.jet_index is not None
     alone = event.kind == "failed" and bool(event.jets)
+    thrust = vehicle.jets[event.jet_index].thrust
+    lost: Kind = "jet_off" if _is_all(event.magnitude, event.magnitude_std, thrust) else "jet_degraded"
     return DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
-        kind=_detection_kind(event.magnitude, event.magnitude_std, vehicle.jets[event.jet_index].thrust),
+        kind="jet_on" if event.magnitude > 0.0 else lost,
         cluster=event.cluster,
         jet=event.jets[0] if alone else None,
         isolated_to="jet" if alone else "group" if event.jets else "cluster",
@@ -286,7 +272,7 @@ def _make_failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
         jets=event.jets,
         told_apart_by=event.told_apart_by,
         told_apart_s=event.told_apart_s,
-        thrust=vehicle.jets[event.jet_index].thrust,
+        thrust=thrust,
         jet_index=event.jet_index,
     )
 
@@ -315,12 +301,6 @@ def _force_fields(event: EventRecord) -> dict[str, Any]:
 
 def _size_fields(event: EventRecord) -> dict[str, Any]:
     return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
-
-
-def _detection_kind(magnitude: float, std: float, thrust: float) -> Kind:
-    if magnitude > 0.0:
-        return "jet_on"
-    return "jet_off" if _is_all(magnitude, std, thrust) else "jet_degraded"
 
 
 def _is_all(magnitude: float, std: float, thrust: float) -> bool:

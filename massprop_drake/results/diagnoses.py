@@ -219,7 +219,7 @@ def try_switching(
         return fit, made, []
     other = made._replace(at_stamps=not made.at_stamps)
     after = regression.fit_flight(parts, fit.at if flight_model.is_physical(fit.at) else made.prior, other)
-    if not after.normal.is_finite or excess_misfit(after) > (1.0 - EXPLAINED) * excess_misfit(fit):
+    if not _explains(after, fit):
         return fit, made, []
     where = "the stamps of their rows" if other.at_stamps else "regular ticks"
     words = f"clock jitter: commands switch at {where}: joint.switching={'stamps' if other.at_stamps else 'ticks'}"
@@ -271,12 +271,6 @@ def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
 
-def _scale_statistic(score: ScoreTest, fit: FlightFit, stated: float) -> float:
-    """Scales a test's statistic by the readings' actual variance, where that is larger than stated."""
-    left = fit.normal.misfit if stated > 0.0 else score.least
-    return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
-
-
 def _test_group(
     kind: str,
     group: NDArray[np.int_],
@@ -293,7 +287,9 @@ def _test_group(
         alike = float(made.gyros)
     elif kind.startswith("accel"):
         alike = float(made.positions.shape[0])
-    return _Suspect(kind, group, score, _scale_statistic(score, fit, stated) / alike, threshold)
+    left = fit.normal.misfit if stated > 0.0 else score.least
+    scaled = score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))  # where readings vary more than stated
+    return _Suspect(kind, group, score, scaled / alike, threshold)
 
 
 def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
@@ -395,7 +391,7 @@ def _find_scatter(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, n
         gyro = package < len(names.gyros)
         if count < FEWEST / 4 or (found and not gyro):  # accelerometers turn with what gyros show
             continue
-        ratio, allowed = misfit / count, _largest_chance_ratio(count)
+        ratio, allowed = misfit / count, SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
         if ratio <= allowed:
             continue
         times = f"{math.sqrt(ratio):.3g} times what is stated"
@@ -419,11 +415,6 @@ def _describe_torques(parts: Sequence[Stretch], made: FlightModel, names: Names)
         return "unmodeled torques"
     size = f"angular momentum of up to {momentum:.2g} {names.torque}-s"
     return f"unmodeled torques without a force, such as wheels whose speed changes: {size}"
-
-
-def _largest_chance_ratio(count: float) -> float:
-    """Computes the largest ratio of variances that may be chance."""
-    return SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
 
 
 def _misfit_per_reading(part: Array) -> float:

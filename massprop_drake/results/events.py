@@ -192,11 +192,12 @@ def _events_of_hypotheses(
         event = _event_of_jets(vehicle, time_s, jets, row)._replace(**how)
         yield event._replace(pattern=_classify_pattern(earlier, event)) if event.kind == "erratic" else event
     if not np.isnan(row["jump_measured"][0]):
+        onsets = [one.onset_s for one in earlier if one.kind == "jump"]
         known, there = np.isfinite(row["jump_mass"][0]), np.isfinite(row["jump_position"]).all()
         yield EventRecord(
             time_s,
             "jump_measured" if row["jump_measured"][0] else "jump",
-            at["onset"] if not row["jump_measured"][0] else _latest_onset(earlier, "jump", at["onset"]),
+            onsets[-1] if row["jump_measured"][0] and onsets else at["onset"],
             mass=float(row["jump_mass"][0]) if known else None,
             mass_std=float(row["jump_mass_std"][0]) if known else None,
             position=_three(row["jump_position"]) if there else None,
@@ -236,11 +237,6 @@ def _classify_pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Liter
     of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
-
-
-def _latest_onset(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
-    """Returns the onset of the latest event of a kind."""
-    return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
 
 
 def _three(values: Array) -> tuple[float, float, float]:

@@ -123,8 +123,8 @@ def classify_parameters(
         share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
         left = float(best.left[element]) if useful else None
         possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
-        told = _Told(share, float(deviation[element] / limit[element]), float(least[element] / limit[element]))
-        reason = _reason(flag, told, jet, left)
+        ratios = float(deviation[element] / limit[element]), float(least[element] / limit[element])
+        reason = _reason(flag, share, ratios, jet, left)
         entries.append(
             Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left, possible)
         )
@@ -150,28 +150,22 @@ def increments_noise(scenario: Scenario) -> Array:
     return np.block([[noise, nothing], [nothing, increment_noise(min(speeds, default=_UNMEASURED))]])
 
 
-class _Told(NamedTuple):
-    """Ratios of a parameter's 1-sigma: to the start's and to the asked one, and of the least possible one to that."""
-
-    share: float
-    excess: float
-    least: float
-
-
-def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -> str:
+def _reason(flag: Flag, share: float, ratios: tuple[float, float], jet: str | None, left: float | None) -> str:
+    """Explains why a parameter is not identified; `ratios`: its 1-sigma and the least possible one to the asked one."""
+    excess, least = ratios
     if flag == Flag.IDENTIFIED:
         return ""
     if flag == Flag.FIXED:
         return "known, or of no effect in a plane: not estimated"
     if flag == Flag.NOT_OBSERVABLE:
         return "no jet and no sensor in use shows it alone"
-    allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""
+    allowed = f" (the flight allows {least:.2g})" if least < 1.0 < excess else ""
     if flag == Flag.WEAK:
-        told = f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
-    elif of_flight.share > _GROWN:  # by what propellant or a payload has changed
-        told = f"1-sigma has grown to {of_flight.share:.3g} times the start's"
+        told = f"1-sigma is {excess:.3g}{allowed} times what is asked"
+    elif share > _GROWN:  # by what propellant or a payload has changed
+        told = f"1-sigma has grown to {share:.3g} times the start's"
     else:
-        told = f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
+        told = f"1-sigma is still {100.0 * share:.3g} % of the start's"
     if jet is None or left is None:
         return f"{told}; no jet would tell much of it"
     return f"{told}; a second of {jet} would leave {100.0 * left:.2g} % of it"

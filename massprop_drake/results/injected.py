@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -149,14 +148,13 @@ def false_declarations(
         The cause is what had acted last before: "healthy" (nothing), "failure" or "jump".
     """
     right = _match_declarations(vehicle, injected, found).values()
-    return {index: _cause(injected, entry.time_s) for index, entry in enumerate(found) if index not in right}
-
-
-def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
-    before = [(one.first_acted_s, one.is_jump) for one in injected if (one.first_acted_s or math.inf) <= time_s]
-    if not before:
-        return "healthy"
-    return "jump" if max(before)[1] else "failure"
+    acted = [(one.first_acted_s, one.is_jump) for one in injected if one.first_acted_s is not None]
+    causes: dict[int, Cause] = {}
+    for index, entry in enumerate(found):
+        if index not in right:
+            _, jumped = max((each for each in acted if each[0] <= entry.time_s), default=(0.0, None))
+            causes[index] = "healthy" if jumped is None else "jump" if jumped else "failure"
+    return causes
 
 
 def _match_declarations(

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.signals import SYMBOLS
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judge_consistency
+from massprop_drake.results.consistency import (
+    COMPONENTS,
+    Consistency,
+    Forks,
+    Innovations,
+    Tally,
+    fork_signals,
+    judge_consistency,
+    likeliest_innovations,
+)
 from massprop_drake.results.detections import (
     JUMP,
     DetectionRecord,
@@ -27,10 +36,10 @@ from massprop_drake.results.detections import (
     update_detections,
 )
 from massprop_drake.results.events import EventRecord, list_events
-from massprop_drake.results.recent import COLUMNS, Recent, empty_recent
 
 Array = NDArray[np.float64]
 
+_COLUMNS = 5  # of a row: time, s, then the fields of `Innovations`
 _COUNTS = Layout(
     "counts",
     rotation=len(Tally.NUMBERS),
@@ -40,8 +49,8 @@ _COUNTS = Layout(
     variance=NUMBER,
     known_force="jets",
     known_force_variance="jets",
-    recent_rotation=("window", COLUMNS),
-    recent_mass=("window", COLUMNS),
+    recent_rotation=("window", _COLUMNS),
+    recent_mass=("window", _COLUMNS),
 )
 _WINDOW = 512  # samples that are kept one by one: memory budget, of a fork that is older the newest part counts
 _KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  # signals of the last sample
@@ -130,7 +139,7 @@ class FlightMonitor:
 
     def _recent(self, counts: Array, name: str) -> Recent:
         """Returns innovations of a filter so far."""
-        rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, COLUMNS)
+        rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, _COLUMNS)
         return Recent(counts[self._layout.slice(name)], rows)
 
     def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
@@ -177,3 +186,65 @@ class FlightMonitor:
         """Returns the verdict on the innovations so far."""
         rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
         return judge_consistency(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)
+
+
+# ------------------------------------------------------ innovations that another history may explain otherwise
+
+
+class Recent(NamedTuple):
+    """Innovations of one filter so far: counted, but for the newest. Never changed; a sample makes new ones.
+
+    Attributes:
+        older: counts of the samples that are no longer kept, `Tally.NUMBERS`.
+        rows: of the newest samples, oldest first, shape (n, `_COLUMNS`); time -inf: there is no sample yet.
+    """
+
+    older: Array
+    rows: Array
+
+    def followed_on(self, time_s: float, used: float, nis: float, components: float) -> Recent:
+        """Returns the innovations after one more sample; arguments as the fields of `Innovations`."""
+        rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
+        was_used = rows[0, 1] != 0.0
+        return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
+
+    def replaced(self, since_s: float, nis: float, components: float) -> Recent:
+        """Returns the innovations once another history is the likeliest; of an old fork its share of those kept.
+
+        Args:
+            since_s: time of the fork, s.
+            nis, components: see `Forks`.
+        """
+        first_s, last_s = self.rows[[0, -1], 0].tolist()
+        share = min((last_s - first_s) / (last_s - since_s), 1.0) if since_s < last_s else 1.0
+        sums = (np.array([share * value]) for value in (nis, components))
+        found = Forks(np.array([self.rows.shape[0] - 1]), np.array([since_s]), *sums)
+        seen = likeliest_innovations(_innovations(self.rows), self.rows[:, 0], found)
+        return Recent(self.older, np.column_stack([self.rows[:, 0], *seen]))
+
+    @property
+    def tally(self) -> Tally:
+        """Tally of all innovations."""
+        return Tally.of(_add_counts(self.older, self.rows))
+
+
+def empty_recent(window: int) -> Recent:
+    """Returns the record of innovations before the first sample.
+
+    Args:
+        window: number of samples that are kept.
+    """
+    rows = np.zeros((window, _COLUMNS))
+    rows[:, 0] = -np.inf
+    return Recent(np.zeros(len(Tally.NUMBERS)), rows)
+
+
+def _innovations(rows: Array) -> Innovations:
+    _, used, nis, components, averaged = rows.T
+    return Innovations(used != 0.0, nis, components, averaged != 0.0)
+
+
+def _add_counts(older: Array, rows: Array) -> Array:
+    tally = Tally.of(older)
+    tally.take(_innovations(rows))
+    return tally.numbers

@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results.consistency import Diagnosis
+from massprop_drake.results.record_stretches import used_propellant
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -67,13 +68,6 @@ class _Start(NamedTuple):
     covariance: Array
     tested: NDArray[np.bool_]
 
-    @property
-    def relative(self) -> Array:
-        """1-sigma over the values, shape (10,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = np.sqrt(self.covariance.diagonal()) / np.abs(self.values)
-        return result
-
     def departure(self, estimate: Array) -> _Departure:
         """Measures how far estimates are from the start.
 
@@ -103,7 +97,7 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
     """
     if scenario.estimation.start == "zero":
         return None
-    used = _used_propellant(scenario, signals)
+    used = used_propellant(scenario, signals, scenario.vehicle_data.mass_flows)
     begun = estimate.copy()
     if begun[MASS_RECIPROCAL] > 0.0:
         begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
@@ -149,18 +143,6 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
     return _Start(values, covariance, tested)
 
 
-def _used_propellant(scenario: Scenario, signals: Spool) -> float:
-    """Computes the propellant that the commands have used, slug or kg."""
-    vehicle = scenario.vehicle_data
-    if params.steps_by_readings(scenario):
-        every = [
-            np.diff(block["time_s"])[:, None] * block["command"][:-1] for block in signals.blocks("time_s", "command")
-        ]
-        return float(sum(np.nansum(part, axis=0) for part in every) @ vehicle.mass_flows)
-    told = sum(np.nansum(block["command"], axis=0) for block in signals.blocks("command"))
-    return float(told @ vehicle.mass_flows) * vehicle.sample_period_s
-
-
 class _Group(NamedTuple):
     """Scales that may be off by a common factor.
 
@@ -202,7 +184,8 @@ def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Gro
 
 def _common_factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
     """Computes the factor that some scales have in common, and its significance in sigmas if their errors are one."""
-    logarithms, relative = np.log(estimate[members] / start.values[members]), start.relative[members]
+    logarithms = np.log(estimate[members] / start.values[members])
+    relative = np.sqrt(start.covariance.diagonal()[members]) / start.values[members]
     weights = 1.0 / relative**2
     mean = float(weights @ logarithms / weights.sum())
     return math.exp(mean), abs(mean) / float(relative.max())

@@ -139,6 +139,23 @@ def _interval_lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
     return lambda _: scenario.vehicle_data.sample_period_s
 
 
+def used_propellant(scenario: Scenario, signals: Spool, flows: Array, *, by_thrust: bool = False) -> float:
+    """Computes the propellant used from the first row to the last, slug or kg; what the last row tells comes after.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, and commands or thrusts.
+        flows: of each jet at full thrust, slug/s or kg/s, shape (n_jets,).
+        by_thrust: whether thrusts count; else commands do.
+    """
+    vehicle = scenario.vehicle_data
+    name, full = ("thrust", np.linalg.norm(vehicle.thrusts, axis=1)) if by_thrust else ("command", np.ones(flows.size))
+    flow = np.concatenate([np.nansum(part[name] / full * flows, axis=1) for part in signals.blocks(name)])[:-1]
+    if params.steps_by_readings(scenario) and not by_thrust:  # of a simulation every row is a sample
+        return float(flow @ np.diff(signals["time_s"]))
+    return float(flow.sum() * vehicle.sample_period_s)
+
+
 def _find_runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Returns the first index, and one past the last, of each run of True."""
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False))

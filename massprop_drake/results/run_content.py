@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError, in_words, suggestion
+from massprop_drake.errors import InputError, counted, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import bundled_files, describe_folder
 from massprop_drake.inputs.scenario import Scenario
@@ -111,7 +111,7 @@ class RunContent:
 
     def __repr__(self) -> str:
         found = len(self.results.detections)
-        said = f"{found} declaration{'s' if found > 1 else ''}" if found else "no failure found"
+        said = counted(found, "declaration") if found else "no failure found"
         said += "" if self.results.ended is None else ", ended early"
         return (
             f"<Run of '{self.scenario.name}' on '{self.results.vehicle}', {self.results.duration_s:g} s, "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import metadata
@@ -38,6 +38,7 @@ from massprop_drake.results.fault_probabilities import gives_probabilities
 from massprop_drake.results.identified import classify_parameters
 from massprop_drake.results.injected import InjectedRecord, injected_outcomes
 from massprop_drake.results.parts import PartsMade
+from massprop_drake.results.record_stretches import used_propellant
 from massprop_drake.results.shown_in_hindsight import analyze_run
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.summary import AutopilotSummary, Findings, Provenance, RunTiming, Summary
@@ -102,9 +103,10 @@ def _final_truth(scenario: Scenario, signals: Spool) -> Array:
 
 def _autopilot_summary(scenario: Scenario, signals: Spool) -> AutopilotSummary:
     """Counts firings and propellant."""
+    flows = true_params.plant_mass_flows(scenario)
     return AutopilotSummary(
         firings=_count_run_firings(signals),
-        propellant_mass=_used_propellant(scenario, signals),
+        propellant_mass=used_propellant(scenario, signals, flows, by_thrust="thrust" in signals),
         **_count_selections(signals),
         **_jets_in_question(scenario.vehicle_data, signals),
     )
@@ -274,30 +276,15 @@ def count_firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
     return int((on & ~np.vstack([before, on[:-1]])).sum())
 
 
-def _interval_rows(signals: Spool, name: str) -> Iterator[Array]:
-    """Yields the rows of a signal at the beginning of an interval: all but the last, block by block."""
-    left = signals.n_rows - 1
-    for block in blocks(signals, name):
-        yield block[name][:left]
-        left -= len(block[name])
-
-
 def _count_run_firings(signals: Spool) -> int:
+    """Counts firings up to the last row, whose commands come after the run."""
     count, before = 0, np.zeros(signals.last("command").size, dtype=bool)
-    for commands in _interval_rows(signals, "command"):
-        on = commands > 0.0
+    earlier = before
+    for block in signals.blocks("command"):
+        on = block["command"] > 0.0
         count += count_firings(on, before)
-        before = on[-1] if len(on) else before
-    return count
-
-
-def _used_propellant(scenario: Scenario, signals: Spool) -> float:
-    """Computes propellant used, slug or kg: by the thrust of every sample or, where it is not known, its command."""
-    vehicle = scenario.vehicle_data
-    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), true_params.plant_mass_flows(scenario)
-    name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
-    flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _interval_rows(signals, name)])
-    return float(flow.sum() * vehicle.sample_period_s)
+        earlier, before = (on[-2] if len(on) > 1 else before), on[-1]
+    return count - count_firings(before[None], earlier)
 
 
 def _tally_nis(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:

@@ -19,9 +19,7 @@ from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.records.completeness import Completeness
 from massprop_drake.results.against import Against
 from massprop_drake.results.allowed import Intervals
-from massprop_drake.results.consistency import (
-    Consistency,
-)
+from massprop_drake.results.consistency import Consistency
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.fault_probabilities import FaultProbabilities, read_fault_probability
@@ -47,6 +45,7 @@ class Parameter(NamedTuple):
         standard_deviation: 1-sigma that the filter claims; NaN likewise.
         truth: NaN where it is unknown.
         percent_error: 100 (estimate - truth) / |truth|; NaN where the truth is unknown or as good as zero.
+        floor: magnitude up to which the estimate is as good as zero.
     """
 
     name: str
@@ -54,11 +53,12 @@ class Parameter(NamedTuple):
     standard_deviation: float
     truth: float
     percent_error: float
+    floor: float = 0.0
 
     @property
     def percent_deviation(self) -> float:
         """The 1-sigma in percent of the estimate; NaN where that, or a known truth, is as good as zero."""
-        if not self.estimate or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
+        if abs(self.estimate) <= self.floor or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
             return math.nan
         return 100.0 * self.standard_deviation / abs(self.estimate)
 
@@ -212,7 +212,8 @@ class Summary:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The ten mass properties by name, one by one."""
-        columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error)
+        floors = mass_properties.zero_floors(self.estimates)
+        columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error, floors)
         return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
 
     @cached_property
@@ -290,7 +291,7 @@ class Summary:
         if self.against is not None:
             content["against"] = self.against.as_json()
         if self.intervals is not None:
-            content["intervals"] = self.intervals.as_json()
+            content["intervals"] = self.intervals._asdict()
         if self.ended is not None:
             content["ended"] = self.ended._asdict()
         if self.missing:

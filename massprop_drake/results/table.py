@@ -13,12 +13,18 @@ import numpy as np
 
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.offline.identifiability import Flag
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
+from massprop_drake.maths.mass_properties import (
+    CENTER_OF_MASS,
+    INVERSE_INERTIA,
+    MASS_RECIPROCAL,
+    product_floors,
+    six_elements,
+)
 from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary
 
-INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
+_INERTIA = ("Ixx", "Iyy", "Izz", "Iyz", "Ixz", "Ixy")
 _NOTHING = 1e-3  # of a 1-sigma, below which it gives the power of ten
 IN_THREE_SIGMA, KNOWN, LEAST_SIGMA = "in 3 sigma", "known", "least 1-sigma"  # headings
 _PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
@@ -91,25 +97,6 @@ def _sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
     return Sheet(tuple(columns.values()), cells, ("parameter", "unit", IN_THREE_SIGMA, KNOWN))
 
 
-def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
-    """Makes the table of guaranteed intervals, see `interval_rows`."""
-    inside = "estimate\ninside"
-    headings = ("parameter", "unit", "low", "middle", "high", inside)
-    return Sheet(headings, interval_rows(results, units), ("parameter", "unit", inside))
-
-
-def residual_sheet(found: Against) -> Sheet:
-    """Makes the table of differences from a simulation, see `residual_rows`."""
-    headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
-    return Sheet(headings, residual_rows(found), ("signal", "unit"))
-
-
-def cause_sheet(found: Against) -> Sheet:
-    """Makes the table of possible causes of differences, see `cause_rows`."""
-    headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
-    return Sheet(headings, cause_rows(found), ("cause", "unit"))
-
-
 def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
     """Makes the table rows of the ten parameters.
 
@@ -143,12 +130,14 @@ def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = 
 def derived_rows(results: Summary, units: Mapping[str, str]) -> list[Row]:
     """Makes the table rows of mass and inertia, derived from the estimates."""
     found, true = results.derived, mass_properties.derive_mass_and_inertia(results.truth, np.zeros((10, 10)))
-    rows = [_derived_row("m", units["mass"], found.mass, found.mass_std, true.mass)]
+    rows = [_derived_row("m", units["mass"], (found.mass, found.mass_std, true.mass))]
     if found.inertia is not None and found.inertia_std is not None:
         unit = f"{units['mass']}-{units['length']}^2"
-        for name, i, j in INERTIA:
-            truth = None if true.inertia is None else float(true.inertia[i, j])
-            rows.append(_derived_row(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
+        unknown = np.full((3, 3), np.nan) if true.inertia is None else true.inertia
+        columns = [six_elements(matrix) for matrix in (found.inertia, found.inertia_std, unknown)]
+        floors = [np.append(np.zeros(3), product_floors(columns[number][:3])) for number in (0, 2)]
+        for name, values, least in zip(_INERTIA, np.transpose(columns), np.transpose(floors), strict=True):
+            rows.append(_derived_row(name, unit, tuple(values.tolist()), tuple(least.tolist())))
     return rows
 
 
@@ -164,8 +153,8 @@ def property_rows(results: Summary, units: Mapping[str, str], *, truth: bool = T
     return [*first, *(row._replace(flag=unsure[0]) for row in inertia)], [*elements, reciprocal]
 
 
-def interval_rows(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
-    """Returns rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
+def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
+    """Makes the table of guaranteed intervals; the last column tells whether the estimate lies inside.
 
     Low is rounded down and high is rounded up, to two digits of half of the width.
 
@@ -173,9 +162,8 @@ def interval_rows(results: Summary, units: Mapping[str, str]) -> list[tuple[str,
         results: of a run, with intervals.
         units: of the vehicle, as `Vehicle.unit_names`.
     """
-    if results.intervals is None:
-        return []
     rows: list[tuple[str, ...]] = []
+    assert results.intervals is not None
     columns = zip(SYMBOLS, mass_property_units(dict(units)), results.intervals.pairs, results.parameters, strict=True)
     for symbol, unit, pair, one in columns:
         if pair is None:
@@ -189,11 +177,12 @@ def interval_rows(results: Summary, units: Mapping[str, str]) -> list[tuple[str,
         texts = [f"{end / 10.0**digits:.{digits}f}" for end in ends]
         inside = "-" if math.isnan(one.estimate) else "yes" if low <= one.estimate <= high else "no"
         rows.append((symbol, _unit_with_power(unit, power), *texts, inside))
-    return rows
+    inside = "estimate\ninside"
+    return Sheet(("parameter", "unit", "low", "middle", "high", inside), rows, ("parameter", "unit", inside))
 
 
-def residual_rows(found: Against) -> list[tuple[str, ...]]:
-    """Returns rows of differences from a simulation: signal, unit, RMS and largest difference, when, 1-sigma."""
+def residual_sheet(found: Against) -> Sheet:
+    """Makes the table of differences from a simulation, a row for each signal."""
     rows: list[tuple[str, ...]] = []
     for one in found.residuals:
         power = _power_of_ten(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
@@ -202,11 +191,12 @@ def residual_rows(found: Against) -> list[tuple[str, ...]]:
         )
         when = "-" if one.largest_s is None else f"{one.largest_s:.2f} s"
         rows.append((one.signal, _unit_with_power(one.unit, power), size, largest, when, noise))
-    return rows
+    headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
+    return Sheet(headings, rows, ("signal", "unit"))
 
 
-def cause_rows(found: Against) -> list[tuple[str, ...]]:
-    """Returns rows of possible causes of differences: cause, size with its 1-sigma, unit, shares alone and together."""
+def cause_sheet(found: Against) -> Sheet:
+    """Makes the table of possible causes of differences: size with 1-sigma, share explained alone and together."""
     rows: list[tuple[str, ...]] = []
     for one in found.causes:
         power = _power_of_ten(one.size)
@@ -214,14 +204,18 @@ def cause_rows(found: Against) -> list[tuple[str, ...]]:
         sign = "+" if one.size >= 0.0 else ""
         shares = (f"{100.0 * share:.1f} %" for share in (one.alone, one.together))
         rows.append((one.what, f"{sign}{size} ± {deviation}", _unit_with_power(one.unit, power), *shares))
-    return rows
+    headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
+    return Sheet(headings, rows, ("cause", "unit"))
 
 
-def _derived_row(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
+def _derived_row(
+    name: str, unit: str, numbers: tuple[float | None, ...], floors: tuple[float, ...] = (0.0, 0.0)
+) -> Row:
+    """Makes a row of a derived value: it, its 1-sigma and its truth; `floors`: at which it and its truth are zero."""
+    known, deviation, true = (math.nan if one is None else one for one in numbers)
     fixed = deviation == 0.0
-    known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
-    error = 100.0 * (known - true) / abs(true) if true and not fixed else math.nan
-    one = Parameter(name, known, math.nan if fixed else sigma, true, error)
+    error = 100.0 * (known - true) / abs(true) if abs(true) > floors[1] and not fixed else math.nan
+    one = Parameter(name, known, math.nan if fixed else deviation, true, error, floors[0])
     row = _parameter_row(name, unit, one)
     if fixed:
         return row._replace(inside="fixed")

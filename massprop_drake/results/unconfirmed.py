@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import counted
 from massprop_drake.inputs import params
 from massprop_drake.inputs.estimation_blocks import CglrBlock, CusumBlock, HypothesesBlock, ThrustFactorsBlock
 from massprop_drake.inputs.model import Count, Real, Text
@@ -297,10 +298,10 @@ class Suspicions:
             return alone if one.jets.size == 1 else "these look alike"
         assert isinstance(block, CglrBlock)
         if one.alarms and block.reconfigure_after is None:
-            return f"{_count_in_words(one.alarms, 'alarm')}; this scenario declares none"
+            return f"{counted(one.alarms, 'alarm')}; this scenario declares none"
         if one.alarms * 2 < one.samples:
             return f"some jet has failed beyond doubt, but single samples do not tell which ({_alarms(one.alarms)})"
-        return f"{_count_in_words(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
+        return f"{counted(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
 
     def untested(self, declared: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
         """Returns jets whose failure to fire nothing could have shown.
@@ -340,14 +341,8 @@ def in_words(record: UnconfirmedRecord) -> str:
     """Describes a suspicion in a sentence."""
     when = f"{record.time_s:.2f} s" if record.samples == 1 else f"{record.time_s:.2f} to {record.until_s:.2f} s"
     who = " or ".join(record.jets) if record.jets else "no jet"
-    return (
-        f"{who}, {when}, {_count_in_words(record.samples, 'sample')}, statistic {record.statistic:.4g}: {record.reason}"
-    )
-
-
-def _count_in_words(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    return f"{who}, {when}, {counted(record.samples, 'sample')}, statistic {record.statistic:.4g}: {record.reason}"
 
 
 def _alarms(number: int) -> str:
-    return _count_in_words(number, "alarm") if number else "no alarm"
+    return counted(number, "alarm") if number else "no alarm"

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 def leak(stuck_run: Run) -> Run:
     """The orbiter; a jet leaks, and is named at once."""
     (failure,) = load_scenario("leak_named").failures
-    changes = {"failures": (failure.model_copy(update={"start_s": 1.0}),), "duration_s": 3.0}
+    changes = {"failures": (failure.model_copy(update={"start_s": 1.0}),), "duration_s": 2.0}
     return simulate(stuck_run.scenario.model_copy(update=changes))
 
 
@@ -46,24 +46,25 @@ def leak(stuck_run: Run) -> Run:
 def followed() -> Run:
     """A vehicle whose position and attitude a pose filter estimates."""
     failure = "failures=[{kind: stuck_off, jet: T2, start_s: 1}]"
-    return simulate(load_scenario("air_bearing_pulses", ["duration_s=3", failure]))
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=1.6", failure]))
 
 
-def _record(run: Run, folder: Path) -> Run:
-    run.save(folder, pictures=False, report=False)
-    return estimate(folder / "telemetry.csv", load_scenario(folder))
+def _record(run: Run, paths: pytest.TempPathFactory) -> Run:
+    path = paths.mktemp("runs") / "telemetry.csv"
+    run.write_telemetry(path)
+    return estimate(path, run.scenario)
 
 
 @pytest.fixture(scope="module")
 def recorded(followed: Run, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same from its telemetry alone."""
-    return _record(followed, tmp_path_factory.mktemp("runs") / "run")
+    return _record(followed, tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
-def blind(short_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Run:
+def blind(stuck_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The orbiter's telemetry, which says nothing of position and attitude."""
-    return _record(short_run, tmp_path_factory.mktemp("runs") / "run")
+    return _record(stuck_run, tmp_path_factory)
 
 
 @pytest.fixture
@@ -180,24 +181,14 @@ def test_schemas_are_read_by_others_with_names_and_units(leak: Run, written: Cal
     assert tuple(decoded(path, "/likelihood")[0]) == leak.scenario.vehicle_data.designations
     file = File.read(path)
     assert file.channels["/rate"].metadata["unit"] == leak.units["rate"] == "rad/s"
-    assert file.channels["/estimate"].metadata["unit"].split("; ") == [
-        *["1/(slug-ft^2)"] * 6,
-        *["ft"] * 3,
-        "1/slug",
-    ]
+    units = [*["1/(slug-ft^2)"] * 6, *["ft"] * 3, "1/slug"]
+    assert file.channels["/estimate"].metadata["unit"].split("; ") == units
     assert json.loads(file.channels["/estimate"].metadata["components"]) == list(names)
     assert b" 1/(slug-ft^2)\n" in file.schemas["/estimate"].data
     assert file.schemas["/estimate"].name == "massprop.estimate"
-    kinds = {topic: file.schemas[f"/run/{topic}"].name for topic in ("frames", "jets", "vehicle", "plumes", "events")}
-    scene = "foxglove.SceneUpdate"
-    transforms = "foxglove.FrameTransforms"
-    assert kinds == {
-        "frames": transforms,
-        "jets": transforms,
-        "vehicle": scene,
-        "plumes": scene,
-        "events": "foxglove.Log",
-    }
+    kinds = {"FrameTransforms": ("frames", "jets"), "SceneUpdate": ("vehicle", "plumes"), "Log": ("events",)}
+    for kind, topics in kinds.items():
+        assert {file.schemas[f"/run/{topic}"].name for topic in topics} == {f"foxglove.{kind}"}
 
 
 def _frames(path: Path, child: str) -> list[tuple[str, Array, Array]]:
@@ -276,11 +267,8 @@ def test_plumes_stand_at_the_jets_that_fire(leak: Run, written: Callable[[Run, s
         assert len(arrows) == len(firing)
         for jet in firing:
             length = 0.05 + 0.11 * np.sqrt(leak["thrust"][row, jet] / full.max())
-            (arrow,) = (
-                one
-                for one in arrows
-                if np.allclose([one["pose"]["position"][a] for a in "xyz"], vehicle.positions[jet], atol=1e-12)
-            )
+            at = vehicle.positions[jet]
+            (arrow,) = (one for one in arrows if np.allclose([*one["pose"]["position"].values()], at, atol=1e-12))
             turned = np.array([arrow["pose"]["orientation"][part] for part in "wxyz"])
             along = rotation_matrix(turned)[:, 0] * (arrow["shaft_length"] + arrow["head_length"])
             expected = -vehicle.thrusts[jet] / full[jet] * length * solids.extent(vehicle)
@@ -291,13 +279,10 @@ def test_plumes_stand_at_the_jets_that_fire(leak: Run, written: Callable[[Run, s
 def test_every_signal_is_in_a_recording_bit_for_bit(run: Run, written: Callable[[Run, str], Path]) -> None:
     found = columns(written(run, "rerun"))
     times = np.rint(1e9 * run.time_s).astype(int).tolist()
-    for name, values in ((name, run[name]) for name in run.units):
-        names = run.components[name]
-        units = component_units(run.units[name], len(names))
-        mixed = len(set(units)) > 1
-        paths = (
-            [f"/signals/{name}/{one}" for one in names] if mixed else [f"/signals/{name.replace('.', chr(92) + '.')}"]
-        )
+    for name, names in run.components.items():
+        values, units = run[name], component_units(run.units[name], len(names))
+        whole = [f"/signals/{name.replace('.', chr(92) + '.')}"]
+        paths = [f"/signals/{name}/{one}" for one in names] if len(set(units)) > 1 else whole
         rows = [found[path, "Scalars:scalars"] for path in paths]
         assert [time_ns for time_ns, _ in rows[0]] == times
         table = np.hstack([np.array([row for _, row in one], dtype=float) for one in rows])
@@ -315,7 +300,7 @@ def test_times_that_no_file_holds_are_refused(followed: Run, tmp_path: Path, epo
 
 
 def test_a_run_on_disk_gives_the_same_in_pieces(followed: Run, tmp_path: Path) -> None:
-    spool = Spool(rows_per_piece=10, index="time_s")
+    spool = Spool(rows_per_piece=5, index="time_s")
     spool.append({"time_s": followed.time_s, **followed.signals})
     assert not spool.in_memory
     pieces = Run(followed.scenario, followed.results, None, spool)

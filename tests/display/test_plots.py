@@ -10,7 +10,10 @@ import pytest
 from scipy.special import chdtri
 
 from massprop_drake import estimate, load_scenario, simulate
+from massprop_drake.display import detector_plots as faults
+from massprop_drake.display import filter_plots as filters
 from massprop_drake.display import instruments, plots
+from massprop_drake.display import motion_plots as motion
 from massprop_drake.display.figures import Plots
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.page import report_html
@@ -88,7 +91,7 @@ def test_vectors_have_a_panel_per_axis_in_their_units(
 
 
 def test_a_firing_is_a_bar_in_the_row_of_its_jet(stuck: Source, recorded: Source) -> None:
-    (panel,), vehicle = plots.jets(stuck).panels, stuck.vehicle
+    (panel,), vehicle = motion.jets(stuck).panels, stuck.vehicle
     command = stuck.signals["command"][:-1] > 0.0
     bars = {label: [one for one in marks(panel, Bars) if one.label == label] for label in ("commanded", "thrust")}
     length = sum((one.end - one.begin).sum() for one in bars["commanded"])
@@ -104,7 +107,7 @@ def test_a_firing_is_a_bar_in_the_row_of_its_jet(stuck: Source, recorded: Source
     jet = vehicle.jet_index("R4R")
     for share in (1.0, 0.01):
         thrust = stuck.signals["thrust"] * np.where(np.arange(44) == jet, share, 1.0)
-        (panel,) = plots.clusters(changed(stuck, thrust=thrust)).panels
+        (panel,) = motion.clusters(changed(stuck, thrust=thrust)).panels
         assert panel.rows == ("jet R4R", *(f"cluster {number}" for number in range(1, 15)))
         (untold,) = (bars for bars in marks(panel, Bars) if bars.label == "thrust untold")
         assert np.round(untold.row).astype(int).tolist() == [0, 12]
@@ -112,7 +115,7 @@ def test_a_firing_is_a_bar_in_the_row_of_its_jet(stuck: Source, recorded: Source
         np.testing.assert_allclose(untold.end, stuck.time_s[-1])
     verdict = np.zeros_like(stuck.signals["command"])
     verdict[50, vehicle.jet_index("F2R")] = 1.0
-    assert "jet F2R" in plots.clusters(changed(recorded, verdict=verdict)).panels[0].rows
+    assert "jet F2R" in motion.clusters(changed(recorded, verdict=verdict)).panels[0].rows
 
 
 def test_what_a_row_commands_lasts_until_the_next_row_that_is_there(stuck: Source) -> None:
@@ -121,13 +124,13 @@ def test_what_a_row_commands_lasts_until_the_next_row_that_is_there(stuck: Sourc
     time_s = np.array([0.0, 1.0, 2.0, 7.0, 8.0, 9.0])
     few = {name: values[:6] for name, values in stuck.signals.items()}
     source = changed(stuck._replace(time_s=time_s, signals=few), command=command, thrust=None)
-    (bars,) = (one for one in marks(plots.jets(source).panels[0], Bars) if one.begin.size)
+    (bars,) = (one for one in marks(motion.jets(source).panels[0], Bars) if one.begin.size)
     np.testing.assert_array_equal(bars.begin, [1.0, 8.0])
     np.testing.assert_array_equal(bars.end, [7.0, 9.0])  # the last row commands nothing
 
 
 def test_propellant_is_what_the_summary_says(stuck: Source, stuck_run: Run) -> None:
-    (line,) = plots.propellant(stuck).panels[0].marks
+    (line,) = motion.propellant(stuck).panels[0].marks
     assert line.y[-1] == pytest.approx(stuck_run.results.autopilot.propellant_mass, rel=1e-9)
     assert (np.diff(line.y) >= 0.0).all()
 
@@ -136,7 +139,7 @@ def test_the_autopilot_acts_where_the_phase_plane_says(stuck: Source) -> None:
     """No translation is asked for: an axis in hold beyond the dashed lines asks for a correction, and only such do."""
     held = np.ones(stuck.time_s.size, dtype=bool)
     beyond = np.zeros_like(held)
-    for axis, panel in enumerate(plots.phase_plane(stuck).panels):
+    for axis, panel in enumerate(motion.phase_plane(stuck).panels):
         path, wanted, low, high = marks(panel, Line)
         rate = np.degrees(stuck.signals["gyro"][:, axis])
         np.testing.assert_allclose(path.y, np.where(np.isnan(path.x), np.nan, rate))
@@ -148,13 +151,13 @@ def test_the_autopilot_acts_where_the_phase_plane_says(stuck: Source) -> None:
     np.testing.assert_array_equal(asks[held], beyond[held])
     moving = stuck.scenario.maneuver[0].model_copy(update={"controller": "thc"})
     moved = stuck._replace(scenario=stuck.scenario.model_copy(update={"maneuver": (moving,)}))
-    *_, low, high = marks(plots.phase_plane(moved).panels[0], Line)  # a translation has switching lines of its own
+    *_, low, high = marks(motion.phase_plane(moved).panels[0], Line)  # a translation has switching lines of its own
     np.testing.assert_allclose(high.y - low.y, 2.0 * np.degrees(stuck.scenario.autopilot.resolve_rate))
 
 
 @pytest.mark.parametrize(("name", "scale"), [("rotation", 180.0 / np.pi), ("mass", 1.0)])
 def test_innovations_show_the_usual_band_whatever_some_of_them_are(stuck: Source, name: str, scale: float) -> None:
-    plot = {"rotation": plots.innovations, "mass": plots.mass_innovations}[name]
+    plot = {"rotation": filters.innovations, "mass": filters.mass_innovations}[name]
     rows = np.flatnonzero(stuck.signals[f"{name}_used"][:, 0])
     innovation, sigma = (stuck.signals[f"{name}_innovation{what}"] for what in ("", "_std"))
     panel = plot(stuck).panels[1]
@@ -179,7 +182,7 @@ def test_innovations_show_the_usual_band_whatever_some_of_them_are(stuck: Source
 
 
 def test_errors_are_in_percent_of_the_truth_within_three_sigma(stuck: Source, recorded: Source) -> None:
-    panel, truth = plots.center_of_mass(stuck).panels[0], stuck.signals["truth"]
+    panel, truth = filters.center_of_mass(stuck).panels[0], stuck.signals["truth"]
     (band,), (line,) = marks(panel, Band), marks(panel, Line)
     estimate, sigma = stuck.signals["estimate"], stuck.signals["standard_deviation"]
     assert panel.axis_label == "x_cm, %"
@@ -189,10 +192,10 @@ def test_errors_are_in_percent_of_the_truth_within_three_sigma(stuck: Source, re
     assert line.label == f"error, at the end {line.y[-1]:.3g} %"
     assert panel.scale == SymmetricLog(band.high[-1], max(np.abs(line.y).max(), band.high.max()))
     zero = truth * (np.arange(10) != 7)  # in its unit
-    panel = plots.center_of_mass(changed(stuck, truth=zero)).panels[1]
+    panel = filters.center_of_mass(changed(stuck, truth=zero)).panels[1]
     assert panel.unit == "ft"
     np.testing.assert_array_equal(marks(panel, Line)[0].y, estimate[:, 7])
-    plot = plots.mass_reciprocal(recorded)  # without the truth: the estimate
+    plot = filters.mass_reciprocal(recorded)  # without the truth: the estimate
     (panel,) = plot.panels
     (band,), (line,) = marks(panel, Band), marks(panel, Line)
     assert (plot.title, panel.axis_label, panel.scale) == ("Mass reciprocal: estimate", "1/m, 1/slug", "linear")
@@ -203,7 +206,7 @@ def test_errors_are_in_percent_of_the_truth_within_three_sigma(stuck: Source, re
 
 
 def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Source) -> None:
-    panel = plots.consistency(stuck).panels[0]
+    panel = filters.consistency(stuck).panels[0]
     (zone,), (points,) = marks(panel, Zone), marks(panel, Points)
     used = stuck.signals["rotation_used"][:, 0] != 0.0
     np.testing.assert_array_equal(points.x, stuck.time_s[used])
@@ -215,13 +218,13 @@ def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Source) -> None
     quiet = changed(stuck, rotation_nis=np.full((stuck.time_s.size, 1), 2.5))
     means = {"rotation_nis_mean": 2.5, "rotation_nis_within": 2.4, "rotation_nis_beyond": 0.01}
     thinned = stuck._replace(consistency=means)
-    labels = [marks(panel, Points)[0].label for one in (quiet, thinned) for panel in plots.consistency(one).panels]
+    labels = [marks(panel, Points)[0].label for one in (quiet, thinned) for panel in filters.consistency(one).panels]
     assert labels[0] == f"NIS, mean 2.50 of {used.sum()} samples"
     assert labels[2:] == ["NIS, mean 2.50 of all samples used", "NIS, no sample used"]
 
 
 def test_the_likeliest_jets_have_colors_and_the_others_their_range(stuck: Source) -> None:
-    panel, of_clusters = plots.likelihoods(stuck).panels
+    panel, of_clusters = faults.likelihoods(stuck).panels
     tested = stuck.signals["tested"][:, 0] != 0.0
     likelihood, jets = stuck.signals["likelihood"], stuck.vehicle.designations
     values = np.maximum(likelihood[tested], 0.1)
@@ -242,17 +245,17 @@ def test_the_likeliest_jets_have_colors_and_the_others_their_range(stuck: Source
     np.testing.assert_array_equal(last.y, values[:, members].max(axis=1))
     unknown = likelihood.copy()
     unknown[np.flatnonzero(tested)[0]] = np.nan  # what the detector does not judge hides nobody
-    assert "R4R" in named(plots.likelihoods(changed(stuck, likelihood=unknown)).panels[0])
+    assert "R4R" in named(faults.likelihoods(changed(stuck, likelihood=unknown)).panels[0])
     # a jet that was declared off has no known force, and others may come ahead of it at another time
     jet = stuck.vehicle.jet_index("F2R")
     behind = np.where(np.arange(44) == jet, 1.0, likelihood)
     suspect = np.where(stuck.signals["detector_event"] == 1.0, jet, stuck.signals["suspected_jet"])
     nothing = {"known_force_variance": 0.0 * likelihood}
     off = changed(stuck, likelihood=behind, suspected_jet=suspect, **nothing)
-    assert named(plots.likelihoods(off).panels[0])[-1] == "F2R"
+    assert named(faults.likelihoods(off).panels[0])[-1] == "F2R"
     none = changed(stuck, tested=np.zeros_like(stuck.signals["tested"]))
-    assert [panel.marks for panel in plots.likelihoods(none).panels] == [(), ()]
-    assert marks(plots.margins(none).panels[0], Points)[0].x.size == 0
+    assert [panel.marks for panel in faults.likelihoods(none).panels] == [(), ()]
+    assert marks(faults.margins(none).panels[0], Points)[0].x.size == 0
 
 
 def probable(source: Source, **jets: float) -> Source:
@@ -270,7 +273,7 @@ def test_probabilities_stand_in_place_of_likelihoods(stuck: Source) -> None:
     assert list(plots.available_plots(source))[-len(DETECTOR) :] == ["fault_probabilities", *DETECTOR[1:]]
     of_poses = changed(stuck, none_probability=np.full((len(stuck.time_s), 1), np.nan))
     assert list(plots.available_plots(of_poses))[-len(DETECTOR) :] == DETECTOR
-    of_jets, others = plots.fault_probabilities(source).panels
+    of_jets, others = faults.fault_probabilities(source).panels
     lines = marks(of_jets, Line)
     assert [line.label for line in lines] == ["R4R, at the end 0", "F1U, at the end 0"]  # that were ever probable
     np.testing.assert_array_equal(lines[0].y, source.signals["fault_probability"][:, 28])
@@ -278,21 +281,21 @@ def test_probabilities_stand_in_place_of_likelihoods(stuck: Source) -> None:
     assert labels == ["none, at the end above 0.9999", "unknown, at the end 0.002"]
     names = ("R4R", "F1U", "L2D", "L4D", "R1U", "F3U", "F2U")
     many = probable(stuck, **{jet: 0.5 - 0.05 * number for number, jet in enumerate(names)})
-    panel = plots.fault_probabilities(many).panels[0]
+    panel = faults.fault_probabilities(many).panels[0]
     assert [line.label.partition(",")[0] for line in marks(panel, Line)] == list(names[:5])
     (rest,) = marks(panel, Whiskers)
     assert (rest.low[15], rest.high[15]) == (pytest.approx(0.2), pytest.approx(0.25))
     assert [points.label for points in marks(panel, Points)] == list(names[5:])
-    assert len(plots.fault_probabilities(probable(stuck, R4R=0.005)).panels) == 1  # nothing and unknown are left
+    assert len(faults.fault_probabilities(probable(stuck, R4R=0.005)).panels) == 1  # nothing and unknown are left
 
 
 def test_margins_and_magnitude_are_shown_beside_what_isolates_and_what_is_true(stuck: Source) -> None:
-    panel = plots.margins(stuck).panels[1]
+    panel = faults.margins(stuck).panels[1]
     (level,), (points,) = marks(panel, Level), marks(panel, Points)
     tested = stuck.signals["tested"][:, 0] != 0.0
     assert level.y == stuck.scenario.detector.margin
     np.testing.assert_array_equal(points.y, np.maximum(stuck.signals["cluster_margin"][tested, 0], 0.1))
-    (panel,) = plots.failure_magnitude(stuck).panels
+    (panel,) = faults.failure_magnitude(stuck).panels
     (points,), (spread,) = marks(panel, Points), marks(panel, Whiskers)
     alarm = stuck.signals["alarm"][:, 0] != 0.0
     np.testing.assert_array_equal(points.y, stuck.signals["suspected_magnitude"][alarm, 0])
@@ -304,7 +307,7 @@ def test_margins_and_magnitude_are_shown_beside_what_isolates_and_what_is_true(s
     np.testing.assert_allclose(truth.y, given, atol=1e-6)
     assert truth.y[-2] == pytest.approx(known.y[-1], rel=1e-3)
     assert np.isnan(known.y[0])
-    (panel,) = plots.failure_magnitude(changed(stuck, alarm=np.zeros_like(stuck.signals["alarm"]))).panels
+    (panel,) = faults.failure_magnitude(changed(stuck, alarm=np.zeros_like(stuck.signals["alarm"]))).panels
     assert "truth of R4R" in [mark.label for mark in panel.marks]  # without an alarm, too
     assert not marks(panel, Points)
 
@@ -312,7 +315,7 @@ def test_margins_and_magnitude_are_shown_beside_what_isolates_and_what_is_true(s
 def test_the_timeline_has_tests_alarms_and_the_jets_commanded(stuck: Source) -> None:
     unsaid = np.where(np.arange(stuck.time_s.size) == 9, 1.0, np.nan)[:, None]
     for source in (stuck, changed(stuck, jet_isolated=unsaid)):
-        rate, commanded, events = plots.detection_timeline(source).panels
+        rate, commanded, events = faults.detection_timeline(source).panels
         assert [line.label for line in rate.marks] == ["x", "y", "z"]
         count = (stuck.signals["command"] > 0.0).sum(axis=1)
         np.testing.assert_array_equal(marks(commanded, Band)[0].high, count)
@@ -324,7 +327,7 @@ def test_the_timeline_has_tests_alarms_and_the_jets_commanded(stuck: Source) -> 
 
 
 def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Source, recorded: Source, stuck_run: Run) -> None:
-    plot = plots.rates(stuck)
+    plot = motion.rates(stuck)
     assert plot.caption == "orbiter, stuck_on_29, seed 0"
     assert [tuple(window) for window in plot.windows] == [(0.2, 0.8, "RHC +x", True)]
     happens, *declared = plot.moments
@@ -332,14 +335,14 @@ def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Source, recor
     times = [entry.time_s for entry in stuck_run.results.detections]
     assert [tuple(moment) for moment in declared] == [(time_s, True) for time_s in times]
     assert plot.note == "shaded: hand controller out of detent, dotted: it happens, red line: it is declared"
-    plot = plots.gyro_readings(recorded)
+    plot = motion.gyro_readings(recorded)
     assert (plot.caption, plot.windows, plot.note) == ("orbiter, stuck_on_29", (), "red line: it is declared")
     until = stuck.time_s <= 0.16
     signals = {name: values[until] for name, values in stuck.signals.items()}
-    plot = plots.rates(stuck._replace(time_s=stuck.time_s[until], signals=signals))
+    plot = motion.rates(stuck._replace(time_s=stuck.time_s[until], signals=signals))
     assert (plot.windows, plot.moments, plot.note) == ((), (), "")
     late = np.where(stuck.time_s[:, None] >= 2.0, stuck.signals["tested"], 0.0)
-    unarmed, _ = plots.rates(changed(stuck, tested=late)).windows
+    unarmed, _ = motion.rates(changed(stuck, tested=late)).windows
     first_s = stuck.time_s[np.flatnonzero(late[:, 0])[0]]
     assert (unarmed.start_s, unarmed.end_s, unarmed.armed) == (0.0, first_s, False)
 
@@ -347,7 +350,7 @@ def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Source, recor
 @pytest.fixture(scope="module")
 def tracked() -> Run:
     """A vehicle in a plane that is followed by motion capture: no gyro, and most parameters fixed."""
-    return simulate(load_scenario("air_bearing_pulses", ["duration_s=2"]))
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=1"]))
 
 
 def test_what_a_vehicle_in_a_plane_cannot_do_has_no_panel(tracked: Run) -> None:
@@ -376,7 +379,7 @@ def test_a_record_without_gyro_has_pictures_pages_and_a_table(tracked: Run, tmp_
     source = plots.source(record)
     drawn = {name for name, figure in Plots(source).all().items() if figure.axes}
     assert {"detection_timeline", "thrust_factors", "positions"} <= drawn
-    (turning,) = plots.detection_timeline(source).panels[0].marks  # about the only axis there is
+    (turning,) = faults.detection_timeline(source).panels[0].marks  # about the only axis there is
     np.testing.assert_allclose(turning.y, np.degrees(record["rate_estimate"][:, 2]))  # type: ignore[union-attr]
     assert "Izz" in report_html(record)
     assert "</html>" in replay_html(record)
@@ -392,10 +395,10 @@ def test_signals_of_ones_own_are_shown(stuck: Source, recorded: Source) -> None:
     mine[:, 9] = np.nan
     for source, shown in ((stuck, 1.0), (recorded, mine[:, 0])):
         more = changed(source, **{"mine.estimate": mine})
-        own = [line for line in marks(plots.inverse_inertia_diagonal(more).panels[0], Line) if "mine" in line.label]
+        own = [line for line in marks(filters.inverse_inertia_diagonal(more).panels[0], Line) if "mine" in line.label]
         np.testing.assert_allclose(own[0].y, shown)  # the error in percent, or the estimate
         assert "own_signals" not in plots.available_plots(more)
-        assert len(marks(plots.mass_reciprocal(more).panels[0], Line)) == 1  # which it does not estimate
+        assert len(marks(filters.mass_reciprocal(more).panels[0], Line)) == 1  # which it does not estimate
     rate = stuck.signals["rate"]
     others = {"mine.pair": rate[:, :2], "mine.long": np.ones((len(rate), 40)), "against.gyro": rate}
     source = changed(stuck, **others)

@@ -17,15 +17,27 @@ from matplotlib.image import imread
 from massprop_drake import load_scenario, simulate
 from massprop_drake.display import event_marks, instruments, write_replay
 from massprop_drake.display.flight3d import replay_html
+from massprop_drake.display.links import Links
 from massprop_drake.display.live import Live
 from massprop_drake.display.run import Run
+from massprop_drake.inputs.true_blocks import MultibodyBlock
+
+
+def _story(page: str) -> dict[str, Any]:
+    """Data of the flight in a page."""
+    found = re.search(r'id="data"[^>]*>(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    story: dict[str, Any] = json.loads(found[1])
+    return story
 
 
 def test_a_long_run_plays_at_its_own_times_from_one_file(stuck_run: Run) -> None:
     rows = np.r_[0:20, 40 : stuck_run.time_s.size : 3]
     signals = {name: values[rows] for name, values in stuck_run.signals.items()}
     html = replay_html(Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s[rows], signals))
-    data = json.loads(re.search(r'id="data">(.*?)</script>', html, re.DOTALL).group(1))  # type: ignore[union-attr]
+    data = _story(html)
+    assert len(data["rows"][0]) == len(data["columns"])
+    assert "links" not in data["columns"]  # of a rigid vehicle
     np.testing.assert_allclose([row[0] for row in data["rows"]], stuck_run.time_s[rows], rtol=1e-6)
     assert '<script src="' not in html
     assert len(html) < 8_000_000
@@ -55,26 +67,72 @@ def test_packages_that_disagree_are_told_apart(stuck_run: Run) -> None:
     np.testing.assert_array_equal(loud[-10:], quiet[-10:])
 
 
+@pytest.fixture(scope="module")
+def arm_run() -> Run:
+    """The servicer whose arm moves at once."""
+    shoulder, elbow = (
+        f"{{joint: {joint}, start_s: 0, end_s: 1, position: {to}}}" for joint, to in (("shoulder", 0.5), ("elbow", 0))
+    )
+    return simulate(load_scenario("servicer_arm", ["duration_s=1", f"plant.moves=[{shoulder}, {elbow}]"]))
+
+
+def _arm_links(run: Run, row: int) -> dict[int, list[float]]:
+    """Places of upper arm, forearm and payload in the vehicle frame, by hand; see the bundled model."""
+    shoulder, elbow = run["joint_positions"][row]
+    there = np.array([0.6, -0.35]) + 0.7 * np.array([np.cos(shoulder), np.sin(shoulder)])
+    end = there + 0.7 * np.array([np.cos(shoulder + elbow), np.sin(shoulder + elbow)])
+    return {1: [0.6, -0.35, 0.0], 2: [*there, 0.0], 3: [*end, 0.0]}
+
+
+@pytest.fixture(scope="module")
+def arm_page(arm_run: Run) -> str:
+    return replay_html(arm_run)
+
+
+def test_a_models_links_are_where_its_joints_put_them(arm_run: Run, arm_page: str) -> None:
+    story, live = _story(arm_page), Live(arm_run.scenario, speed=float("inf"))
+    column = story["columns"].index("links")
+    for row in (0, 5, 10):
+        poses = np.array(story["rows"][row][column]).reshape(-1, 7)
+        assert poses.shape == (4, 7)
+        np.testing.assert_allclose(poses[0], [0, 0, 0, 1, 0, 0, 0], atol=1e-6)
+        for link, place in _arm_links(arm_run, row).items():
+            np.testing.assert_allclose(poses[link, :3], place, atol=1e-6)
+    simulate(arm_run.scenario.model_copy(update={"duration_s": 0.5}), watch=live)
+    rows = [json.loads(line)["row"] for line in live.said(0)]
+    assert rows[2][column] == story["rows"][3][column]  # the first that is watched is after one sample
+
+
+def test_what_drake_cannot_draw_is_left_out_quietly(capfd: pytest.CaptureFixture[str]) -> None:
+    block = load_scenario("servicer_arm").plant
+    assert isinstance(block, MultibodyBlock)
+    more = "<visual name='dish'><geometry><cone><radius>1</radius><length>1</length></cone></geometry></visual>"
+    odd = block.model.replace("</inertial>", f"</inertial>{more}", 1)
+    assert Links(block.model_copy(update={"model": odd})).drawn
+    assert capfd.readouterr().err == ""
+
+
 # ------------------------------------------------------------------------------------ in a browser
 
 
-@pytest.fixture(scope="module")
-def docking_run() -> Run:
-    """A payload docks at 2 s; the estimates move with it later."""
-    pushed, docked = "{{controller: rhc, axis: {}, start_s: {}, end_s: {}}}", "{kind: dock, time_s: 2, mass: 500}"
-    maneuver = f"maneuver=[{pushed.format('+x', 0.5, 1)}, {pushed.format('+y', 2.5, 3)}]"
-    jumps = f"jumps=[{docked.replace('}', ', position: [60, 0, -3]}')}]"
-    return simulate(load_scenario("payload_docking", ["duration_s=4", maneuver, jumps]))
+DOCKED_S = 2.0
 
 
 @pytest.fixture(scope="module")
-def once(opened_once: Any, stuck_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The replay, opened once; from 4.5 s on the failed jet gives a hundredth of its thrust."""
-    jet, late = stuck_run.scenario.vehicle_data.jet_index("R4R"), stuck_run.time_s >= 4.5
-    thrust = stuck_run["thrust"].copy()
-    thrust[late, jet] *= 0.01
-    run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, "thrust": thrust})
-    return opened_once(write_replay(run, tmp_path_factory.mktemp("replay") / "replay.html"))
+def flight(stuck_run: Run) -> Run:
+    """A payload docks at 2 s, and from 4.5 s on the failed jet gives a hundredth of its thrust."""
+    jet, time_s = stuck_run.scenario.vehicle_data.jet_index("R4R"), stuck_run.time_s
+    thrust, truth = stuck_run["thrust"].copy(), stuck_run["truth"].copy()
+    thrust[time_s >= 4.5, jet] *= 0.01
+    truth[time_s >= DOCKED_S, 6:9] += 2.0
+    docks = load_scenario("payload_docking").jumps[0].model_copy(update={"time_s": DOCKED_S})
+    scenario = stuck_run.scenario.model_copy(update={"jumps": (docks,)})
+    return Run(scenario, stuck_run.results, time_s, {**stuck_run.signals, "thrust": thrust, "truth": truth})
+
+
+@pytest.fixture(scope="module")
+def once(opened_once: Any, flight: Run, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return opened_once(write_replay(flight, tmp_path_factory.mktemp("replay") / "replay.html"))
 
 
 @pytest.fixture
@@ -85,14 +143,13 @@ def replay(once: Any) -> Any:
     assert once.said == []
 
 
-def test_what_is_shown_is_what_the_log_says_at_that_time(opened: Any, docking_run: Run, tmp_path: Path) -> None:
+def test_what_is_shown_is_what_the_log_says_at_that_time(replay: Any, flight: Run) -> None:
     """Positions read back from the scene, most of them between two samples."""
-    page = opened(write_replay(docking_run, tmp_path / "replay.html")).page
-    time_s, truth = docking_run.time_s, docking_run["truth"]
-    docked = np.flatnonzero(np.diff(truth[:, 6]) != 0.0)[0] + 1
-    for at_s in [0.0, *np.linspace(0.03, 3.9, 8), time_s[docked - 1], time_s[docked] - 0.001, time_s[docked]]:
-        page.evaluate(f"massprop.seek({at_s})")
-        shown = page.evaluate(
+    time_s = flight.time_s
+    docked = int(np.searchsorted(time_s, DOCKED_S))
+    for at_s in [0.0, *np.linspace(0.03, 5.9, 8), time_s[docked - 1], time_s[docked] - 0.001, time_s[docked]]:
+        replay.page.evaluate(f"massprop.seek({at_s})")
+        shown = replay.page.evaluate(
             """() => {
                 const place = (...path) => massprop.node("world", "body", "structure", ...path).position.toArray();
                 return {center: place(), estimate: place("estimate"),
@@ -100,9 +157,9 @@ def test_what_is_shown_is_what_the_log_says_at_that_time(opened: Any, docking_ru
             }"""
         )
         row = int(np.searchsorted(time_s, at_s + 1e-9, side="right")) - 1  # never one that is still to come
-        np.testing.assert_allclose(shown["center"], -truth[row, 6:9], rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(shown["estimate"], docking_run["estimate"][row, 6:9], rtol=1e-6, atol=1e-9)
-        assert shown["payload"] == (at_s >= 2.0 - 1e-9)
+        np.testing.assert_allclose(shown["center"], -flight["truth"][row, 6:9], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(shown["estimate"], flight["estimate"][row, 6:9], rtol=1e-6, atol=1e-9)
+        assert shown["payload"] == (at_s >= DOCKED_S - 1e-9)
 
 
 def test_the_body_turns_between_samples(replay: Any, stuck_run: Run) -> None:
@@ -135,8 +192,9 @@ def test_a_leak_has_a_smaller_plume_and_the_flown_path_goes_by(replay: Any, stuc
 def test_events_addresses_and_the_pointer_lead_to_their_place(replay: Any, stuck_run: Run) -> None:
     page, found_s = replay.page, stuck_run.results.detections[0].time_s
     ticks = page.eval_on_selector_all("#mp-events button", "all => all.map(one => one.title)")
-    assert ticks == ["1.00 s: jet R4R: stuck on", f"{found_s:.2f} s: declared: jet R4R: stuck on"]
-    page.locator("#mp-events button").last.click()
+    declared = f"{found_s:.2f} s: declared: jet R4R: stuck on"
+    assert ticks == ["1.00 s: jet R4R: stuck on", declared, "2.00 s: payload: dock"]
+    page.locator("#mp-events button").nth(1).click()
     assert page.inner_text("#mp-time") == f"{found_s:.2f} s"
     page.evaluate("location.hash = '#t=2.5'")
     replay.until("massprop.time() === 2.5")
@@ -147,18 +205,18 @@ def test_events_addresses_and_the_pointer_lead_to_their_place(replay: Any, stuck
     assert "cluster 12" in page.inner_text("#mp-hover")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
-def test_every_jet_is_within_the_window(replay: Any, width: int, height: int) -> None:
+def test_every_jet_is_within_the_window(replay: Any) -> None:
     page = replay.page
-    page.set_viewport_size({"width": width, "height": height})
-    replay.until(f"innerWidth === {width}")
-    replay.painted()
-    places = page.evaluate(
-        "JSON.parse(document.getElementById('data').textContent).scene.jets.map("
-        "jet => massprop.onScreen(massprop.node('world', 'body', 'structure'), ...jet.place))"
-    )
-    assert all(0 < x < width and 0 < y < height for x, y in places)
-    assert np.ptp([x for x, _ in places]) > 0.3 * width
+    for width, height in ((1400, 900), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        replay.until(f"innerWidth === {width}")
+        replay.painted()
+        places = page.evaluate(
+            "JSON.parse(document.getElementById('data').textContent).scene.jets.map("
+            "jet => massprop.onScreen(massprop.node('world', 'body', 'structure'), ...jet.place))"
+        )
+        assert all(0 < x < width and 0 < y < height for x, y in places)
+        assert np.ptp([x for x, _ in places]) > 0.3 * width
 
 
 def picture(replay: Any, time_s: float) -> np.ndarray:
@@ -175,7 +233,7 @@ def orange(pixels: np.ndarray) -> int:
 
 
 def test_failed_jets_and_plumes_are_seen(replay: Any, stuck_run: Run) -> None:
-    before, after = picture(replay, 0.96), picture(replay, 3.0)
+    before, after = picture(replay, 0.96), picture(replay, 1.9)
     assert (np.abs(before[..., :3] - after[..., :3]).max(axis=2) > 0.15).sum() > 100
     for words in ("found: jet R4R: stuck on", "failed: jet R4R: stuck on"):
         assert words in replay.page.inner_text("#mp-now")
@@ -188,29 +246,30 @@ def test_failed_jets_and_plumes_are_seen(replay: Any, stuck_run: Run) -> None:
         assert faint(replay.page, 15) == []
 
 
-# in the page's own time: a busy machine may hear of it when the run has ended, and a click then plays it again
-PAUSED_AT_A_FIFTH = """() => new Promise(said => {
-    const button = document.getElementById("mp-play");
-    const look = () => {
-        if (massprop.time() <= 0.2) { requestAnimationFrame(look); return; }
-        button.click();
-        said(button.innerText);
-    };
-    look();
-})"""
-
-
 def test_it_plays(replay: Any) -> None:
+    """In the page's own time: a busy machine may hear of it when the run has ended, and a click then plays it again."""
     replay.page.click("#mp-play")
-    assert replay.page.evaluate(PAUSED_AT_A_FIFTH) == "Play"
+    paused = replay.page.evaluate(
+        """() => new Promise(said => {
+            const button = document.getElementById("mp-play");
+            const look = () => {
+                if (massprop.time() <= 0.2) { requestAnimationFrame(look); return; }
+                button.click();
+                said(button.innerText);
+            };
+            look();
+        })"""
+    )
+    assert paused == "Play"
 
 
 def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -> None:
     """The page of a run that is being computed, read at its end: clock, rates, lights, marks and positions."""
-    live = Live(stuck_run.scenario, float("inf"))
+    scenario = stuck_run.scenario.model_copy(update={"duration_s": 2.0})
+    live = Live(scenario, float("inf"))
     page = browser.new_page()
     page.goto(live.address)
-    run = simulate(stuck_run.scenario, watch=live)
+    run = simulate(scenario, watch=live)
     last = run.time_s.size - 2  # watched are the samples before the one at the end
     while page.evaluate("window.massprop ? massprop.time() : -1") < run.time_s[last] - 1e-6:
         page.wait_for_timeout(100)
@@ -226,3 +285,17 @@ def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -
     page.evaluate("massprop.seek(0.5)")  # and what has been seen can be played again
     assert page.inner_text("#mp-time") == "0.50 s"
     page.close()
+
+
+def test_the_scene_moves_the_links(opened: Any, arm_run: Run, arm_page: str, tmp_path: Path) -> None:
+    (tmp_path / "replay.html").write_text(arm_page, encoding="utf-8")
+    page = opened(tmp_path / "replay.html").page
+
+    def shown(link: int, time_s: float) -> list[float]:
+        path = f'"world", "body", "structure", "links", "{link}"'
+        return page.evaluate(f"(massprop.seek({time_s}), massprop.node({path}).position.toArray())")
+
+    for link, place in _arm_links(arm_run, 5).items():
+        np.testing.assert_allclose(shown(link, arm_run.time_s[5]), place, atol=1e-5)
+    mean = 0.5 * (np.array(_arm_links(arm_run, 5)[3]) + _arm_links(arm_run, 6)[3])
+    np.testing.assert_allclose(shown(3, 0.5 * arm_run.time_s[5:7].sum()), mean, atol=1e-5)

@@ -157,6 +157,8 @@ def test_percent_error_is_relative_to_the_size_of_the_truth() -> None:
     assert not np.isnan(percent_error(np.zeros(10), truth)).any()
     error = percent_error(np.full(10, 0.1), np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 2.2e-311, 0.0, 0.0, 1.0]))
     assert np.isnan(error[6])  # which no number can hold
+    truth[6:10] = [2e-9, 9e-10, 0.0, 4.0]  # a center at the origin: 1e-9 of the radius of gyration, sqrt(4 / 1)
+    assert np.isnan(percent_error(np.ones(10), truth)[6:9]).all()
     assert error[0] == pytest.approx(-90.0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,24 @@ from massprop_drake.maths.estimation.detector import STATUS, Verdict
 from massprop_drake.results.detections import (
     JUMP,
     DetectionRecord,
-    detection_entries,
+    bound_jump_times,
     fault_mode,
     finalize_detections,
     in_words,
     note_mass_before_jumps,
+    onset_in_words,
+    update_detections,
 )
+from massprop_drake.results.events import list_events
 
 SI = {"force": "N", "mass": "kg", "length": "m"}
 JET = DetectionRecord(10.0, 11.0, "jet_on", 3, "T7", "jet", 0.05, 0.0012, 50.0, 2, jets=("T7",), thrust=1.0)
 PAYLOAD = DetectionRecord(10.0, 11.0, JUMP, None, None, None, None, None, 50.0, 2)
 STUCK_ON = DetectionRecord(50.0, 50.16, "jet_on", 12, "R4R", "jet", 868.0, 2.0, 1.0e4, 3, jet_index=28)
+
+
+def detection_entries(vehicle: Vehicle, time_s: Any, signals: Any, earlier: Any = ()) -> list[DetectionRecord]:
+    return update_detections(vehicle, list_events(vehicle, vehicle.sensor_names(), time_s, signals), earlier)
 
 
 def force(magnitude: float, std: float = 0.0012, **more: Any) -> DetectionRecord:
@@ -137,3 +145,45 @@ def test_a_jump_is_as_large_as_the_mass_before_and_after_differ(orbiter: Vehicle
     (at_once, blind) = (note_mass_before_jumps([PAYLOAD], *given, deviation)[0] for given in
                         ((time_s + 1.0, reciprocal), (time_s, unknown)))  # fmt: skip
     assert (at_once.before, blind.before) == (None, None)
+
+
+TIME_S = np.arange(40) * 0.5
+STEPS = {"gyro": 0.1}
+
+
+def jump(onset_s: float, time_s: float = 18.0) -> DetectionRecord:
+    return PAYLOAD._replace(onset_s=onset_s, time_s=time_s)
+
+
+def blocks(fired: list[int], alarms: list[int], moved: int | None = None, *, rows: int = 7) -> Iterator[dict[str, Any]]:
+    """Commands of two jets in the intervals after some rows, alarms at some, and a gyro that moves once."""
+    command, gyro, alarm = np.zeros((40, 2)), np.zeros((40, 3)), np.zeros((40, 1))
+    command[fired, 1], alarm[alarms] = 1.0, 1.0
+    if moved is not None:
+        gyro[moved:, 2] = 1.0
+    whole = {"time_s": TIME_S, "command": command, "gyro": gyro, "alarm": alarm}
+    for first in range(0, TIME_S.size, rows):
+        yield {name: values[first : first + rows] for name, values in whole.items()}
+
+
+@pytest.mark.parametrize("rows", [1, 7, 40])
+def test_nothing_tells_the_moment_from_the_last_firing_to_the_next_alarm(rows: int) -> None:
+    found = bound_jump_times([jump(9.0), jump(12.0)], blocks([4, 6, 20, 30], [8, 21, 22, 31], rows=rows), STEPS)
+    assert [(one.earliest_s, one.latest_s) for one in found] == [(3.5, 10.5), (10.5, 15.5)]
+    assert onset_in_words(found[0]) == "begun between 3.50 and 10.50 s"
+
+
+@pytest.mark.parametrize(
+    ("record", "fired", "alarms", "moved", "within"),
+    [
+        (jump(9.0), [17, 18, 19], [20], None, (9.0, 10.0)),  # while something acts it was after the comparison begins
+        (jump(9.0), [4], [20], 18, (9.0, 10.0)),
+        (jump(9.0, 12.0), [], [30], None, (0.0, 12.0)),  # between the beginning and its declaration
+        (jump(9.0)._replace(kind="jet_on"), [], [], None, (None, None)),
+    ],
+)
+def test_it_lies_where_nothing_shows_it(
+    record: DetectionRecord, fired: list[int], alarms: list[int], moved: int | None, within: tuple[float, float]
+) -> None:
+    (found,) = bound_jump_times([record], blocks(fired, alarms, moved), STEPS)
+    assert (found.earliest_s, found.latest_s) == within

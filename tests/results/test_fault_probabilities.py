@@ -46,18 +46,15 @@ def test_those_at_the_end_are_listed_the_likeliest_first(orbiter: Vehicle, stuck
     assert (found.jets[names[3]].probability, found.none) == (1.0, 0.0)
     found = ended(orbiter, odds(N, {3: 0.5})._replace(forces=np.full(N, np.nan)))
     assert found.jets[names[3]][2:] == (None, None)  # a force that no hypothesis has
+    words = (None, "stuck_on", "leak", "stuck_off", "loss", "drift", "intermittent")
+    codes = (Mode.NONE, Mode.STUCK_ON, Mode.LEAK, Mode.STUCK_OFF, Mode.LOSS, Mode.DRIFTING, Mode.INTERMITTENT)
+    for code, word in zip(codes, words, strict=True):
+        one = odds(N, {3: 0.5})
+        assert ended(orbiter, one._replace(modes=np.full_like(one.modes, float(code)))).jets[names[3]].mode == word
     assert stuck_run.summary["fault_probability"] is None
     spool = Spool()
     spool.append(LAYOUT.columns(np.full((2, LAYOUT.size), np.nan)))
     assert final_probabilities(orbiter, spool) is None  # of a detector that gives none
-
-
-def test_every_mode_has_its_word(orbiter: Vehicle) -> None:
-    words = {Mode.NONE: None, Mode.STUCK_ON: "stuck_on", Mode.LEAK: "leak", Mode.STUCK_OFF: "stuck_off"}
-    one, jet = odds(N, {3: 0.5}), orbiter.designations[3]
-    for code, word in {**words, Mode.LOSS: "loss", Mode.DRIFTING: "drift", Mode.INTERMITTENT: "intermittent"}.items():
-        modes = np.where(one.modes > 0.0, float(code), 0.0)
-        assert ended(orbiter, one._replace(modes=modes)).jets[jet].mode == word
 
 
 def test_the_summary_has_them_by_jet_and_reads_them_back(short_run: Run) -> None:

@@ -12,8 +12,7 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.faults.fault_report import History, hypothesis_report_row
 from massprop_drake.results.consistency import Tally
-from massprop_drake.results.monitoring import FlightMonitor
-from massprop_drake.results.recent import empty_recent
+from massprop_drake.results.monitoring import FlightMonitor, empty_recent
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summarize import exclude_explained
 from massprop_drake.systems.layouts import HYPOTHESIS_REPORT, JOINT_REPORT, MASS_REPORT, ROTATION_REPORT

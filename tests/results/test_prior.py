@@ -18,11 +18,12 @@ def case(name: str, std_fraction: float = STATED) -> Scenario:
     return load_scenario(name, ["estimation.start=nominal", f"estimation.std_fraction={std_fraction}"])
 
 
-def known_well(scenario: Scenario, commanded: float = 0.0) -> Spool:
-    """Signals of a run that leaves hardly any doubt, with every jet on for some samples."""
-    signals = Spool(None, index="time_s")
-    command = np.full((1, len(scenario.vehicle_data.jets)), commanded)
-    signals.append({"time_s": np.zeros(1), "standard_deviation": np.full((1, 10), 1e-12), "command": command})
+def known_well(scenario: Scenario, *shares: float) -> Spool:
+    """Signals of a run that leaves hardly any doubt, with every jet on for a share of each sample but the last."""
+    rows, signals = len(shares) + 1, Spool(None, index="time_s")
+    command = np.repeat([[*shares, 9.0]], len(scenario.vehicle_data.jets), axis=0).T
+    time_s = scenario.vehicle_data.sample_period_s * np.array([0.0, 1.0, 2.0, 3.0, 5.0])[:rows]
+    signals.append({"time_s": time_s, "standard_deviation": np.full((rows, 10), 1e-12), "command": command})
     return signals
 
 
@@ -82,11 +83,6 @@ def test_propellant_that_was_used_is_no_contradiction(monkeypatch: pytest.Monkey
     assert find_contradiction(scenario, known_well(scenario), end) is not None
     assert find_contradiction(scenario, known_well(scenario, samples), end) is None
     # where sensors have their own rates, a command lasts until the next row
-    rows, period = 5, vehicle.sample_period_s
-    signals, jets = Spool(None, index="time_s"), len(vehicle.jets)
-    share = np.array([0.0, 0.0, 1.0, 0.5, 9.0])[:, None]  # the last row commands nothing more
-    command = np.repeat(share * samples, jets, axis=1) / 2.0
-    sigmas = np.full((rows, 10), 1e-12)
-    signals.append({"time_s": period * np.array([0, 1, 2, 3, 5.0]), "standard_deviation": sigmas, "command": command})
     monkeypatch.setattr(params, "steps_by_readings", lambda _: True)
+    signals = known_well(scenario, 0.0, 0.0, 0.5 * samples, 0.25 * samples)
     assert find_contradiction(scenario, signals, end) is None

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from massprop_drake import InputError, Run
+from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import NAMES, derive_mass_and_inertia
+from massprop_drake.maths.signals import SYMBOLS
+from massprop_drake.results import table
 from massprop_drake.results.json_arrays import parameters_from_names
 from massprop_drake.results.summary import Parameter, Summary
 
@@ -117,6 +120,19 @@ def test_the_parameters_stand_by_name(short_run: Run) -> None:
     results = short_run.results
     assert tuple(one.name for one in results.parameters) == NAMES
     columns = (results.estimates, results.standard_deviations, results.truth, results.percent_error)
-    assert results.parameters[8] == Parameter("z_cm", *(column[8] for column in columns))
+    assert results.parameters[8][:-1] == ("z_cm", *(column[8] for column in columns))
     for estimate, inside in ((2.299, True), (1.701, True), (2.301, False), (1.699, False), (math.nan, False)):
         assert Parameter("x_cm", estimate, 0.1, 2.0, math.nan).within_three_sigma is inside
+
+
+def test_no_percentage_refers_to_what_is_as_good_as_zero(short_run: Run) -> None:
+    """Products of the truth and of the estimate, and a center that rounding has left at the origin."""
+    known, units = short_run.results, short_run.scenario.vehicle_data.unit_names
+    zero = np.where(np.isin(np.arange(10), range(3, 9)), 1e-13 * known.truth[1], known.truth)
+    for name, column in (("truth", 4), ("estimates", 6)):  # of a row its error, or its 1-sigma, in percent
+        error = mass_properties.percent_error(*(zero if one == name else known.truth for one in ("estimates", "truth")))
+        results = replace(known, **{name: zero, "percent_error": error})
+        results = replace(results, derived=derive_mass_and_inertia(results.estimates, results.covariance))
+        rows = [row for part in table.property_rows(results, units) for row in part]
+        dashed = {row.symbol for row in rows if row[column] == "-"}
+        assert dashed == {row.symbol for row in rows} - {"m", "Ixx", "Iyy", "Izz", *SYMBOLS[:3], "1/m"}

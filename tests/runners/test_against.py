@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import Run, estimate, load_scenario, simulate
-from massprop_drake.display import plots
+from massprop_drake.display import motion_plots, plots
 from massprop_drake.display.page import report_html
 from massprop_drake.errors import InputError
 from massprop_drake.results import table
@@ -108,11 +108,11 @@ def test_it_is_kept_shown_and_read_back(runs: Path, tmp_path: Path) -> None:
     assert Summary.from_json(run.results.as_json()).against == run.results.against
     assert again.units["against.gyro"] == "rad/s"
     assert {"against_rates", "against_velocities"} <= set(plots.available_plots(plots.source(again)))
-    read, simulated = plots.against_rates(plots.source(again)).panels[2].marks
+    read, simulated = motion_plots.against_rates(plots.source(again)).panels[2].marks
     np.testing.assert_allclose(simulated.y, np.degrees(run["against.gyro"][:, 1]))  # type: ignore[union-attr]
     assert read.label == "gyro, as read"  # type: ignore[union-attr]
     html = report_html(again)
-    (cells,) = table.cause_rows(said(run))
+    (cells,) = table.cause_sheet(said(run)).rows
     for cell in cells:
         assert cell in html
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from massprop_drake.display.export.content import Content as Content
-from massprop_drake.display.export.content import Outline, SampleBlock
+from massprop_drake.display.export.content import SampleBlock
 from massprop_drake.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,11 +95,6 @@ class Replay:
         self.address: str = self._viewer.address
         self.is_served: bool = self._viewer.is_served
 
-    @property
-    def outline(self) -> Outline:
-        """Part of the content that does not change during the run."""
-        return self._content.outline
-
     def play(self) -> None:
         """Waits for a viewer, then sends everything at its time; ends with the run."""
         try:
@@ -109,7 +104,7 @@ class Replay:
             began = time.monotonic()
             for rows in self._content.stretches():
                 for part in _split_block(rows, round(1e9 * _FRAME_S * self._speed)):
-                    due_s = 1e-9 * int(part.time_ns[0] - self.outline.start_ns) / self._speed
+                    due_s = 1e-9 * int(part.time_ns[0] - self._content.outline.start_ns) / self._speed
                     time.sleep(max(0.0, began + due_s - time.monotonic()))
                     self._viewer.put(part)
         finally:

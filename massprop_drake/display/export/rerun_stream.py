@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ class RerunStream:
 
     def begin(self) -> None:
         """Logs the constant part: the vehicle's surface, the frames of its jets, and names of curves."""
-        outline, put = self._outline, self._put_static
+        outline, put = self._outline, partial(self._recording.log, static=True)
         self._recording.send_recording_name(outline.title)
         put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
         put(_frame_path(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
@@ -102,9 +103,6 @@ class RerunStream:
                 text=[f"{one.source}: {one.text}" for one in said], level=[_LEVELS[one.level] for one in said]
             )
             self._send(_EVENTS, times, texts)
-
-    def _put_static(self, path: str, part: Any) -> None:
-        self._recording.log(path, part, static=True)
 
     def _send(self, path: str, time_ns: NDArray[np.int64], columns: Iterable[Any]) -> None:
         if not time_ns.size:

@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
 )
 from massprop_drake.maths.estimation.faults.fault_report import hypothesis_report_row, no_fault_odds, status_row
 from massprop_drake.maths.estimation.joint.apart import Apart
-from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size_in_words
+from massprop_drake.results.detections import DetectionRecord, remarks, size_in_words, update_detections
 from massprop_drake.results.events import EventRecord, in_words, list_events
 
 N = 44
@@ -43,7 +43,7 @@ def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
 
 
 def recorded(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[DetectionRecord]:
-    return detection_entries(vehicle, 5.0 + np.arange(len(samples)), signals_of(*samples))
+    return update_detections(vehicle, heard(vehicle, *samples))
 
 
 def heard(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[EventRecord]:
@@ -88,7 +88,7 @@ def test_everything_that_is_said_is_an_event(said: Declaration, event: Verdict, 
     signals = signals_of((said,))
     assert signals["detector_event"][0, 0] == event
     assert signals["onset"][0, 0] == 4.0
-    known = len(detection_entries(orbiter, np.zeros(1), signals))
+    known = len(recorded(orbiter, (said,)))
     assert known == (1 if event in (Verdict.DECLARED, Verdict.JUMP) else 0)
 
 
