@@ -16,7 +16,7 @@ from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results import detections, table, unconfirmed
 from massprop_drake.results import events as said
 from massprop_drake.results.against import Against
-from massprop_drake.results.consistency import INCONSISTENT
+from massprop_drake.results.consistency import CONSISTENT, INCONSISTENT, TOO_LITTLE, Consistency
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size_in_words
 from massprop_drake.results.fault_probabilities import format_probability
 from massprop_drake.results.folder import write_page
@@ -123,6 +123,7 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
 
+    sentences += _consistency_sentence(results.consistency)
     known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.standard_deviation)]
     if known:
         inside = sum(one.within_three_sigma for one in known)
@@ -136,10 +137,6 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
         of_it = [symbol for symbol, one in zip(SYMBOLS, results.identifiability, strict=False) if one.flag == flag]
         if of_it:
             say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
-    if results.consistency.verdict == INCONSISTENT:
-        reasons = results.consistency.reasons
-        more = f" and {len(reasons) - 1} more, below" if len(reasons) > 1 else ""
-        say(False, f"Inconsistent, so that a 1-sigma may say too little: {reasons[0]}{more}.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
     for good, text in _failure_sentences(results, run.scenario.vehicle_data.unit_names):
@@ -155,6 +152,19 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
     for text in _record_sentences(results):
         say(False, text)
     return sentences
+
+
+def _consistency_sentence(judged: Consistency) -> list[dict[str, Any]]:
+    """Writes the verdict on the innovations, as one sentence; none where it is empty."""
+    if judged.verdict == INCONSISTENT:
+        more = f" and {len(judged.reasons) - 1} more, below" if len(judged.reasons) > 1 else ""
+        text = f"Inconsistent, so that a 1-sigma may say too little: {judged.reasons[0]}{more}."
+        return [{"good": False, "text": text}]
+    if judged.verdict == CONSISTENT:
+        return [{"good": True, "text": "Consistent: the readings contradict none of the stated uncertainties."}]
+    if judged.verdict == TOO_LITTLE:
+        return [{"good": None, "text": "Too few samples to judge whether the readings fit the stated uncertainties."}]
+    return []
 
 
 def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str]:

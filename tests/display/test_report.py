@@ -60,6 +60,7 @@ def test_what_a_run_may_say_is_said_where_it_is_so(html: str, stuck_run: Run) ->
     never = {**stuck_run.signals, "tested": np.zeros_like(late)}
     said = {
         "so that a 1-sigma may say too little: the lag is off and 1 more, below.": {"consistency": judged},
+        "Too few samples to judge": {"consistency": known.consistency._replace(verdict="not enough data")},
         "<p>At the end: failed with probability: F1U 0.25 (loss, -10.0 ± 2.5 lbf).</p>": {"fault_probability": told},
         "Not found as what it is: R4R stuck on; see below.": {"injected": (missed,), "detections": ()},
         'bad">not found</td>': {"injected": (missed,), "detections": ()},
@@ -73,6 +74,7 @@ def test_what_a_run_may_say_is_said_where_it_is_so(html: str, stuck_run: Run) ->
     for words, changes in said.items():
         assert words in report_html(altered(stuck_run, **changes))
         assert words not in html
+    assert "Consistent: the readings contradict none of the stated uncertainties." in html
     assert "0.25" not in summary_html(stuck_run)
     declared_s = known.detections[0].time_s
     assert f'href="replay.html#t={declared_s:.3f}"' in report_html(stuck_run, replay="replay.html")
