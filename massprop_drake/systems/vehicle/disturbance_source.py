@@ -11,8 +11,9 @@ from pydrake.systems.framework import LeafSystem_
 from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.vehicle.disturbance import (
     DisturbanceModel,
-    add_disturbance,
+    add_wrench,
     draw_initial_deviation,
+    move_to_origin,
     next_deviation,
 )
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
@@ -110,7 +111,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation
-            output.SetFromVector(add_disturbance(self._jets.Eval(context), total, center, self._pieces))
+            output.SetFromVector(add_wrench(self._jets.Eval(context), move_to_origin(total, center), self._pieces))
 
         def _update(self, context: Any, state: Any) -> None:
             state.set_value(np.append(self._coming(context), T(1.0)))

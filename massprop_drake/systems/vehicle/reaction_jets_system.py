@@ -14,10 +14,9 @@ from massprop_drake.maths.vehicle.reaction_jets import (
     JetThrusts,
     LevelCourse,
     draw_thrust_factors,
-    jets_params,
     level_course,
     level_now,
-    pack_jets,
+    make_jets,
     profile_by_pieces,
     profile_size,
     propellant_used,
@@ -135,7 +134,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 "compiled": compiled,
             }
             n_jets = wrenches.shape[0]
-            self._nominal = jets_params(wrenches, time_constants_s, period_s)
+            self._nominal = make_jets(wrenches, time_constants_s, period_s)
             self._thrusts = self._nominal.forces if thrusts is None else thrusts
             self._compiled = compiled and T is float
             self._kernel = compile_kernel_if(vehicle_ports.forces_and_profile, self._compiled)
@@ -210,7 +209,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         @property
         def lag_time_constants_s(self) -> tuple[float, ...]:
             """Distinct positive time constants, s, in the order of `wrench_profile`."""
-            return self._nominal.classes.time_constants_s
+            return tuple(self._nominal.class_constants_s.tolist())
 
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
             """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
@@ -220,7 +219,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._made["planar"]:
                 floor = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             wrenches = true_wrenches(self._made["wrenches"], factors, floor)
-            jets = pack_jets(jets_params(wrenches, self._time_constants_s, self._period_s))
+            jets = make_jets(wrenches, self._time_constants_s, self._period_s)
             table = failure_table(leaks_as_levels(self._failures, factors * self._thrusts))
             return jets, make_holder(Jets(jets, table, self._period_s), self._compiled)
 
