@@ -62,11 +62,8 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle, pieces, tanks = (
-        scenario.vehicle_data,
-        pilot_params.max_pieces_per_sample(scenario),
-        true_params.true_tanks(scenario),
-    )
+    vehicle, tanks = scenario.vehicle_data, true_params.true_tanks(scenario)
+    pieces = pilot_params.max_pieces_per_sample(scenario)
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
