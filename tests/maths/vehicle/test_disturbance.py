@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_factor, move_to_origin, next_deviation
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_factor, next_deviation
 
 STD = np.array([2.0, 0.0, 3.0, 1.0, 0.5, 4.0])
 
@@ -25,9 +25,3 @@ def test_size_and_memory_over_a_long_time() -> None:
     for lag in (1, 5, 20):
         correlation = (values[lag:] * values[:-lag]).mean(axis=0)
         assert_allclose(correlation[STD > 0.0] / STD[STD > 0.0] ** 2, kept**lag, rtol=0.0, atol=0.15)
-
-
-def test_a_force_at_the_center_of_mass_turns_about_the_origin() -> None:
-    # (1, 0, 0) x (0, 0, 3) = (0, -3, 0)
-    moved = move_to_origin(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0]))
-    assert_array_equal(moved, [0.5, -3.0, 0.0, 0.0, 0.0, 3.0])
