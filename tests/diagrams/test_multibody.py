@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from multibody_probe import ARM, arm
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
@@ -104,7 +106,7 @@ def test_a_plant_of_ones_own_is_flown_and_estimated() -> None:
 
 
 def test_the_documentations_script_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "multibody.md").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "multibody.md").read_text(encoding="utf-8")
     script = page.partition("```python\n")[2].partition("```")[0]
     assert len([line for line in script.splitlines() if line]) <= 30
     monkeypatch.chdir(tmp_path)
@@ -113,6 +115,15 @@ def test_the_documentations_script_runs(tmp_path: Path, monkeypatch: pytest.Monk
     exec(script.replace('"plant.kind', '"duration_s=1", "plant.kind'), {})
     assert Run.load("runs/mine")["command"].any()
     assert Path("runs/mine/report.html").exists()
+
+
+def test_the_tutorial_of_a_named_thruster_has_thirty_lines_at_most() -> None:
+    text = (REPOSITORY / "docs" / "tutorials" / "named_thruster.py").read_text(encoding="utf-8")
+    docstring, *code = ast.parse(text).body
+    lines = [line for line in text.splitlines()[docstring.end_lineno :] if line and not line.startswith("#")]
+    assert len(lines) <= 30
+    assert all(len(line) <= 98 and ";" not in line for line in lines)
+    assert len({statement.lineno for statement in code}) == len(code)
 
 
 OWN = arm()

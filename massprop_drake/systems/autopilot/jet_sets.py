@@ -18,7 +18,7 @@ def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
     Args:
         craft: see `Craft`.
     """
-    found = [(jet,) for jet in craft.jets.tolist()]
+    found: list[tuple[int, ...]] = [(jet,) for jet in craft.jets.tolist()]
     if not found:
         return []
     activity = activity_vectors(craft.params.wrenches, craft.properties)
