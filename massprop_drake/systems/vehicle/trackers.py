@@ -64,7 +64,8 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _calc(self, context: Any) -> Any:
             if not self._is_due(context):
-                return np.full(self._sizes[1], np.nan)
+                _, size, _ = self._sizes
+                return np.full(size, np.nan)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             return self._read(self._body_state.Eval(context), center, self._noise.Eval(context))
 
