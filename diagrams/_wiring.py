@@ -28,11 +28,6 @@ class Diagram(framework.Diagram):  # type: ignore[misc]
         return f"<Diagram '{self.get_name()}' of {parts}: {self.num_input_ports()} in, {self.num_output_ports()} out>"
 
 
-def build_diagram(builder: DiagramBuilder, name: str) -> Diagram:
-    """Builds a diagram under a name."""
-    return Diagram(builder, name)
-
-
 def connect_estimation(
     builder: DiagramBuilder,
     vehicle: framework.Diagram,

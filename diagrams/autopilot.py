@@ -9,9 +9,9 @@ and stands between the gyro and the phase-space controller.
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
-from massprop_drake.diagrams._wiring import ONSETS, build_diagram
+from massprop_drake.diagrams._wiring import ONSETS, Diagram, export_outputs
 from massprop_drake.inputs import pilot_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
@@ -46,10 +46,8 @@ def build(scenario: Scenario) -> Diagram:
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate, compiled=compiled)
     )
     controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, compiled=compiled))
-    selection = builder.AddNamedSystem(
-        "jet_selection",
-        JetSelection(**pilot_params.jet_selection_arguments(scenario), compiled=compiled),
-    )
+    arguments = pilot_params.jet_selection_arguments(scenario)
+    selection = builder.AddNamedSystem("jet_selection", JetSelection(**arguments, compiled=compiled))
 
     for system in (reference, controller):
         builder.Connect(controllers.GetOutputPort("hand_controllers"), system.GetInputPort("hand_controllers"))
@@ -71,15 +69,11 @@ def build(scenario: Scenario) -> Diagram:
         for name in names:
             builder.ExportInput(wheels.GetInputPort(name), name)
         builder.ExportOutput(wheels.GetOutputPort("wheel_torque"), "wheel_torque")
-    builder.ExportInput(selection.GetInputPort("estimate"), "estimate")
-    builder.ExportInput(selection.GetInputPort("converged"), "converged")
-    builder.ExportInput(selection.GetInputPort("reconfiguration"), "reconfiguration")
-    builder.ExportInput(selection.GetInputPort("prescribed"), "prescribed")
+    for name in ("estimate", "converged", "reconfiguration", "prescribed"):
+        builder.ExportInput(selection.GetInputPort(name), name)
     for name in ("command", "held_command", *filter(selection.HasOutputPort, ONSETS)):
         builder.ExportOutput(selection.GetOutputPort(name), name)
-    builder.ExportOutput(controllers.GetOutputPort("hand_controllers"), "hand_controllers")
-    builder.ExportOutput(reference.GetOutputPort("attitude_error"), "attitude_error")
-    builder.ExportOutput(controller.GetOutputPort("request"), "request")
+    export_outputs(builder, (controllers, reference, controller))
     builder.ExportOutput(selection.GetOutputPort("counts"), "selection_counts")
     builder.ExportOutput(selection.GetOutputPort("out_of_use"), "out_of_use")
-    return build_diagram(builder, "autopilot")
+    return Diagram(builder, "autopilot")

@@ -9,12 +9,12 @@ autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimati
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.diagrams._wiring import (
     ONSETS,
-    build_diagram,
+    Diagram,
     connect_engine_commands,
     connect_estimation,
     connect_wheels,
@@ -75,4 +75,4 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     wheels = connect_wheels(builder, body, pilot, scenario)
     engines = connect_engine_commands(builder, body, scenario)
     export_outputs(builder, (body, pilot, estimators, *wheels, *engines))
-    return build_diagram(builder, "closed_loop")
+    return Diagram(builder, "closed_loop")

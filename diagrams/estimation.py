@@ -112,17 +112,11 @@ class MassPropertyEstimator(Diagram):
     def __init__(self, vehicle: Vehicle | Scenario, name: str = "estimation", *, findings: bool = True):
         scenario = vehicle if isinstance(vehicle, Scenario) else resolve_scenario({"vehicle": vehicle})
         builder = DiagramBuilder()
-        _add_parts(builder, scenario, findings=findings)
+        (_add_thesis if scenario.estimation.filter == "thesis" else _add_cycle)(builder, scenario)
+        if findings:
+            _add_findings(builder, scenario)
         super().__init__(builder, name)
         self.scenario = scenario
-
-
-def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -> None:
-    """Adds the estimators and the systems that follow them, and exports their ports."""
-    add = _add_thesis if scenario.estimation.filter == "thesis" else _add_cycle
-    add(builder, scenario)
-    if findings:
-        _add_findings(builder, scenario)
 
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:

@@ -5,12 +5,12 @@ jet_schedule --command, held_command--> vehicle --gyros, accelerometers--> estim
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from massprop_drake.diagrams import estimation, vehicle
 from massprop_drake.diagrams._wiring import (
     ONSETS,
-    build_diagram,
+    Diagram,
     connect_engine_commands,
     connect_estimation,
     connect_wheels,
@@ -48,4 +48,4 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     wheels = connect_wheels(builder, body, schedule, scenario)
     engines = connect_engine_commands(builder, body, scenario)
     export_outputs(builder, (body, schedule, estimators, *wheels, *engines))
-    return build_diagram(builder, "open_loop")
+    return Diagram(builder, "open_loop")

@@ -5,10 +5,10 @@ telemetry_source --sensors, jet_commands, outside_wrench--> estimation --> estim
 
 from __future__ import annotations
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from massprop_drake.diagrams import estimation
-from massprop_drake.diagrams._wiring import ONSETS, build_diagram, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, Diagram, export_outputs
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
@@ -47,4 +47,4 @@ def build(scenario: Scenario, *, first_row: int = 0, findings: bool = False) -> 
             builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
 
     export_outputs(builder, (source, estimators))
-    return build_diagram(builder, "replay")
+    return Diagram(builder, "replay")

@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 
-from massprop_drake.diagrams._wiring import ONSETS, build_diagram, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, Diagram, export_outputs
 from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import PlantBlock
@@ -62,11 +62,8 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle, pieces, tanks = (
-        scenario.vehicle_data,
-        pilot_params.max_pieces_per_sample(scenario),
-        true_params.true_tanks(scenario),
-    )
+    vehicle, tanks = scenario.vehicle_data, true_params.true_tanks(scenario)
+    pieces = pilot_params.max_pieces_per_sample(scenario)
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
@@ -128,7 +125,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             builder.ExportInput(port, port.get_name())
     export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
-    return build_diagram(builder, "vehicle")
+    return Diagram(builder, "vehicle")
 
 
 def _add_other_forces(

@@ -29,7 +29,7 @@ from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_fac
 from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
 from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.maths.vehicle.mounting import true_mounted_wrenches
-from massprop_drake.maths.vehicle.reaction_jets import jets_params, true_wrenches
+from massprop_drake.maths.vehicle.reaction_jets import make_jets, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
     Jump,
@@ -42,8 +42,8 @@ from massprop_drake.maths.vehicle.sensing import (
     Draws,
     SensorModel,
     Tone,
+    TruePackage,
     add_drawn_phases,
-    make_package,
     make_vibration,
     smoothing_factor,
 )
@@ -117,11 +117,8 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
     period = vehicle.sample_period_s
     body = initial_state(properties.mass)
     body[RATE] = np.array(scenario.plant.initial_rate)
-    jets = jets_params(
-        plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
-    )
     packages = tuple(
-        make_package(
+        TruePackage(
             sensor.name,
             sensor_model(scenario, sensor),
             np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
@@ -132,7 +129,8 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
     return VehicleParams(
         period_s=period,
         seed=scenario.seed,
-        jets=jets,
+        jets=make_jets(plant_wrenches(scenario), plant_time_constants(scenario), period),
+        failures=jet_failures(scenario),
         packages=packages,
         disturbance=disturbance(scenario),
         jumps=jumps_by_sample(mass_jumps(scenario), period),

@@ -74,7 +74,9 @@ class Layout:
             part.start if shape in (NUMBER, FLAG) else part
             for shape, part in zip(self._shapes.values(), self._slices.values(), strict=True)
         ]
-        self._parts = _getter(places)
+        self._parts: Callable[[Array], tuple[Any, ...]] = (
+            itemgetter(*places) if len(places) > 1 else lambda vector: (vector[places[0]],)
+        )
         self._places = [
             (place, isinstance(shape, tuple)) for place, shape in zip(places, self._shapes.values(), strict=True)
         ]
@@ -146,10 +148,6 @@ class Layout:
 
 
 _new: Any = tuple.__new__
-
-
-def _getter(places: list[Any]) -> Callable[[Array], tuple[Any, ...]]:
-    return itemgetter(*places) if len(places) > 1 else lambda vector: (vector[places[0]],)
 
 
 def _converter(shape: Shape) -> Callable[[Any], Any]:

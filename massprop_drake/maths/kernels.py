@@ -461,7 +461,7 @@ def compile_kernel_if(function: F, compile_it: bool) -> F:
 
 def make_holder(value: Any, compile_it: bool) -> Any:
     """Puts a bundle into a holder: a `Holder`, or that of compiled code."""
-    return make_shared_holder(_copy_contiguous(replace_enums(value)), compile_it) if compile_it else Holder(value)
+    return make_shared_holder(_copy_for_compiler(value), compile_it) if compile_it else Holder(value)
 
 
 def make_shared_holder(value: Any, compile_it: bool) -> Any:
@@ -479,12 +479,14 @@ def make_shared_holder(value: Any, compile_it: bool) -> Any:
     return hold(value)
 
 
-def _copy_contiguous(value: Any) -> Any:
-    """Copies a bundle to contiguous arrays of its own: other arrays are of another type to numba."""
+def _copy_for_compiler(value: Any) -> Any:
+    """Copies a bundle to contiguous arrays, of one type to numba, and to numbers of enumeration members, slow to it."""
     if isinstance(value, np.ndarray):
         return np.array(value, order="C")
+    if isinstance(value, IntEnum):
+        return int(value)
     if isinstance(value, tuple):
-        parts = [_copy_contiguous(part) for part in value]
+        parts = [_copy_for_compiler(part) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     return value
 
@@ -496,13 +498,3 @@ def read_holder(holder: Any) -> Any:
     from massprop_drake.maths._holding import release  # noqa: PLC0415 (loads numba)
 
     return release(holder)
-
-
-def replace_enums(value: Any) -> Any:
-    """Replaces a bundle's enumeration members by their numbers; numba compiles slowly for members."""
-    if isinstance(value, IntEnum):
-        return int(value)
-    if isinstance(value, tuple):
-        parts = [replace_enums(part) for part in value]
-        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
-    return value

@@ -316,14 +316,10 @@ def triangular_rows(matrix: Array) -> int:
 def inverse(matrix: Array) -> Array:
     """Inverts any square matrix, or a 3x3 one of AutoDiffXd or Expression; where time does not matter."""
     if matrix.dtype == object:
-        return _adjugate(matrix) / np.dot(matrix[0], cross(matrix[1], matrix[2]))
+        first, second, third = matrix
+        columns = cross(second, third), cross(third, first), cross(first, second)  # of the adjugate
+        return np.column_stack(columns) / np.dot(first, columns[0])
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-
-
-def _adjugate(matrix: Array) -> Array:
-    """Computes the adjugate of a 3x3 matrix: its columns are cross products of the rows."""
-    first, second, third = matrix
-    return np.column_stack([cross(second, third), cross(third, first), cross(first, second)])
 
 
 @kernel

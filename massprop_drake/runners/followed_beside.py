@@ -168,7 +168,7 @@ def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) 
     Returns:
         Times at which levels change, s, shape (k,), and the levels from then on, shape (k, n_jets).
     """
-    failures = true_params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
+    failures = true_params.jet_failures(other.scenario) if other.scenario.failures else ()
     table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
     times_s, levels = [], []
     for row, since_s in enumerate((time_s - time_s[0]).tolist()):

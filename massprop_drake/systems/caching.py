@@ -102,15 +102,23 @@ class _Workspace(Generic[T]):
         return _Workspace(self._make)
 
 
+def declare_output(
+    system: LeafSystem, name: str, size: int, read: Callable[[Any], Any], prerequisites: Iterable[DependencyTicket]
+) -> None:
+    """Declares an output port of what a function of the context returns, and the tickets of all that it reads."""
+    system.DeclareVectorOutputPort(
+        name,
+        size,
+        lambda context, output: output.SetFromVector(read(context)),
+        prerequisites_of_calc=set(prerequisites),
+    )
+
+
 def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str, int, Part]]) -> None:
     """Declares output ports of parts of a cached result: name, size and part of each."""
     for name, size, part in ports:
-        read = _reader(part)
-
-        def calc(context: Any, output: Any, read: Callable[[Any], Array] = read) -> None:
-            output.SetFromVector(read(entry.get(context)))
-
-        system.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+        of = _reader(part)
+        declare_output(system, name, size, lambda context, of=of: of(entry.get(context)), {entry.ticket})  # type: ignore[misc]
 
 
 def declare_update(system: LeafSystem, entry: Cached, period_s: float, part: Part) -> None:

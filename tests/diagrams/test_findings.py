@@ -20,8 +20,8 @@ SOON = "estimation={filter: thesis, start: nominal, std_fraction: 0.001}"  # nea
 SCENARIOS = {
     "thesis": load_scenario("stuck_on_29", ["duration_s=8", SOON, "failures=[{kind: stuck_on, jet: R4R, start_s: 4}]"]),
     "joint": LEAKS,
-    "pose": load_scenario("air_bearing_pulses", ["duration_s=6"]),
-    "no detector": load_scenario("sample_maneuver", ["duration_s=10", "detector={kind: off}"]),
+    "pose": load_scenario("air_bearing_pulses", ["duration_s=1.2"]),
+    "no detector": load_scenario("sample_maneuver", ["duration_s=5", "detector={kind: off}"]),
 }
 FINDINGS = ("failed_jets", "detections", "verdict")
 ONLY_A_WHOLE_FLIGHT_TELLS = ("earliest_s", "latest_s", "jet_index")

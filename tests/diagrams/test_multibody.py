@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from multibody_probe import ARM, arm
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
@@ -17,10 +19,12 @@ from systems_probe import inputs, outputs
 from massprop_drake import InputError, Run, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation
 from massprop_drake.diagrams.multibody import add_thrusters_and_sensors, set_initial_velocities
+from massprop_drake.display import figures
 from massprop_drake.maths.vehicle.rigid_body import RATE
 from massprop_drake.systems.multibody import StarTracker
 
-EARLY = ["duration_s=2", "plant.moves=[{joint: shoulder, start_s: 0.2, end_s: 1.4, position: 1.3}]"]
+MOVE = "plant.moves=[{joint: shoulder, start_s: 0.1, end_s: 1.1, position: 1.3}]"
+EARLY = ["duration_s=1.4", "estimation.filter=thesis", "detector={kind: off}", MOVE]
 GOOD = load_scenario("servicer_arm").plant.model  # type: ignore[union-attr]
 
 
@@ -102,14 +106,24 @@ def test_a_plant_of_ones_own_is_flown_and_estimated() -> None:
 
 
 def test_the_documentations_script_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "multibody.md").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "multibody.md").read_text(encoding="utf-8")
     script = page.partition("```python\n")[2].partition("```")[0]
     assert len([line for line in script.splitlines() if line]) <= 30
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
     Path("my_servicer.sdf").write_text(ARM, encoding="utf-8")
     exec(script.replace('"plant.kind', '"duration_s=1", "plant.kind'), {})
     assert Run.load("runs/mine")["command"].any()
     assert Path("runs/mine/report.html").exists()
+
+
+def test_the_tutorial_of_a_named_thruster_has_thirty_lines_at_most() -> None:
+    text = (REPOSITORY / "docs" / "tutorials" / "named_thruster.py").read_text(encoding="utf-8")
+    docstring, *code = ast.parse(text).body
+    lines = [line for line in text.splitlines()[docstring.end_lineno :] if line and not line.startswith("#")]
+    assert len(lines) <= 30
+    assert all(len(line) <= 98 and ";" not in line for line in lines)
+    assert len({statement.lineno for statement in code}) == len(code)
 
 
 OWN = arm()
@@ -119,7 +133,8 @@ OWN = arm()
     ("plant", "body", "message"),
     [
         (arm(time_step=0.01), "bus", r"is discrete, with a time step of 0\.01 s"),
-        (OWN, "hull", r"'hull' is no body of the MultibodyPlant; bodies are: bus"),
+        (MultibodyPlant(0.0), "bus", r"is not finalized; call its Finalize\(\) first"),
+        (OWN, "hull", r"'hull' is no body of the MultibodyPlant; bodies are: bus, forearm, payload, upper_arm"),
         (OWN, arm().GetBodyByName("bus"), r"body 'bus' must be one of the MultibodyPlant's own, and not its world"),
         (OWN, OWN.world_body(), r"body 'world' must be one of the MultibodyPlant's own, and not its world"),
         (OWN, BodyIndex(99), r"body 99: must be from 1 to 4, an index"),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,26 +49,12 @@ class Window(NamedTuple):
     end_s: float
 
 
-def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
-    """Returns both hand controllers at a time: -1, 0 or 1 per axis, rotation xyz, then translation xyz, shape (6,)."""
-    command = np.zeros(6)
-    for window in windows:
-        if _is_in_window(window, time_s):
-            command[window.channel] = window.sign
-    return command
-
-
 def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
-    """Returns `hand_controllers` at several times, shape (n, 6)."""
+    """Returns both hand controllers at some times: -1, 0 or 1 per axis, rotation, then translation, shape (n, 6)."""
     rows = np.zeros((times_s.size, 6))
     for window in windows:
-        rows[_is_in_window(window, times_s), window.channel] = window.sign
+        rows[(window.start_s <= times_s) & (times_s < window.end_s), window.channel] = window.sign
     return rows
-
-
-def _is_in_window(window: Window, time_s: Any) -> Any:
-    """Tests whether a window covers a time, or each of several."""
-    return (window.start_s <= time_s) & (time_s < window.end_s)
 
 
 class PhaseSpaceParams(NamedTuple):
@@ -297,7 +283,7 @@ def run_autopilot(
     Args:
         memory: of the sample before.
         rate: reading of the gyro, rad/s, shape (3,).
-        controllers: see `hand_controllers`, shape (6,).
+        controllers: see `hand_controller_rows`, shape (6,).
         delivered: see `Sensed`, shape (3,).
         params: see `PhaseSpaceParams`.
 

@@ -67,25 +67,14 @@ def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
-def add_disturbance(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: int = 1) -> Array:
-    """Adds a disturbance to a wrench, or a profile.
-
-    Args:
-        wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
-            of several pieces, see `reaction_jets.profile_by_pieces`.
-        disturbance: torque about the center of mass, force, shape (6,).
-        center_of_mass: in the vehicle frame, ft or m, shape (3,).
-        pieces: of the profile.
-    """
-    return add_wrench(wrench, move_to_origin(disturbance, center_of_mass), pieces)
-
-
 def add_wrench(wrench: Array, other: Array, pieces: int = 1) -> Array:
     """Adds a wrench that is constant over the sample to another wrench, or to a profile.
 
     Args:
-        wrench: see `add_disturbance`.
+        wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
+            of several pieces, see `reaction_jets.profile_by_pieces`.
         other: torque about the vehicle origin, force, and what else follows these, shape (k,).
+        pieces: of the profile.
         pieces: of the profile.
     """
     total = wrench.copy()

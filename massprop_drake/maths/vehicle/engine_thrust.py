@@ -170,9 +170,3 @@ def rotate_about(axis: Array, angles: Array, vectors: Array) -> Array:
 def wrenches_of(place: Array, forces: Array) -> Array:
     """Computes torques about the vehicle origin, and forces at a place, shape (m, 6)."""
     return np.hstack((forces @ skew(place).T, forces))
-
-
-@kernel
-def interpolate_flow(levels: Array, known: Array, flows: Array) -> Array:
-    """Interpolates flows at some levels, linearly between those that are known, slug/s or kg/s, shape (m,)."""
-    return np.interp(levels, known, flows)

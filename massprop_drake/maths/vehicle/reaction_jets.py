@@ -18,7 +18,7 @@ from massprop_drake.maths.noise import Seed, normal_sample
 from massprop_drake.maths.vehicle.on_times import split_sample
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
-from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable, apply_failures, delivered_levels
+from massprop_drake.maths.vehicle.true_failures import FailureTable, apply_failures
 
 _TORQUE, _FORCE, _UP, _FLOW = slice(0, 3), slice(3, 6), 5, 6  # in a jet's wrench
 _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its thrust
@@ -57,92 +57,16 @@ def true_wrenches(nominal: Array, factors: Array, floor: Array | None = None) ->
     return wrenches
 
 
-class LagClasses(NamedTuple):
-    """Jets grouped by time constant, so that a few exponentials carry all transients.
-
-    Attributes:
-        time_constants_s: the distinct positive time constants, s.
-        wrenches: for each, the wrench of its jets, zero for others, shape (n_classes, n_jets, 7).
-    """
-
-    time_constants_s: tuple[float, ...]
-    wrenches: Array
-
-
-def lag_classes(wrenches: Array, time_constants_s: Array) -> LagClasses:
-    """Groups a set of jets into classes of equal lag.
-
-    Args:
-        wrenches: torque about the vehicle origin, force, mass flow of each jet, shape (n_jets, 7).
-        time_constants_s: of each jet, s, shape (n_jets,).
-    """
-    distinct = tuple(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}))
-    members = [(time_constants_s == constant)[:, None] * wrenches for constant in distinct]
-    return LagClasses(distinct, np.array(members).reshape(len(distinct), *wrenches.shape))
-
-
-class JetsParams(NamedTuple):
-    """Parameters of the true jets.
+class JetThrusts(NamedTuple):
+    """True jets; those of one time constant are a class, so that a few exponentials carry all transients.
 
     Attributes:
         wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
         forces: size of each jet's force, lbf or N, shape (n_jets,).
         time_constants_s: of each jet, s, shape (n_jets,).
         lag: factors of a sample period.
-        classes: see `LagClasses`.
-        period_s: sample period, s.
-        failures: what jets deliver in place of what they are told.
-        seed: of intermittent failures.
-    """
-
-    wrenches: Array
-    forces: Array
-    time_constants_s: Array
-    lag: LagFactors
-    classes: LagClasses
-    period_s: float
-    failures: tuple[Failure, ...]
-    seed: int
-
-
-def jets_params(
-    wrenches: Array, time_constants_s: Array, period_s: float, failures: tuple[Failure, ...] = (), seed: int = 0
-) -> JetsParams:
-    """Makes the true jets; arguments as the attributes of `JetsParams`, time constants in s, shape (n_jets,)."""
-    return JetsParams(
-        wrenches,
-        np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1)),
-        time_constants_s,
-        lag_factors(time_constants_s, period_s),
-        lag_classes(wrenches, time_constants_s),
-        period_s,
-        failures,
-        seed,
-    )
-
-
-def level_targets(command: Array, closed: Array | None, sample: int, params: JetsParams) -> Array:
-    """Computes the target of each jet's level over a sample, shape (n_jets,).
-
-    Args:
-        command: fraction commanded over it, 0 to 1, shape (n_jets,).
-        closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); None: none can be.
-        sample: number of the sample.
-        params: see `JetsParams`.
-    """
-    level = delivered_levels(command, sample, params.period_s, params.failures, params.seed)
-    return level if closed is None else level * (1.0 - closed)
-
-
-class JetThrusts(NamedTuple):
-    """True jets as arrays, for the arithmetic of a sample.
-
-    Attributes:
-        wrenches, forces: see `JetsParams`.
-        time_constants_s: of each jet, s, shape (n_jets,).
-        lag: see `LagFactors`.
-        class_wrenches: see `LagClasses`, shape (n_classes, n_jets, 7).
-        class_constants_s: time constant of each class, s, shape (n_classes,).
+        class_wrenches: see `class_wrenches`.
+        class_constants_s: the distinct positive time constants, s, shape (n_classes,).
     """
 
     wrenches: Array
@@ -153,11 +77,23 @@ class JetThrusts(NamedTuple):
     class_constants_s: Array
 
 
-def pack_jets(params: JetsParams) -> JetThrusts:
-    """Packs the jets into arrays."""
-    constants, wrenches = params.classes
-    constants_s = np.array(constants, dtype=float)
-    return JetThrusts(params.wrenches, params.forces, params.time_constants_s, params.lag, wrenches, constants_s)
+def class_wrenches(wrenches: Array, time_constants_s: Array, class_constants_s: Array) -> Array:
+    """Returns for each class the wrenches of its jets, zero for others, shape (n_classes, n_jets, 7)."""
+    members = [(time_constants_s == constant)[:, None] * wrenches for constant in class_constants_s.tolist()]
+    return np.array(members).reshape(len(members), *wrenches.shape)
+
+
+def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetThrusts:
+    """Makes the true jets.
+
+    Args:
+        wrenches, time_constants_s: see `JetThrusts`.
+        period_s: sample period, s.
+    """
+    forces = np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1))
+    distinct_s = np.array(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}), dtype=float)
+    lag, classes = lag_factors(time_constants_s, period_s), class_wrenches(wrenches, time_constants_s, distinct_s)
+    return JetThrusts(wrenches, forces, time_constants_s, lag, classes, distinct_s)
 
 
 @kernel

@@ -338,20 +338,11 @@ class TruePackage(NamedTuple):
         name: of it, and of its noise.
         model: its errors.
         position: of an integrating accelerometer, vehicle frame, ft or m, shape (3,); None: a rate gyro.
-        exact: see `SensorModel.exact`.
-        remembers: see `SensorModel.remembers`.
     """
 
     name: str
     model: SensorModel
     position: Array | None
-    exact: bool
-    remembers: bool
-
-
-def make_package(name: str, model: SensorModel, position: Array | None) -> TruePackage:
-    """Makes a package; arguments as the attributes of `TruePackage`."""
-    return TruePackage(name, model, position, model.exact, model.remembers)
 
 
 @kernel

@@ -13,7 +13,6 @@ from massprop_drake.maths.vehicle.engine_thrust import (
     N_ERRORS,
     EngineParams,
     follow_command,
-    interpolate_flow,
     reading_std,
     thrust,
     wrenches_of,
@@ -105,7 +104,7 @@ def engines_wrench(at: Array, errors: Array, time_s: float, model: EnginesModel)
         if which not in out:
             given = thrust(which, at[:, which], errors[N_ERRORS * which : N_ERRORS * (which + 1)], engines)
             total[:6] += wrenches_of(given.place, given.force[:, None] * given.along).mean(axis=0)
-            total[6] += interpolate_flow(at[:, which, 0], engines.levels, engines.flows[which]).mean()
+            total[6] += np.interp(at[:, which, 0], engines.levels, engines.flows[which]).mean()
     return total
 
 

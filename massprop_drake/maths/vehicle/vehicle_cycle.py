@@ -19,7 +19,7 @@ from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failure
 from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks, drain_tanks, structure_after_draining
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, move_to_origin, next_deviation
 from massprop_drake.maths.vehicle.on_times import has_pulse
-from massprop_drake.maths.vehicle.reaction_jets import JetsParams, JetThrusts
+from massprop_drake.maths.vehicle.reaction_jets import JetThrusts
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     ORIGIN_VELOCITY,
@@ -41,7 +41,7 @@ from massprop_drake.maths.vehicle.sensing import (
     read_without_memory,
     vibration_at,
 )
-from massprop_drake.maths.vehicle.true_failures import FailureTable
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable
 
 _QUIET = np.zeros(6)
 NO_FILL = np.zeros(0)
@@ -85,12 +85,12 @@ def pack_packages(packages: tuple[TruePackage, ...]) -> Packages:
     def numbers(name: str) -> Array:
         return np.array([getattr(model, name) for model in models], dtype=float)
 
-    exact = np.array([package.exact and not package.remembers for package in packages], dtype=np.bool_)
+    exact = np.array([model.exact and not model.remembers for model in models], dtype=np.bool_)
     quanta, limits = numbers("quantum"), numbers("limit")
     return Packages(
         bool((exact & (quanta > 0.0) & np.isinf(limits)).all()),
         exact,
-        np.array([package.remembers for package in packages], dtype=np.bool_),
+        np.array([model.remembers for model in models], dtype=np.bool_),
         np.array([model.vibration is not None for model in models], dtype=np.bool_),
         np.array([package.position is not None for package in packages], dtype=np.bool_),
         np.array([nowhere if one.position is None else one.position for one in packages]).reshape(-1, 3),
@@ -137,8 +137,9 @@ class VehicleParams(NamedTuple):
 
     Attributes:
         period_s: sample period, s, and step of the body.
-        seed: of the noise.
-        jets: see `JetsParams`.
+        seed: of noise and intermittent failures.
+        jets: see `JetThrusts`.
+        failures: what jets deliver in place of what they are told.
         packages: of sensors, in the vehicle's order.
         disturbance: what pushes besides the jets; None: nothing.
         jumps: of the mass properties, by sample.
@@ -150,7 +151,8 @@ class VehicleParams(NamedTuple):
 
     period_s: float
     seed: int
-    jets: JetsParams
+    jets: JetThrusts
+    failures: tuple[Failure, ...]
     packages: tuple[TruePackage, ...]
     disturbance: DisturbanceModel | None
     jumps: Mapping[int, tuple[Jump, ...]]
@@ -167,8 +169,8 @@ def pack_truth(params: VehicleParams) -> Truth:
     return Truth(
         params.period_s,
         float(params.body[MASS]),
-        reaction_jets.pack_jets(params.jets),
-        true_failures.failure_table(params.jets.failures),
+        params.jets,
+        true_failures.failure_table(params.failures),
         pack_packages(params.packages),
         params.disturbance is not None,
         push,
@@ -203,7 +205,7 @@ def draw_ahead(first: int, count: int, params: VehicleParams) -> Ahead:
         count: of samples.
         params: see `VehicleParams`.
     """
-    packages, failures = params.packages, params.jets.failures
+    packages, failures = params.packages, params.failures
     made = Ahead(
         np.zeros((count, len(packages), 6)),
         np.zeros((count, len(packages), 3)),
@@ -256,7 +258,7 @@ def initial_state(params: VehicleParams) -> VehicleState:
         params.structure,
         rigid_body.constants_from_structure(params.structure),
         off,
-        reaction_jets.level_targets(off, None, -1, params.jets),
+        true_failures.delivered_levels(off, -1, params.period_s, params.failures, params.seed),
         _QUIET if params.disturbance is None else params.disturbance.before,
         np.zeros((len(params.packages), _MEMORY + 3 * longest)),
         params.fill,
@@ -452,5 +454,5 @@ def update_floor_wrenches(truth: Truth, structure: Array, params: VehicleParams)
     """Updates the jet wrenches of a vehicle on a floor for its center of mass after a jump."""
     jets = params.jets
     wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])
-    classes = reaction_jets.lag_classes(wrenches, jets.time_constants_s)
-    return truth._replace(jets=truth.jets._replace(wrenches=wrenches, class_wrenches=classes.wrenches))
+    classes = reaction_jets.class_wrenches(wrenches, jets.time_constants_s, jets.class_constants_s)
+    return truth._replace(jets=truth.jets._replace(wrenches=wrenches, class_wrenches=classes))

@@ -11,6 +11,7 @@ from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steer_g
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 from massprop_drake.systems.autopilot.jet_schedule import make_row_reader
+from massprop_drake.systems.caching import declare_output
 
 
 class EngineCommands(LeafSystem):
@@ -37,8 +38,8 @@ class EngineCommands(LeafSystem):
         needed = {self.time_ticket(), self.xd_ticket()}
         if control.bandwidth > 0.0:
             self._gyro = self.DeclareVectorInputPort("gyro", 3)
-            needed.add(self.input_port_ticket(self._gyro.get_index()))
-        self.DeclareVectorOutputPort("engine_command", size, self._calc, prerequisites_of_calc=needed)
+            needed.add(self._gyro.ticket())
+        declare_output(self, "engine_command", size, self._calc, needed)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
 
     def _steered(self, context: Any) -> tuple[Array, Array]:
@@ -46,9 +47,9 @@ class EngineCommands(LeafSystem):
         turned = context.get_discrete_state(self._turned).CopyToVector()
         return steer_gimbals(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
 
-    def _calc(self, context: Any, output: Any) -> None:
+    def _calc(self, context: Any) -> Any:
         commands, _ = self._steered(context)
-        output.SetFromVector(commands.ravel())
+        return commands.ravel()
 
     def _update(self, context: Any, state: Any) -> None:
         _, turned = self._steered(context)

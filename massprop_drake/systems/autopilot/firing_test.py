@@ -11,6 +11,7 @@ from pydrake.systems.framework import EventStatus, LeafSystem
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.onboard import FiringTest, design_commands, misses_target, suspects
 from massprop_drake.systems.autopilot.jet_sets import jet_sets
+from massprop_drake.systems.caching import declare_output
 
 
 class FiringTestMemory(NamedTuple):
@@ -68,20 +69,17 @@ class FiringTestSystem(LeafSystem):
         start = FiringTestMemory(np.zeros((0, n_jets)), np.inf, 0.0, 0)
         self._memory = self.DeclareAbstractState(Value[object](start))
         state = {self.xa_ticket()}
-        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc=state)
-        self.DeclareVectorOutputPort("tests", 1, self._calc_tests, prerequisites_of_calc=state)
+        declare_output(self, "command", n_jets, self._calc_command, state)
+        declare_output(self, "tests", 1, lambda context: [float(self._kept(context).tests)], state)
         self.DeclarePeriodicUnrestrictedUpdateEvent(settings.craft.period_s, 0.0, self._update)
 
     def _kept(self, context: Any) -> FiringTestMemory:
         memory: FiringTestMemory = context.get_abstract_state(self._memory).get_value()
         return memory
 
-    def _calc_command(self, context: Any, output: Any) -> None:
+    def _calc_command(self, context: Any) -> Any:
         rows = self._kept(context).rows
-        output.SetFromVector(rows[0] if rows.shape[0] else np.zeros(rows.shape[1]))
-
-    def _calc_tests(self, context: Any, output: Any) -> None:
-        output.SetFromVector([float(self._kept(context).tests)])
+        return rows[0] if rows.shape[0] else np.zeros(rows.shape[1])
 
     def _update(self, context: Any, state: Any) -> EventStatus:
         memory = self._next(context, self._kept(context))

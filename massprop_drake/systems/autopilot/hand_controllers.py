@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot.phase_space import Window, hand_controllers
+from massprop_drake.maths.autopilot.phase_space import Window, hand_controller_rows
+from massprop_drake.systems.caching import declare_output
 
 
 class HandControllers(LeafSystem):
@@ -24,8 +26,8 @@ class HandControllers(LeafSystem):
     def __init__(self, windows: tuple[Window, ...]):
         super().__init__()
         self.set_name("hand_controllers")
-        self._windows = windows
-        self.DeclareVectorOutputPort("hand_controllers", 6, self._calc, prerequisites_of_calc={self.time_ticket()})
 
-    def _calc(self, context: Any, output: Any) -> None:
-        output.SetFromVector(hand_controllers(self._windows, context.get_time()))
+        def now(context: Any) -> Any:
+            return hand_controller_rows(windows, np.array([context.get_time()]))[0]
+
+        declare_output(self, "hand_controllers", 6, now, {self.time_ticket()})

@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import level_onsets
+from massprop_drake.systems.caching import declare_output
 
 
 class JetSchedule(LeafSystem):
@@ -58,9 +59,7 @@ class JetSchedule(LeafSystem):
         for name, table, beyond in tables:
             row = make_row_reader(table, period_s, beyond)
             self._held.append((self.DeclareDiscreteState(beyond), row))
-            self.DeclareVectorOutputPort(
-                name, n_jets, make_port_callback(row), prerequisites_of_calc={self.time_ticket()}
-            )
+            declare_output(self, name, n_jets, row, {self.time_ticket()})
             self.DeclareStateOutputPort(f"held_{name}", self._held[-1][0])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -78,8 +77,3 @@ def make_row_reader(table: Array, period_s: float, beyond: Array) -> Callable[[A
         return found
 
     return row
-
-
-def make_port_callback(row: Callable[[Any], Array]) -> Callable[[Any, Any], None]:
-    """Makes the callback of an output port from a function of the context."""
-    return lambda context, output: output.SetFromVector(row(context))

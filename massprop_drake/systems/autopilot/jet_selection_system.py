@@ -18,7 +18,7 @@ from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.selector import SelectionState, Selector
-from massprop_drake.systems.caching import Cached, Part, Scratch, declare_outputs
+from massprop_drake.systems.caching import Cached, Part, Scratch, declare_output, declare_outputs
 from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
 
 _SELECTS, _FIRED = 0, slice(1, None)  # of what `autopilot_ports.select_or_fire` gives
@@ -119,7 +119,7 @@ class JetSelection(LeafSystem):
             opened: Part = lambda burst: pulse_onsets(burst[0][self._command], self._pulses, period_s)  # noqa: E731
             declare_outputs(self, self._burst, [("command_onset", n_jets, opened)])
             state = {self.xd_ticket()}
-            self.DeclareVectorOutputPort("held_command_onset", n_jets, self._calc_held, prerequisites_of_calc=state)
+            declare_output(self, "held_command_onset", n_jets, self._calc_held, state)
         self.DeclareStateOutputPort("delivered", self._groups.delivered)
         self.DeclareStateOutputPort("counts", self._groups.counts)
         self.DeclareStateOutputPort("out_of_use", self._groups.out_of_use)
@@ -159,9 +159,9 @@ class JetSelection(LeafSystem):
         burst = self._selector.get(context).decide(self._state(context), REQUEST.read(request), properties, asked_for)
         return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
 
-    def _calc_held(self, context: Any, output: Any) -> None:
+    def _calc_held(self, context: Any) -> Any:
         command = _state_group(context, self._groups.command)
-        output.SetFromVector(pulse_onsets(command, self._pulses, self._period_s))
+        return pulse_onsets(command, self._pulses, self._period_s)
 
     def _update(self, context: Any, state: Any) -> None:
         row, changed = self._burst.get(context)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
@@ -20,14 +18,9 @@ def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
     Args:
         craft: see `Craft`.
     """
-    return list(dict.fromkeys(_yield_sets(craft)))
-
-
-def _yield_sets(craft: Craft) -> Iterator[tuple[int, ...]]:
-    for jet in craft.jets.tolist():
-        yield (jet,)
-    if craft.jets.size == 0:
-        return
+    found: list[tuple[int, ...]] = [(jet,) for jet in craft.jets.tolist()]
+    if not found:
+        return []
     activity = activity_vectors(craft.params.wrenches, craft.properties)
     limits = np.zeros(craft.params.places.jets)
     limits[craft.jets] = 1.0
@@ -39,4 +32,5 @@ def _yield_sets(craft: Craft) -> Iterator[tuple[int, ...]]:
             request[axis] = _ASKED * way * reach
             on_times = program.solve(activity, request, limits).on_times_s
             if on_times.any():
-                yield tuple(np.flatnonzero(on_times > _SHARE * on_times.max()).tolist())
+                found.append(tuple(np.flatnonzero(on_times > _SHARE * on_times.max()).tolist()))
+    return list(dict.fromkeys(found))

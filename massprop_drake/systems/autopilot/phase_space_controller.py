@@ -43,10 +43,8 @@ class PhaseSpaceController(LeafSystem):
         super().__init__()
         self.set_name("phase_space_controller")
         start = initial_memory().translation
-        self._kernel, self._held = (
-            compile_kernel_if(autopilot_ports.request, compiled),
-            make_holder(Control(params, start), compiled),
-        )
+        self._kernel = compile_kernel_if(autopilot_ports.request, compiled)
+        self._held = make_holder(Control(params, start), compiled)
         sizes = {"hand_controllers": HAND_CONTROLLERS.size, "attitude_error": 3, "gyro": 3, "delivered": 3}
         self._sensed = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self.DeclareDiscreteState(TRANSLATION_MEMORY.pack(start))

@@ -15,6 +15,7 @@ from massprop_drake.maths.autopilot.wheel_control import (
     wheel_torques,
 )
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.caching import declare_output
 from massprop_drake.systems.layouts import HAND_CONTROLLERS
 
 _ROTATION = HAND_CONTROLLERS.slice("rotation")
@@ -52,15 +53,10 @@ class WheelController(LeafSystem):
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._wheels = [self.DeclareVectorInputPort(name, 1) for name in names]
         self._unloading = self.DeclareDiscreteState(1)
-        speeds = {self.input_port_ticket(port.get_index()) for port in self._wheels}
-        rate = {self.input_port_ticket(self._gyro.get_index())}
-        wanted = {self.input_port_ticket(port.get_index()) for port in (self._controllers, self._error)}
-        self.DeclareVectorOutputPort(
-            "wheel_torque", len(names), self._calc_torque, prerequisites_of_calc={*speeds, *rate, *wanted}
-        )
-        self.DeclareVectorOutputPort(
-            "rate_for_jets", 3, self._calc_rate, prerequisites_of_calc={*speeds, *rate, self.xd_ticket()}
-        )
+        turning = {port.ticket() for port in (*self._wheels, self._gyro)}
+        wanted = {self._controllers.ticket(), self._error.ticket()}
+        declare_output(self, "wheel_torque", len(names), self._calc_torque, turning | wanted)
+        declare_output(self, "rate_for_jets", 3, self._calc_rate, turning | {self.xd_ticket()})
         period_s = params.settings.period_s
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -71,14 +67,14 @@ class WheelController(LeafSystem):
         before = context.get_discrete_state(self._unloading).CopyToVector()[0] != 0.0
         return must_unload(before, self._speeds(context), self._params)
 
-    def _calc_torque(self, context: Any, output: Any) -> None:
+    def _calc_torque(self, context: Any) -> Any:
         rotation = self._controllers.Eval(context)[_ROTATION]
         turning = rotation, self._error.Eval(context), self._gyro.Eval(context)
-        output.SetFromVector(wheel_torques(turning, self._speeds(context), self._params))
+        return wheel_torques(turning, self._speeds(context), self._params)
 
-    def _calc_rate(self, context: Any, output: Any) -> None:
+    def _calc_rate(self, context: Any) -> Any:
         unloading, speeds = self._unloads(context), self._speeds(context)
-        output.SetFromVector(rate_for_jets(self._gyro.Eval(context), unloading, speeds, self._params))
+        return rate_for_jets(self._gyro.Eval(context), unloading, speeds, self._params)
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._unloading, [float(self._unloads(context))])

@@ -6,7 +6,8 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.autopilot.jet_schedule import make_port_callback, make_row_reader
+from massprop_drake.systems.autopilot.jet_schedule import make_row_reader
+from massprop_drake.systems.caching import declare_output
 
 
 class WheelSchedule(LeafSystem):
@@ -28,5 +29,4 @@ class WheelSchedule(LeafSystem):
         self.set_name("wheel_schedule")
         table = np.array(torques, dtype=float)
         n = table.shape[1]
-        serve = make_port_callback(make_row_reader(table, period_s, np.zeros(n)))
-        self.DeclareVectorOutputPort("wheel_torque", n, serve, prerequisites_of_calc={self.time_ticket()})
+        declare_output(self, "wheel_torque", n, make_row_reader(table, period_s, np.zeros(n)), {self.time_ticket()})

@@ -76,9 +76,9 @@ class FilterSystem(LeafSystem):
     def _declare_cycle(self, outputs: Ports, reports: Ports, period_s: float, after: slice) -> None:
         """Declares output ports of the measurement alone and of the whole cycle, and what becomes the state."""
         # the innovation must not depend on the adaptation: the detector makes the one from the other
-        measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in self._inputs)}
+        measured = {self.xd_ticket(), *(port.ticket() for port in self._inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
-        adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
+        adapted = {self._measurement.ticket, self._adaptation.ticket()}
         cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted})
         declare_outputs(self, self._measurement, outputs)
         declare_outputs(self, cycle, reports)

@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationSt
 from massprop_drake.maths.estimation.detector import Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import are_converged
-from massprop_drake.systems.caching import Cached, declare_outputs
+from massprop_drake.systems.caching import Cached, declare_output, declare_outputs
 from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
@@ -37,11 +37,13 @@ class Memory(NamedTuple):
         before: state before the newest sample.
         step: its cycle; None: there has been none.
         time_s: of that sample.
+        stamp_s: when its readings were taken, see `Sample`; None: at that time.
     """
 
     before: EstimationState
     step: EstimationStep | None
     time_s: float
+    stamp_s: float | None = None
 
     @property
     def state(self) -> EstimationState:
@@ -91,7 +93,7 @@ class CycleEstimator(LeafSystem):
 
     Timing: outputs at t_k use the readings at t_k and the commands of [t_k-1, t_k). Drake updates abstract state before
     the discrete state of other systems at the same instant: the state therefore holds the newest cycle with its time,
-    and outputs at that time are taken from it.
+    and outputs at that time are taken from it, and so they are until `record_time` goes on.
 
     Args:
         params: of the cycle.
@@ -147,10 +149,10 @@ class CycleEstimator(LeafSystem):
             outputs.append((own.name, own.size, lambda now: own.pack(now.step.filtered.own)))
         before: list[tuple[str, int, Any]] = [("predicted", 10, self._calc_predicted)]
         if params.detector is not None:
-            before.append(("held_closed", n_jets, self._calc_held_closed))
+            before.append(("held_closed", n_jets, lambda now: self._remembered(now).state.detector.closed))
             outputs += _detector_outputs(jets, params.detector)
         for name, size, calc in before:
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.xa_ticket()})
+            declare_output(self, name, size, calc, {self.xa_ticket()})
         declare_outputs(self, self._cycle, outputs)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
@@ -192,8 +194,11 @@ class CycleEstimator(LeafSystem):
         memory, time_s = self._remembered(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
-        step = cycle.step(memory.state, self._sample(context), self._params, time_call)
-        return Memory(memory.state, step, time_s)
+        sample = self._sample(context)
+        if memory.step is not None and sample.stamp_s is not None and sample.stamp_s == memory.stamp_s:
+            return memory
+        step = cycle.step(memory.state, sample, self._params, time_call)
+        return Memory(memory.state, step, time_s, sample.stamp_s)
 
     def _update(self, context: Any, state: Any) -> None:
         state.get_mutable_abstract_state(self._memory).set_value(self._cycle.get(context))
@@ -214,13 +219,10 @@ class CycleEstimator(LeafSystem):
         deviation = np.sqrt(covariance.diagonal())
         return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
-    def _calc_predicted(self, context: Any, output: Any) -> None:
+    def _calc_predicted(self, context: Any) -> Any:
         memory = self._remembered(context)
         known = memory.before if memory.time_s == context.get_time() else memory.state
-        output.SetFromVector(self._params.filter.predicted(known.filter))
-
-    def _calc_held_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._remembered(context).state.detector.closed)
+        return self._params.filter.predicted(known.filter)
 
 
 def _step(now: Memory) -> EstimationStep:

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.kernels import compile_kernel as compiled_form
 from massprop_drake.maths.kernels import make_holder
 from massprop_drake.maths.linear_algebra import Array, has_nonzero
-from massprop_drake.systems.caching import Cached, Part, declare_outputs, declare_update, state_of
+from massprop_drake.systems.caching import Cached, Part, declare_output, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import (
     ADAPTATION,
     DETECTOR_REPORT,
@@ -97,13 +97,8 @@ class FailureDetector(LeafSystem):
         needed = {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
         judgment = Cached(self, "judgment", self._judge, needed)
         # known forces enter the impulses, which make the innovations: of this sample they know the commands alone
-        known = {
-            self.xd_ticket(),
-            *(self.input_port_ticket(port.get_index()) for port in (self._predicted, self._command)),
-        }
-        self.DeclareVectorOutputPort(
-            "known_force", KNOWN_FORCE.size, self._calc_known_force, prerequisites_of_calc=known
-        )
+        known = {self.xd_ticket(), self._predicted.ticket(), self._command.ticket()}
+        declare_output(self, "known_force", KNOWN_FORCE.size, self._calc_known_force, known)
         # of the row that `_judge` gives
         adapted, told = ADAPTATION.size, ADAPTATION.size + self._reconfiguration.slice("removed").start
         after = slice(told, told + self._layout.size)
@@ -119,9 +114,8 @@ class FailureDetector(LeafSystem):
             ("report", self._logged.size, slice(after.stop, None)),
         ]
         declare_outputs(self, judgment, outputs)
-        self.DeclareVectorOutputPort(
-            "held_closed", n_jets, self._calc_held_closed, prerequisites_of_calc={self.xd_ticket()}
-        )
+        held = {self.xd_ticket()}
+        declare_output(self, "held_closed", n_jets, lambda context: state_of(context)[self._closed], held)
         declare_update(self, judgment, jets.period_s, after)
 
     def _state(self, vector: Array) -> Any:
@@ -150,17 +144,12 @@ class FailureDetector(LeafSystem):
             )
         )
 
-    def _calc_known_force(self, context: Any, output: Any) -> None:
+    def _calc_known_force(self, context: Any) -> Any:
         vector = state_of(context)
         if not has_nonzero(vector[self._variance]):
-            output.SetFromVector(_NO_KNOWN_FORCE)
-            return
+            return _NO_KNOWN_FORCE
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)
         if self._compiled:
-            output.SetFromVector(self._acting(vector, predicted, command, self._held))
-            return
+            return self._acting(vector, predicted, command, self._held)
         known = self._detector.known_force(self._state(vector), predicted, command, self._params)
-        output.SetFromVector(KNOWN_FORCE.pack(known))
-
-    def _calc_held_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(state_of(context)[self._closed])
+        return KNOWN_FORCE.pack(known)

@@ -9,7 +9,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import NOTHING
+from massprop_drake.systems.caching import NOTHING, declare_output
 
 
 class Monitor(Protocol):
@@ -76,9 +76,8 @@ class FindingsMonitor(LeafSystem):
         self._counts = self.DeclareDiscreteState(monitor.counts)
         self._said = self.DeclareAbstractState(Value[object](monitor.said))
         said = {self.xa_ticket()}
-        self.DeclareVectorOutputPort(
-            "failed_jets", monitor.failed_jets(monitor.said).size, self._calc_failed, prerequisites_of_calc=said
-        )
+        n_jets = monitor.failed_jets(monitor.said).size
+        declare_output(self, "failed_jets", n_jets, lambda now: monitor.failed_jets(self._heard(now)), said)
         for name, calc, read in (
             ("detections", self._calc_detections, {*said, self.xd_ticket()}),
             ("verdict", self._calc_verdict, {self.xd_ticket()}),
@@ -100,9 +99,6 @@ class FindingsMonitor(LeafSystem):
 
     def _given(self, context: Any) -> dict[str, Array]:
         return {name: port.Eval(context) for name, port in self._reports.items()}
-
-    def _calc_failed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._monitor.failed_jets(self._heard(context)))
 
     def _calc_detections(self, context: Any, output: Any) -> None:
         output.set_value(self._monitor.detections(self._heard(context), self._counted(context)))

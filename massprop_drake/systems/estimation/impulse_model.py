@@ -14,7 +14,7 @@ from massprop_drake.maths.kernels import compile_kernel_if, make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.arguments import require_rows, require_vector
-from massprop_drake.systems.caching import Cached, declare_outputs, state_of
+from massprop_drake.systems.caching import Cached, declare_output, declare_outputs, state_of
 from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
 from massprop_drake.systems.stopwatch import ESTIMATORS, time_call
 
@@ -56,20 +56,18 @@ class ImpulseModel(LeafSystem):
         n_jets = wrenches.shape[0]
         time_constants_s = require_vector("impulse model: time_constants_s", time_constants_s, n_jets)
         lagging = Lagging(wrenches * period_s, lag_factors(time_constants_s, period_s), period_s)
-        self._kernel, self._held = (
-            compile_kernel_if(estimation_ports.impulses, compiled),
-            make_holder(lagging, compiled),
-        )
+        self._kernel = compile_kernel_if(estimation_ports.impulses, compiled)
+        self._held = make_holder(lagging, compiled)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._known_force = self.DeclareVectorInputPort("known_force", KNOWN_FORCE.size)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._period_s = period_s
         self._n_jets = n_jets
         self.DeclareDiscreteState(IMPULSE_MEMORY.sized(jets=n_jets).size)
-        inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
-        self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
-        needed = {self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())}
-        self.DeclareVectorOutputPort("impulses", IMPULSES.size, self._calc_impulses, prerequisites_of_calc=needed)
+        told = {self.xd_ticket(), self._command.ticket(), self._outside.ticket()}
+        self._impulses = Cached(self, "impulses", self._compute, told)
+        needed = {self._impulses.ticket, self._known_force.ticket()}
+        declare_output(self, "impulses", IMPULSES.size, self._calc_impulses, needed)
         declare_outputs(self, self._impulses, [("mean_level", n_jets, slice(IMPULSES.size, IMPULSES.size + n_jets))])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -80,14 +78,14 @@ class ImpulseModel(LeafSystem):
         row: Array = time_call(ESTIMATORS, self._kernel, *given)
         return row
 
-    def _calc_impulses(self, context: Any, output: Any) -> None:
+    def _calc_impulses(self, context: Any) -> Any:
         told = self._impulses.get(context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
             known = unpack_known_force(self._known_force.Eval(context))
             if known.acts:
                 told = told.copy()
                 told[_IMPULSE] += known.wrench * self._period_s
-        output.SetFromVector(told)
+        return told
 
     def _update(self, context: Any, state: Any) -> None:
         level = self._impulses.get(context)[IMPULSES.size + self._n_jets :]

@@ -16,7 +16,7 @@ from massprop_drake.maths.kernels import compile_kernel as compiled_form
 from massprop_drake.maths.kernels import make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION, join_ten_parameters
-from massprop_drake.systems.caching import state_of
+from massprop_drake.systems.caching import declare_output, state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
 from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_ESTIMATE, MASS_REPORT, TURNING
@@ -92,13 +92,11 @@ class MassEstimator(FilterSystem):
         self._compiled = compiled and thrust_errors is None and mass_filter.uses_one_package(params)
         if self._compiled:
             made = estimation_ports.make_mass_filter(params, MassVector._make(self._layout.read(vector)[:-1]))
-            self._move, self._weigh = (
-                compiled_form(estimation_ports.measure_mass),
-                compiled_form(estimation_ports.finish_mass),
-            )
+            self._move = compiled_form(estimation_ports.measure_mass)
+            self._weigh = compiled_form(estimation_ports.finish_mass)
             self._held = make_holder(made, compile_it=True)
-        predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
-        self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
+        predictions = {self.xd_ticket(), self._prediction.ticket()}
+        declare_output(self, "predicted", 10, self._calc_predicted, predictions)
         size, n_estimate = MASS_REPORT.size, MASS_ESTIMATE.size
         self._declare_cycle(
             (
@@ -141,9 +139,9 @@ class MassEstimator(FilterSystem):
         report = MASS_REPORT.pack(thesis.mass_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
 
-    def _calc_predicted(self, context: Any, output: Any) -> None:
+    def _calc_predicted(self, context: Any) -> Any:
         state, _ = self._known(context)
-        output.SetFromVector(join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal))
+        return join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal)
 
     def _evidence(self, measured: Any) -> Array:
         """Packs the detector's evidence of the sample as `EVIDENCE`."""

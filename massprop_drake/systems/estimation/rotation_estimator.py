@@ -19,7 +19,7 @@ from massprop_drake.maths.kernels import compile_kernel as compiled_form
 from massprop_drake.maths.kernels import make_holder
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.systems.caching import state_of
+from massprop_drake.systems.caching import declare_output, state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
 from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
@@ -97,14 +97,11 @@ class RotationEstimator(FilterSystem):
         self._compiled = compiled and thrust_errors is None and rotation_filter.uses_one_package(params)
         if self._compiled:
             made = estimation_ports.make_rotation_filter(params, RotationVector._make(self._layout.read(vector)[:-1]))
-            self._turn, self._rotate = (
-                compiled_form(estimation_ports.measure_rotation),
-                compiled_form(estimation_ports.finish_rotation),
-            )
+            self._turn = compiled_form(estimation_ports.measure_rotation)
+            self._rotate = compiled_form(estimation_ports.finish_rotation)
             self._held = make_holder(made, compile_it=True)
-        self.DeclareVectorOutputPort(
-            "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
-        )
+        state = {self.xd_ticket()}
+        declare_output(self, "predicted_estimate", N_ROTATION, lambda now: self._known(now)[0].estimate, state)
         reported, size = slice(0, ROTATION_REPORT.size), ROTATION_REPORT.size
         innovation, spread = map(self._turning.slice, ("innovation", "innovation_covariance"))
         means, spreads = (
@@ -147,10 +144,6 @@ class RotationEstimator(FilterSystem):
         memory = thesis.rotation_memory(measurement, rates)
         report = ROTATION_REPORT.pack(thesis.rotation_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
-
-    def _calc_predicted(self, context: Any, output: Any) -> None:
-        state, _ = self._known(context)
-        output.SetFromVector(state.estimate)
 
     def _turned(self, measured: Any) -> Array:
         """Returns the measurement for the mass filter and the detector, packed as `TURNING`."""

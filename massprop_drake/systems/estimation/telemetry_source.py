@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import level_onsets
+from massprop_drake.systems.caching import declare_output
 
 
 class ServedRows(NamedTuple):
@@ -111,11 +112,8 @@ class TelemetrySource(LeafSystem):
             self._declare("command_onset", n_jets, lambda rows, k: rows.onsets_s[k])
 
     def _declare(self, name: str, size: int, served: Callable[[ServedRows, int], Array]) -> None:
-        def calc(context: Any, output: Any) -> None:
-            output.SetFromVector(served(*self._place(context)))
-
         read = {self.time_ticket(), self.pa_ticket()}
-        self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=read)
+        declare_output(self, name, size, lambda context: served(*self._place(context)), read)
 
     def _held(self, context: Any) -> ServedRows:
         rows: ServedRows = context.get_abstract_parameter(self._rows).get_value()

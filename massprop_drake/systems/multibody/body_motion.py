@@ -24,7 +24,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
     VELOCITY,
     pack_structure,
 )
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, declare_output
 from massprop_drake.systems.multibody.plants import (
     connected_bodies,
     find_body,
@@ -85,13 +85,13 @@ class BodyMotion(LeafSystem):
         ports = [self.DeclareAbstractInputPort(name, model) for name, model in models.items()]
         self._poses, self._velocities, self._accelerations = ports
         self.DeclareContinuousState(SPIN_INTEGRAL.stop - ORIGIN_VELOCITY.start)
-        poses, velocities, _ = (self.input_port_ticket(port.get_index()) for port in ports)
+        poses, velocities, _ = (port.ticket() for port in ports)
         self._standing = Cached(self, "composite", self._composite, {poses})
         moving = {self._standing.ticket, velocities, self.xc_ticket()}
-        self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
+        declare_output(self, "body_state", N_STATE, self._calc_body_state, moving)
         standing = {self._standing.ticket}
-        self.DeclareVectorOutputPort("structure", STRUCTURE.size, self._calc_structure, prerequisites_of_calc=standing)
-        self.DeclareVectorOutputPort("mass_properties", 10, self._calc_properties, prerequisites_of_calc=standing)
+        declare_output(self, "structure", STRUCTURE.size, self._calc_structure, standing)
+        declare_output(self, "mass_properties", 10, self._calc_properties, standing)
 
     def _composite(self, context: Any) -> _Configuration:
         poses = self._poses.Eval(context)
@@ -101,7 +101,7 @@ class BodyMotion(LeafSystem):
         here = pack_poses([RigidTransform(), *others])  # that of the carrier exactly
         return _Configuration(carrier, here, composite_body(self._matter, here))
 
-    def _calc_body_state(self, context: Any, output: Any) -> None:
+    def _calc_body_state(self, context: Any) -> Any:
         carrier, here, properties = self._standing.get(context)
         rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
         moves = [velocities[index] for index in (self._carrier, *self._others)]
@@ -113,13 +113,13 @@ class BodyMotion(LeafSystem):
         state[VELOCITY] = rotation @ center_velocity(self._matter, here, rates @ rotation, speeds @ rotation)
         state[MASS] = properties.mass
         state[_INTEGRALS] = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(state)
+        return state
 
-    def _calc_structure(self, context: Any, output: Any) -> None:
-        output.SetFromVector(pack_structure(self._standing.get(context).properties))
+    def _calc_structure(self, context: Any) -> Any:
+        return pack_structure(self._standing.get(context).properties)
 
-    def _calc_properties(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._standing.get(context).properties.vector())
+    def _calc_properties(self, context: Any) -> Any:
+        return self._standing.get(context).properties.vector()
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
         """Computes the time derivatives of the integrals."""

@@ -54,7 +54,7 @@ class BodyWrench(LeafSystem):
             self._wheels = self.DeclareVectorInputPort("wheels", 6)
             self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", moving)
             read += [self._wheels, self._velocities]
-        needs = {self.input_port_ticket(port.get_index()) for port in read}
+        needs = {port.ticket() for port in read}
         self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc, prerequisites_of_calc=needs)
 
     def _calc(self, context: Any, output: Any) -> None:

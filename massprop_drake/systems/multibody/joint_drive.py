@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, joint_reference
+from massprop_drake.systems.caching import declare_output
 from massprop_drake.systems.multibody.plants import find_joint
 
 
@@ -51,12 +52,12 @@ class JointDrive(LeafSystem):
         self._inertia = driven_inertia(plant.CalcMassMatrix(context), self._velocities)
         self._told = list(zip(positions[self._positions].tolist(), moves.values(), strict=True))
         state = self._state = self.DeclareVectorInputPort("state", plant.num_multibody_states())
-        needs = {self.input_port_ticket(state.get_index()), self.time_ticket()}
-        self.DeclareVectorOutputPort("generalized_force", self._size, self._calc, prerequisites_of_calc=needs)
+        needs = {state.ticket(), self.time_ticket()}
+        declare_output(self, "generalized_force", self._size, self._calc, needs)
 
-    def _calc(self, context: Any, output: Any) -> None:
+    def _calc(self, context: Any) -> Any:
         state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
         wanted = [joint_reference(start, moves, time_s) for start, moves in self._told]
         positions, rates = state[self._positions], state[self._rates]
         forces[self._velocities] = drive_forces(wanted, positions, rates, self._inertia, self._frequency_hz)
-        output.SetFromVector(forces)
+        return forces

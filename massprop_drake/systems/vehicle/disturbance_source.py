@@ -11,12 +11,13 @@ from pydrake.systems.framework import LeafSystem_
 from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.vehicle.disturbance import (
     DisturbanceModel,
-    add_disturbance,
+    add_wrench,
     draw_initial_deviation,
+    move_to_origin,
     next_deviation,
 )
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
-from massprop_drake.systems.caching import state_of
+from massprop_drake.systems.caching import declare_output, state_of
 from massprop_drake.systems.layouts import STRUCTURE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, template
@@ -85,9 +86,8 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._varied = self.DeclareVectorInputPort("seed", 1)
             self.DeclareDiscreteState(_BEGUN + 1)
             needed = [self._jets, self._structure, self._varied, *([self._noise] if stepped else [])]
-            tickets = {self.input_port_ticket(port.get_index()) for port in needed}
-            tickets |= {self.xd_ticket(), self.parameters.ticket}
-            self.DeclareVectorOutputPort("wrench", size, self._calc_wrench, prerequisites_of_calc=tickets)
+            tickets = {*(port.ticket() for port in needed), self.xd_ticket(), self.parameters.ticket}
+            declare_output(self, "wrench", size, self._calc_wrench, tickets)
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
@@ -106,11 +106,11 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             model = self._model._replace(std=self.parameters.get(context).std)
             return next_deviation(self._held(context), self._noise.Eval(context), model)
 
-        def _calc_wrench(self, context: Any, output: Any) -> None:
+        def _calc_wrench(self, context: Any) -> Any:
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation
-            output.SetFromVector(add_disturbance(self._jets.Eval(context), total, center, self._pieces))
+            return add_wrench(self._jets.Eval(context), move_to_origin(total, center), self._pieces)
 
         def _update(self, context: Any, state: Any) -> None:
             state.set_value(np.append(self._coming(context), T(1.0)))

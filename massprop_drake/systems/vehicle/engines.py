@@ -20,7 +20,7 @@ from massprop_drake.maths.vehicle.true_engines import (
     read_engines,
     reshape_by_engine,
 )
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, declare_output
 from massprop_drake.systems.vehicle.noise_source import run_seed
 
 
@@ -72,23 +72,20 @@ class Engines(LeafSystem):
         self._varied = self.DeclareVectorInputPort("seed", 1)
         self._state = self.DeclareDiscreteState(np.append(np.zeros(2 * size), -period_s))
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
-        varied, command, noise, jets = (
-            self.input_port_ticket(port.get_index()) for port in (self._varied, self._command, self._noise, self._jets)
-        )
-        self._errors = Cached(self, "errors", self._compute_errors, {varied})
+        command, noise, jets = (port.ticket() for port in (self._command, self._noise, self._jets))
+        self._errors = Cached(self, "errors", self._compute_errors, {self._varied.ticket()})
         running = {self.time_ticket(), self.xd_ticket()}
         acting = {*running, self._errors.ticket, jets, *((command,) if stepped else ())}
-        self.DeclareVectorOutputPort("wrench", profile, self._calc_wrench, prerequisites_of_calc=acting)
-        self.DeclareVectorOutputPort("engine_state", size, self._calc_state, prerequisites_of_calc=running)
+        declare_output(self, "wrench", profile, self._calc_wrench, acting)
+        declare_output(self, "engine_state", size, lambda context: self._now(context).ravel(), running)
         has = channel_mask(model.engines)
         for place, name in enumerate(names):
 
-            def calc(context: Any, output: Any, place: int = place) -> None:
+            def read(context: Any, place: int = place) -> Any:
                 told, noise = (reshape_by_engine(port.Eval(context)) for port in (self._command, self._noise))
-                output.SetFromVector(read_engines(self._now(context), told, noise, model.engines)[place][has[place]])
+                return read_engines(self._now(context), told, noise, model.engines)[place][has[place]]
 
-            reading = {*running, command, noise}
-            self.DeclareVectorOutputPort(name, int(has[place].sum()), calc, prerequisites_of_calc=reading)
+            declare_output(self, name, int(has[place].sum()), read, {*running, command, noise})
 
     @property
     def n_noise(self) -> int:
@@ -110,17 +107,14 @@ class Engines(LeafSystem):
             self._now(context), reshape_by_engine(self._command.Eval(context)), context.get_time(), self._model
         )
 
-    def _calc_state(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._now(context).ravel())
-
-    def _calc_wrench(self, context: Any, output: Any) -> None:
+    def _calc_wrench(self, context: Any) -> Any:
         errors, now, time_s = self._errors.get(context), self._now(context), context.get_time()
         if self._stepped:
             own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)
         else:
             since_s = context.get_discrete_state(self._state).value()[-1]
             own = engines_wrench(now[None], errors, since_s, self._model)
-        output.SetFromVector(add_wrench(self._jets.Eval(context), own, self._pieces))
+        return add_wrench(self._jets.Eval(context), own, self._pieces)
 
     def _update(self, context: Any, state: Any) -> None:
         after = np.concatenate((self._now(context).ravel(), self._coming(context).ravel(), [context.get_time()]))

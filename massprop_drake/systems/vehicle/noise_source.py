@@ -16,6 +16,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MultilayerPerceptro
 
 from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.noise import Seed, normal_sample, vary_seed
+from massprop_drake.systems.caching import declare_output
 from massprop_drake.systems.scalars import float_class, template
 
 
@@ -36,11 +37,7 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             told = self.numeric_parameter_ticket(
                 NumericParameterIndex(self.DeclareNumericParameter(BasicVector_[T](1)))
             )
-
-            def calc(context: Any, output: Any) -> None:
-                output.SetFromVector(port.Eval(context))
-
-            self.DeclareVectorOutputPort("seed", 1, calc, prerequisites_of_calc={told})
+            declare_output(self, "seed", 1, port.Eval, {told})
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Latch._construct(self, converter=converter)
@@ -110,14 +107,14 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self.set_name("noise_source")
             self._made = seed, period_s, streams
             port = self.DeclareVectorInputPort("seed", 1)
-            needs = {self.time_ticket(), self.input_port_ticket(port.get_index())}
+            needs = {self.time_ticket(), port.ticket()}
             for stream, size in streams.items():
 
-                def calc(context: Any, output: Any, stream: str = stream, size: int = size) -> None:
+                def drawn(context: Any, stream: str = stream, size: int = size) -> Any:
                     number = round(value_of(context.get_time()) / period_s)
-                    output.SetFromVector(normal_sample(run_seed(context, port, seed), stream, number, size))
+                    return normal_sample(run_seed(context, port, seed), stream, number, size)
 
-                self.DeclareVectorOutputPort(stream, size, calc, prerequisites_of_calc=needs)
+                declare_output(self, stream, size, drawn, needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             seed, period_s, streams = other._made

@@ -14,10 +14,9 @@ from massprop_drake.maths.vehicle.reaction_jets import (
     JetThrusts,
     LevelCourse,
     draw_thrust_factors,
-    jets_params,
     level_course,
     level_now,
-    pack_jets,
+    make_jets,
     profile_by_pieces,
     profile_size,
     propellant_used,
@@ -33,7 +32,7 @@ from massprop_drake.maths.vehicle.true_failures import (
     leaks_as_levels,
 )
 from massprop_drake.maths.vehicle.vehicle_ports import Jets
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, declare_output, state_of
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
 from massprop_drake.systems.vehicle.noise_source import run_seed
@@ -135,7 +134,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 "compiled": compiled,
             }
             n_jets = wrenches.shape[0]
-            self._nominal = jets_params(wrenches, time_constants_s, period_s)
+            self._nominal = make_jets(wrenches, time_constants_s, period_s)
             self._thrusts = self._nominal.forces if thrusts is None else thrusts
             self._compiled = compiled and T is float
             self._kernel = compile_kernel_if(vehicle_ports.forces_and_profile, self._compiled)
@@ -163,13 +162,13 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self._onset = self.DeclareVectorInputPort("command_onset", n_jets)
                 self._held_onset = self.DeclareVectorInputPort("held_command_onset", n_jets)
                 switching.append(self._held_onset)
-            of_jets = {self.parameters.ticket, self.input_port_ticket(varied.get_index())}
+            of_jets = {self.parameters.ticket, varied.ticket()}
             if planar:
                 self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
-                of_jets.add(self.input_port_ticket(self._structure.get_index()))
+                of_jets.add(self._structure.ticket())
             self._jets = Cached(self, "jets", self._compute_jets, of_jets)
             self._remembers = bool(failures) or pieces > 1 or not self._instantaneous
-            running = {self.input_port_ticket(port.get_index()) for port in (*switching, varied)}
+            running = {port.ticket() for port in (*switching, varied)}
             running |= {self._jets.ticket, self.time_ticket()}
             if self._remembers:
                 state = np.append(np.zeros(0 if self._instantaneous else n_jets), -period_s)
@@ -179,21 +178,15 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
             # loop through the sensors and the autopilot
             ahead = [command, closed, *([self._onset] if pieces > 1 else [])]
-            coming = running | {self.input_port_ticket(port.get_index()) for port in ahead}
+            coming = running | {port.ticket() for port in ahead}
             self._coming = Cached(self, "thrust", self._compute, coming)
             coming = {self._coming.ticket}
-            self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
-            self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=running)
-            self.DeclareVectorOutputPort(
-                "wrench_profile",
-                profile_size(len(self.lag_time_constants_s), pieces),
-                self._calc_profile,
-                prerequisites_of_calc=coming,
-            )
+            declare_output(self, "thrust", n_jets, self._calc_thrust, coming)
+            declare_output(self, "wrench", N_WRENCH, self._calc_wrench, running)
+            size = profile_size(len(self.lag_time_constants_s), pieces)
+            declare_output(self, "wrench_profile", size, self._calc_profile, coming)
             if feeds is not None:
-                self.DeclareVectorOutputPort(
-                    "drained", feeds.shape[0], self._calc_drained, prerequisites_of_calc=coming
-                )
+                declare_output(self, "drained", feeds.shape[0], self._calc_drained, coming)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
@@ -210,7 +203,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         @property
         def lag_time_constants_s(self) -> tuple[float, ...]:
             """Distinct positive time constants, s, in the order of `wrench_profile`."""
-            return self._nominal.classes.time_constants_s
+            return tuple(self._nominal.class_constants_s.tolist())
 
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
             """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
@@ -220,7 +213,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._made["planar"]:
                 floor = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             wrenches = true_wrenches(self._made["wrenches"], factors, floor)
-            jets = pack_jets(jets_params(wrenches, self._time_constants_s, self._period_s))
+            jets = make_jets(wrenches, self._time_constants_s, self._period_s)
             table = failure_table(leaks_as_levels(self._failures, factors * self._thrusts))
             return jets, make_holder(Jets(jets, table, self._period_s), self._compiled)
 
@@ -281,15 +274,15 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             level = coming if self._instantaneous else self._level_now(context)  # of no effect where no jet lags
             return self._kernel(level, coming, jets)
 
-        def _calc_thrust(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._coming.get(context)[: self._n_jets])
+        def _calc_thrust(self, context: Any) -> Any:
+            return self._coming.get(context)[: self._n_jets]
 
-        def _calc_drained(self, context: Any, output: Any) -> None:
+        def _calc_drained(self, context: Any) -> Any:
             jets, _ = self._jets.get(context)
             force = self._coming.get(context)[: self._n_jets]
-            output.SetFromVector(propellant_used(force, self._period_s, self._made["feeds"], jets))
+            return propellant_used(force, self._period_s, self._made["feeds"], jets)
 
-        def _calc_wrench(self, context: Any, output: Any) -> None:
+        def _calc_wrench(self, context: Any) -> Any:
             jets, _ = self._jets.get(context)
             if self._pieces > 1:
                 reached = self._level_within(context)
@@ -299,7 +292,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                     state = state_of(context)
                     elapsed_s = context.get_time() - state[-1]
                     reached = level_at(state[:-1], reached, self._time_constants_s, elapsed_s)
-            output.SetFromVector(reached @ jets.wrenches)
+            return reached @ jets.wrenches
 
         def _level_within(self, context: Any) -> Any:
             """Computes the level at an instant of a sample of pieces; at an edge, the one before it."""
@@ -309,8 +302,8 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             since_s = elapsed_s - (ends_s[piece] - over.lengths_s[piece])
             return level_at(over.begins[piece], over.targets[piece], self._time_constants_s, since_s)
 
-        def _calc_profile(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._coming.get(context)[self._n_jets :])
+        def _calc_profile(self, context: Any) -> Any:
+            return self._coming.get(context)[self._n_jets :]
 
         def _update(self, context: Any, state: Any) -> None:
             level = [] if self._instantaneous else self._level_now(context)

@@ -9,7 +9,7 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, acceleration, draw_inertias, momentum, read_speed
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, declare_output
 from massprop_drake.systems.vehicle.noise_source import run_seed
 
 
@@ -50,22 +50,18 @@ class ReactionWheels(LeafSystem):
         self._state = self.DeclareDiscreteState(start)
         self._period_s = period_s
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
-        varied, torque, noise = (
-            self.input_port_ticket(port.get_index()) for port in (self._varied, self._torque, self._noise)
-        )
-        self._inertias = Cached(self, "inertias", self._compute_inertias, {varied})
+        self._inertias = Cached(self, "inertias", self._compute_inertias, {self._varied.ticket()})
         running = {self._inertias.ticket, self.time_ticket(), self.xd_ticket()}
-        self.DeclareVectorOutputPort(
-            "wheels", 6, self._calc_momentum, prerequisites_of_calc={*running, *((torque,) if stepped else ())}
-        )
-        self.DeclareVectorOutputPort("wheel_speeds", n, self._calc_speeds, prerequisites_of_calc=running)
+        acting = running | {self._torque.ticket()} if stepped else running
+        declare_output(self, "wheels", 6, self._calc_momentum, acting)
+        declare_output(self, "wheel_speeds", n, self._speeds, running)
         for place, name in enumerate(names):
 
-            def calc(context: Any, output: Any, place: int = place) -> None:
+            def read(context: Any, place: int = place) -> Any:
                 speed, noise = self._speeds(context)[place], self._noise.Eval(context)[place]
-                output.SetFromVector([read_speed(speed, noise, place, model)])
+                return [read_speed(speed, noise, place, model)]
 
-            self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={*running, noise})
+            declare_output(self, name, 1, read, running | {self._noise.ticket()})
 
     @property
     def n_noise(self) -> int:
@@ -80,21 +76,18 @@ class ReactionWheels(LeafSystem):
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 
-    def _calc_speeds(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._speeds(context))
-
     def _coming(self, context: Any) -> Any:
         inertias = self._inertias.get(context)
         torque = self._torque.Eval(context) if self._torque.HasValue(context) else np.zeros(self._n)
         return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)
 
-    def _calc_momentum(self, context: Any, output: Any) -> None:
+    def _calc_momentum(self, context: Any) -> Any:
         if self._stepped:
             changing = self._coming(context)
         else:
             changing = context.get_discrete_state(self._state).CopyToVector()[self._n : 2 * self._n]
         inertias = self._inertias.get(context)
-        output.SetFromVector(momentum(self._speeds(context), changing, inertias, self._model))
+        return momentum(self._speeds(context), changing, inertias, self._model)
 
     def _update(self, context: Any, state: Any) -> None:
         after = np.concatenate((self._speeds(context), self._coming(context), [context.get_time()]))

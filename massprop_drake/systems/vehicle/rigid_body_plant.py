@@ -26,7 +26,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
     SpunUpError,
 )
 from massprop_drake.maths.vehicle.vehicle_ports import Motion
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, declare_output
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
 from massprop_drake.systems.vehicle.noise_source import run_seed
@@ -121,10 +121,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
             motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step, pieces)
-            self._kernel, self._held = (
-                compile_kernel_if(vehicle_ports.step_body, self._compiled),
-                make_holder(motion, self._compiled),
-            )
+            self._kernel = compile_kernel_if(vehicle_ports.step_body, self._compiled)
+            self._held = make_holder(motion, self._compiled)
             self.parameters = Parameters(
                 self,
                 T,
@@ -142,7 +140,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             drawn = {self.parameters.ticket}
             if spread is not None:
                 self._varied = self.DeclareVectorInputPort("seed", 1)
-                drawn.add(self.input_port_ticket(self._varied.get_index()))
+                drawn.add(self._varied.ticket())
             self._start = Cached(self, "mass properties at the start", self._compute_start, drawn)
             changed = {self._start.ticket}
             if time_step == 0.0:
@@ -165,13 +163,9 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             changed |= set() if tanks is None else self._declare_tanks(tanks[-1])
             self._constants = Cached(self, "constants of motion", self._compute_constants, changed)
             moving = {self._constants.ticket, self.xd_ticket(), self.xc_ticket()}
-            self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
-            self.DeclareVectorOutputPort(
-                "structure", STRUCTURE.size, self._calc_structure, prerequisites_of_calc=changed
-            )
-            self.DeclareVectorOutputPort(
-                "mass_properties", 10, self._calc_mass_properties, prerequisites_of_calc=moving
-            )
+            declare_output(self, "body_state", N_STATE, self._calc_body_state, moving)
+            declare_output(self, "structure", STRUCTURE.size, self._calc_structure, changed)
+            declare_output(self, "mass_properties", 10, self._calc_mass_properties, moving)
 
         def _declare_tanks(self, fill: Array) -> set[Any]:
             """Declares state and events for tanks with initial propellant; returns the structure's dependencies."""
@@ -179,7 +173,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             begun = np.concatenate((np.zeros(STRUCTURE.size), fill, [0.0]))
             self._running = self.DeclareDiscreteState(begun)
             running = {self.discrete_state_ticket(DiscreteStateIndex(self._running))}
-            self.DeclareVectorOutputPort("propellant", fill.size, self._calc_propellant, prerequisites_of_calc=running)
+            declare_output(self, "propellant", fill.size, self._calc_propellant, running)
             if self._time_step != 0.0:
                 return set()
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period_s, offset_sec=0.0, update=self._drain)
@@ -244,15 +238,15 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             body[MASS] += self._constants.get(context)[-1]
             return body
 
-        def _calc_body_state(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._body(context))
+        def _calc_body_state(self, context: Any) -> Any:
+            return self._body(context)
 
-        def _calc_structure(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._structure(context))
+        def _calc_structure(self, context: Any) -> Any:
+            return self._structure(context)
 
-        def _calc_mass_properties(self, context: Any, output: Any) -> None:
+        def _calc_mass_properties(self, context: Any) -> Any:
             constants, *_ = self._constants.get(context)
-            output.SetFromVector(np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]]))
+            return np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]])
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
             """Computes the continuous plant's equations of motion."""
@@ -289,9 +283,9 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             state.set_value(self._structure_change, change)
             state.set_value(self._running, np.concatenate((after - structure, left, [context.get_time()])))
 
-        def _calc_propellant(self, context: Any, output: Any) -> None:
+        def _calc_propellant(self, context: Any) -> Any:
             _, left, _ = self._over_sample(context)
-            output.SetFromVector(left)
+            return left
 
         def _require_mass(self, context: Any, body: Any, wrench: Any) -> None:
             try:

@@ -19,7 +19,7 @@ from massprop_drake.maths.vehicle.rigid_body import N_STATE
 from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, add_drawn_phases, vibration_at
 from massprop_drake.maths.vehicle.vehicle_ports import Sensing
 from massprop_drake.systems.arguments import require_vector
-from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
+from massprop_drake.systems.caching import Cached, declare_output, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import NOISE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
@@ -151,11 +151,11 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             of_model = {self.parameters.ticket}
             if draws is not None:
                 self._varied = self.DeclareVectorInputPort("seed", 1)
-                of_model.add(self.input_port_ticket(self._varied.get_index()))
+                of_model.add(self._varied.ticket())
             self._sensing = Cached(self, "errors", self._compute_sensing, of_model)
-            inputs = {self._sensing.ticket, self.input_port_ticket(self._body_state.get_index())}
+            inputs = {self._sensing.ticket, self._body_state.ticket()}
             if model.noisy:
-                inputs.add(self.input_port_ticket(self._noise.get_index()))
+                inputs.add(self._noise.ticket())
             if model.vibration is not None:
                 inputs.add(self.time_ticket())
             if model.remembers:
@@ -164,7 +164,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 declare_outputs(self, step, [("reading", 3, _READING)])
                 declare_update(self, step, model.period_s, _AFTER)
             else:
-                self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
+                declare_output(self, "reading", 3, self._calc_direct, inputs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             _refuse_jumps(T, other.get_name(), other._model)
@@ -204,12 +204,10 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             noise = self._noise.Eval(context) if self._model.noisy else _QUIET
             return noise, vibration_at(model, context.get_time())
 
-        def _calc_direct(self, context: Any, output: Any) -> None:
+        def _calc_direct(self, context: Any) -> Any:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
-            if model is None:
-                output.SetFromVector(kernel(body, holder))
-            else:
-                output.SetFromVector(kernel(body, *self._chance(context, model), holder))
+            chance = () if model is None else self._chance(context, model)
+            return kernel(body, *chance, holder)
 
         def _compute(self, context: Any) -> Any:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)

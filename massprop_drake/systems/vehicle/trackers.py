@@ -13,6 +13,7 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
 from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, is_due, read_pose, read_velocity
 from massprop_drake.systems.arguments import require_vector
+from massprop_drake.systems.caching import declare_output
 from massprop_drake.systems.scalars import float_class, refuse, template
 
 
@@ -45,8 +46,8 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
             self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
             inputs = (self._body_state, self._structure, self._noise)
-            read = {self.input_port_ticket(port.get_index()) for port in inputs} | self._times()
-            self.DeclareVectorOutputPort("reading", size, self._calc, prerequisites_of_calc=read)
+            read = {port.ticket() for port in inputs} | self._times()
+            declare_output(self, "reading", size, self._calc, read)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Sighting._construct(self, *other._sizes, converter=converter)
@@ -61,12 +62,12 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
             raise NotImplementedError
 
-        def _calc(self, context: Any, output: Any) -> None:
+        def _calc(self, context: Any) -> Any:
             if not self._is_due(context):
-                output.SetFromVector(np.full(output.size(), np.nan))
-                return
+                _, size, _ = self._sizes
+                return np.full(size, np.nan)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
-            output.SetFromVector(self._read(self._body_state.Eval(context), center, self._noise.Eval(context)))
+            return self._read(self._body_state.Eval(context), center, self._noise.Eval(context))
 
     return Sighting
 

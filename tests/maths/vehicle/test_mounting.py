@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.vehicle.mounting import EXACT, displace_wrenches, mounting_errors, true_mounted_wrenches
+from massprop_drake.maths.vehicle.mounting import displace_wrenches, mounting_errors, true_mounted_wrenches
 
 POSITIONS = np.array([[1.0, 0.2, 0.0], [-1.0, 0.0, 0.3], [0.2, -1.0, 0.4]])
 FORCES = np.array([[0.0, 1.0, 0.2], [0.1, 0.0, 2.0], [3.0, 0.0, 0.1]])
@@ -35,8 +35,3 @@ def test_a_force_keeps_its_size_and_acts_where_it_is_moved_to() -> None:
     shifted = true_mounted_wrenches(WRENCHES, POSITIONS, errors * [0, 0, 1, 1])
     arms = np.linalg.norm(shifted[:, :3] - WRENCHES[:, :3], axis=1) / sizes
     np.testing.assert_allclose(arms, np.linalg.norm(errors[:, 2:], axis=1), rtol=1e-12)  # across the force
-
-
-def test_exact_mounting_changes_nothing() -> None:
-    assert displace_wrenches(WRENCHES, np.zeros(0), EXACT) is WRENCHES
-    assert mounting_errors(WRENCHES, POSITIONS, np.zeros((3, 2))).jets.size == 0

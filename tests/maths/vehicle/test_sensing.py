@@ -1,4 +1,4 @@
-"""Sensor errors one by one and together, and what an accelerometer anywhere on the body gathers."""
+"""Sensor errors one by one and together."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from massprop_drake.maths.vehicle.sensing import (
     add_drawn_phases,
     make_vibration,
     mask_saturated,
-    point_velocity,
     quantize,
     sense,
     smoothing_factor,
@@ -100,13 +99,6 @@ def test_a_reading_at_the_range_counts_as_missing(reading: list[float], limit: f
     assert_array_equal(mask_saturated(np.array(reading), limit), reading if there else [np.nan] * 3)
 
 
-def test_gyros_bias_walks_by_one_step_per_sample() -> None:
-    # steps 2 * 0.5: the first reading has none, the k-th the sum of k
-    noise = np.zeros((4, 6))
-    noise[:, 3] = [0.5, 0.5, -1.5, 9.0]
-    assert_array_equal(readings(model(walk_std=2.0), np.zeros((4, 3)), noise)[:, 0], [0.0, 1.0, 2.0, -1.0])
-
-
 def test_bandwidth_answers_a_ramp_late_by_its_time_constant() -> None:
     # of dy/dt = w (x - y) with x = s t from rest: y = s (t - (1 - exp(-w t)) / w)
     slopes, w, times = np.array([2.0, -1.0, 0.5]), 3.0, PERIOD * np.arange(8)
@@ -114,16 +106,6 @@ def test_bandwidth_answers_a_ramp_late_by_its_time_constant() -> None:
     assert (keep, smoothing_factor(None, PERIOD)) == (pytest.approx(np.exp(-w * PERIOD), rel=1e-14), 0.0)
     answer = readings(model(smoothing=keep), np.outer(times, slopes), np.zeros((8, 6)))
     assert_allclose(answer, np.outer(times - (1.0 - np.exp(-w * times)) / w, slopes), rtol=1e-13, atol=1e-15)
-
-
-def test_point_velocitys_centripetal_part_is_the_square_of_the_cross_product() -> None:
-    # (w w^T - w^2 1) r = w x (w x r) for one second of a constant rate
-    for origin, rate, position in np.random.default_rng(4).standard_normal((20, 3, 3)):
-        x, y, z = rate
-        spin = np.array([x * x, y * y, z * z, y * z, x * z, x * y])
-        expected = origin + np.cross(rate, position) + np.cross(rate, np.cross(rate, position))
-        # sums of a few products of size one
-        assert_allclose(point_velocity(origin, rate, spin, position), expected, rtol=0.0, atol=1e-14)
 
 
 def tone(frequency_hz: float, *amplitude: float, phase: float = 0.0) -> Tone:

@@ -39,23 +39,6 @@ def test_level_and_mean_solve_the_lags_differential_equation() -> None:
     assert not factors.instantaneous
 
 
-def test_factors_of_hand_value() -> None:
-    # tau = T / 4: exp(-4), and 1/4 (1 - exp(-4)); no lag: nothing of a difference is left
-    factors = lag_factors(np.array([0.02, 0.0]), 0.08)
-    assert_allclose(factors.remaining, [np.exp(-4.0), 0.0], rtol=1e-14)
-    assert_allclose(factors.mean, [0.25 * (1.0 - np.exp(-4.0)), 0.0], rtol=1e-14)
-
-
-def test_build_up_and_tail_off_of_a_firing_balance() -> None:
-    # what build-up lacks, tail-off brings: the impulse is n T times full thrust
-    constants = np.array([0.0, 0.004, 0.015, 0.08])
-    factors, level, impulse = lag_factors(constants, PERIOD), np.zeros(4), np.zeros(4)
-    for command in [1.0] * 3 + [0.0] * 50:  # 50 periods of tail-off leave exp(-50) of the slowest level
-        impulse += PERIOD * mean_level(level, np.full(4, command), factors.mean)
-        level = level_after(level, np.full(4, command), factors.remaining)
-    assert_allclose(impulse, 3 * PERIOD, rtol=1e-14)
-
-
 def test_decay_integral_is_the_integral_of_the_decay() -> None:
     integral, _ = quad(lambda time: np.exp(-time / 0.3), 0.0, 0.05, epsabs=1e-14)
     assert decay_integral(0.3, 0.05) == pytest.approx(integral, rel=1e-12)

@@ -10,20 +10,20 @@ from params_probe import PERFECT_SENSOR, PERIOD_S
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import vehicle_cycle
-from massprop_drake.maths.vehicle.reaction_jets import jets_params
+from massprop_drake.maths.vehicle.reaction_jets import make_jets
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import TruePackage, make_package, point_velocity, sense
+from massprop_drake.maths.vehicle.sensing import TruePackage, point_velocity, sense
 
 POSITIONS = (None, np.array([3.0, -1.0, 0.5]), np.array([-20.0, 4.0, 2.0]))
 BODY = np.random.default_rng(5).standard_normal(N_STATE)
 STANDING = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # inertia and center of mass
-JETS = jets_params(np.zeros((1, 7)), np.zeros(1), PERIOD_S)
+JETS = make_jets(np.zeros((1, 7)), np.zeros(1), PERIOD_S)
 
 
 def made(index: int, **errors: Any) -> TruePackage:
     ideal = PERFECT_SENSOR._replace(quantum=0.05, phase=np.array([0.3, -0.2, 0.45]))
     position = POSITIONS[index]
-    return make_package(f"package{index}", ideal._replace(integrates=position is not None, **errors), position)
+    return TruePackage(f"package{index}", ideal._replace(integrates=position is not None, **errors), position)
 
 
 def alone(one: TruePackage, noise: Array) -> Array:
@@ -44,7 +44,7 @@ def alone(one: TruePackage, noise: Array) -> Array:
 )
 def test_packages_read_together_what_each_reads_alone(errors: tuple[dict[str, Any], ...]) -> None:
     packages = tuple(made(index, **given) for index, given in enumerate(errors))
-    params = vehicle_cycle.VehicleParams(PERIOD_S, 1, JETS, packages, None, {}, BODY, STANDING)
+    params = vehicle_cycle.VehicleParams(PERIOD_S, 1, JETS, (), packages, None, {}, BODY, STANDING)
     coming = vehicle_cycle.draw_ahead(0, 1, params)
     together, _ = vehicle_cycle.sense(vehicle_cycle.initial_state(params), 0, coming, vehicle_cycle.pack_truth(params))
     expected = [alone(one, noise) for one, noise in zip(packages, coming.noise[0], strict=True)]

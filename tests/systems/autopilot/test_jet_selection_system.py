@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, outputs
 
 from massprop_drake.maths.autopilot.phase_space import Urgency
-from massprop_drake.maths.autopilot.pulses import valve_pulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems import JetSelection
 
@@ -176,21 +175,6 @@ def test_estimates_are_used_once_they_have_converged() -> None:
             advance(pilot.dut, pilot.context)
             pilot.ask(np.zeros(6), Urgency.NONE)
         assert turned == cycles
-
-
-def test_pulses_are_flown_as_they_are_with_their_onsets() -> None:
-    pulses = valve_pulses(np.full(N, 0.01), np.full(N, 0.004), PERIOD_S, 1.0, True)
-    pilot = Pilot(pulses=pulses)
-    pilot.ask(change(x=0.1))
-    shares = []
-    for _ in range(3):
-        shares.append(pilot.out("command")[ROLL])
-        onset = pilot.out("command_onset")
-        assert onset[ROLL] == pytest.approx(PERIOD_S * (1.0 - shares[-1]), abs=1e-15)
-        advance(pilot.dut, pilot.context)
-        assert_array_equal(pilot.out("held_command_onset"), onset)
-        pilot.ask(np.zeros(6), Urgency.NONE)
-    assert_allclose(np.array(shares) * PERIOD_S, [0.052, 0.048, 0.0], atol=1e-14)
 
 
 # ------------------------------------------------------------------------------------- a declared failure

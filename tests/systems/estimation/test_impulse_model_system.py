@@ -16,8 +16,8 @@ from massprop_drake.systems import ImpulseModel
 WRENCHES = np.array([[10.0, -20.0, 30.0, 1.0, 2.0, 3.0], [0.0, 5.0, 0.0, -4.0, 0.0, 0.5]])
 
 
-def made(time_constant_s: float = 0.0) -> tuple[ImpulseModel, Any]:
-    dut = ImpulseModel(wrenches=WRENCHES, time_constants_s=np.full(2, time_constant_s), period_s=PERIOD_S)
+def made() -> tuple[ImpulseModel, Any]:
+    dut = ImpulseModel(wrenches=WRENCHES, time_constants_s=np.zeros(2), period_s=PERIOD_S)
     return dut, dut.CreateDefaultContext()
 
 
@@ -49,17 +49,6 @@ def test_impulses_are_wrench_times_the_period_of_samples_that_are_usable_when_st
     found = sample(dut, context, "impulses", jet_commands=now)
     assert_allclose(found[:6], np.nan_to_num(now) @ WRENCHES * PERIOD_S, rtol=1e-14, atol=1e-18)
     assert_array_equal(found[6:], [usable, firing])
-
-
-def test_with_a_lag_the_impulse_is_that_of_the_mean_level() -> None:
-    # T = 2 tau. From nothing the mean level is 1 - (1 - exp(-2)) / 2, and the level at the end 1 - exp(-2)
-    (dut, context), left = made(0.5 * PERIOD_S), math.exp(-2.0)
-    falling = 0.5 * (1.0 - left)  # mean of what dies away
-    levels = [1.0 - falling, 1.0 - left * falling, (1.0 - left**2) * falling, (1.0 - left**2) * left * falling]
-    for command, level in zip((1.0, 1.0, 0.0, math.nan), levels, strict=True):  # not known: taken as off
-        found = output(dut, context, "impulses", jet_commands=[0.0, command])
-        assert_allclose(found[:6], WRENCHES[1] * PERIOD_S * level, rtol=1e-12)
-        assert_allclose(sample(dut, context, "mean_level"), [0.0, level], rtol=1e-12)
 
 
 def test_an_outside_wrench_and_a_known_force_add_over_the_interval() -> None:

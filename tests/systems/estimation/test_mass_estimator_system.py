@@ -1,4 +1,4 @@
-"""The mass estimator as a system: ports, one sample by hand, and thrust errors; its mathematics have their own."""
+"""The mass estimator as a system: ports, and one sample by hand; its mathematics have their own."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import mass_params
 from systems_probe import advance, feedthrough, give, inputs, output, outputs
 
-from massprop_drake.maths.estimation.filters.mass_filter import Compensation
-from massprop_drake.maths.estimation.filters.thesis import MASS_STATE
 from massprop_drake.systems import MassEstimator
 from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_REPORT, TURNING
@@ -19,27 +17,27 @@ PUSH = [0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 1.0]  # a linear impulse of 5 along x
 ROTATION = np.array([*[0.0] * 6, 1.0, 0.0, 0.0])  # center of mass at (1, 0, 0), packages at (3, 0, 0)
 
 
-def made(*packages: str, thrust_errors: Any = None, **given: Any) -> tuple[Any, Any]:
+def made(*packages: str) -> tuple[Any, Any]:
     """1/m = 0.1, of a variance of 4e-4; increments with one of 0.01; the vehicle does not turn."""
     n = len(packages)
-    params = mass_params(positions=np.tile([3.0, 0.0, 0.0], (n, 1)), variances=np.full(n, 5e-3), **given)
+    params = mass_params(positions=np.tile([3.0, 0.0, 0.0], (n, 1)), variances=np.full(n, 5e-3))
     dut = MassEstimator(
-        mass_reciprocal=0.1, variance=4e-4, thrust_errors=thrust_errors, params=params,
+        mass_reciprocal=0.1, variance=4e-4, params=params,
         accelerometers=tuple(KnownPackage(name, np.inf) for name in packages),
     )  # fmt: skip
     context = dut.CreateDefaultContext()
     give(dut, context, predicted_estimate=ROTATION, impulses=PUSH)
-    turn(dut, context, 0 if thrust_errors is None else len(thrust_errors))
+    turn(dut, context)
     return dut, context
 
 
-def turn(dut: Any, context: Any, jets: int = 0, **changes: Any) -> None:
+def turn(dut: Any, context: Any, **changes: Any) -> None:
     """What the rotation filter says of the sample."""
-    layout, zeros = TURNING.sized(jets=jets), np.zeros(3)
+    layout, zeros = TURNING.sized(jets=0), np.zeros(3)
     turning = {
         "innovation": zeros, "innovation_covariance": np.eye(3), "increment": zeros, "rate": zeros,
         "rate_variance": 0.0, "estimate": ROTATION, "covariance": np.zeros((9, 9)),
-        "cross_covariance": np.zeros((3, 9)), "effects": np.zeros((3, jets)), "sensitivity": np.zeros((9, jets)),
+        "cross_covariance": np.zeros((3, 9)), "effects": np.zeros((3, 0)), "sensitivity": np.zeros((9, 0)),
     }  # fmt: skip
     give(dut, context, turning=layout.pack(layout.make(**(turning | changes))))
 
@@ -93,35 +91,3 @@ def test_one_sample_by_hand() -> None:
     advance(dut, context)
     assert_array_equal(output(dut, context, "predicted"), [*ROTATION, estimate[0]])
     assert not reported(dut, context, [np.nan] * 3).mass_used
-
-
-def test_turning_is_taken_out_about_the_predicted_center_of_mass() -> None:
-    dut, context = made("acc", compensation=Compensation.TRANSVERSE_CENTRIPETAL)
-    reported(dut, context, np.zeros(3))
-    advance(dut, context)
-    # dw = (0, 0, 0.1) at 2 ahead of the center of mass: dw x r = (0, 0.2, 0); at 0.5: w x (w x r) T = -0.25 x 2 x 0.08
-    turn(dut, context, increment=np.array([0.0, 0.0, 0.1]), rate=np.array([0.0, 0.0, 0.5]))
-    assert_allclose(reported(dut, context, [0.46, 0.2, 0.0]).mass_innovation, 0.0, atol=1e-15)
-
-
-def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
-    # two jets push along x with one sigma of 0.2 and 0.4 at full level; the first is on, the second at a half:
-    # effects 0.1 x 0.2 and 0.1 x 0.2 along x, and the products 4e-4 (0.04 + 0.04)
-    dut, context = made("acc", thrust_errors=np.outer([0.2, 0.4], np.eye(6)[3]))
-    assert (inputs(dut)["mean_level"], inputs(dut)["turning"]) == (2, 136 + 24)
-    give(dut, context, mean_level=[1.0, 0.5])
-    reported(dut, context, np.zeros(3))
-    advance(dut, context)
-    # what each shows as in the rate is shared: 0.02 times that
-    for effects in (np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 2.0]]), np.zeros((3, 2))):
-        turn(dut, context, jets=2, effects=effects)
-        reported(dut, context, [0.6, 0.0, 0.0])
-        joint, shared = evidence(dut, context), np.zeros((3, 3))
-        shared[0] = 0.02 * effects.sum(axis=1)
-        assert joint.coupled == effects.any()
-        assert_allclose(joint.covariance[:3, 3:], shared, rtol=1e-13)
-    expected = np.diag([0.02 + 2 * 4e-4 + 4e-4 * 0.08, 0.01, 0.01])
-    assert_allclose(joint.covariance[:3, :3], expected, rtol=1e-13, atol=1e-18)
-    advance(dut, context)
-    state = MASS_STATE.sized(accelerometers=1, window=1, errors=2).read(context.get_discrete_state(0).CopyToVector())
-    assert (state.sensitivity < 0.0).all()  # more thrust than thought looks like a larger 1/m

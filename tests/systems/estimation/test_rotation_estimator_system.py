@@ -1,4 +1,4 @@
-"""The rotation estimator as a system: ports, one sample by hand, and thrust errors; its mathematics have their own."""
+"""The rotation estimator as a system: ports, and one sample by hand; its mathematics have their own."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import rotation_params
-from systems_probe import advance, feedthrough, give, inputs, output, outputs
+from systems_probe import advance, feedthrough, inputs, output, outputs
 
-from massprop_drake.maths.estimation.filters.thesis import ROTATION_STATE
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.systems import RotationEstimator
 from massprop_drake.systems.estimation._readings import KnownPackage
@@ -24,11 +23,11 @@ TWIST = [2.0, *[0.0] * 5, 1.0, 1.0]
 READ = [1.2, -0.1, 0.05]
 
 
-def made(*gyros: str, thrust_errors: Any = None, **given: Any) -> tuple[Any, Any]:
+def made(*gyros: str, **given: Any) -> tuple[Any, Any]:
     """With variances of 1e-3 of increments."""
     params = rotation_params(gyro_variances=np.full(len(gyros), 5e-4), **given)
     dut = RotationEstimator(
-        estimate=ESTIMATE, covariance=VARIANCE * np.eye(9), thrust_errors=thrust_errors, params=params,
+        estimate=ESTIMATE, covariance=VARIANCE * np.eye(9), params=params,
         gyros=tuple(KnownPackage(name, np.inf) for name in gyros),
     )  # fmt: skip
     return dut, dut.CreateDefaultContext()
@@ -86,23 +85,3 @@ def test_a_lost_definiteness_names_the_system_and_the_time() -> None:
     advance(dut, context)
     with pytest.raises(NotPositiveDefiniteError, match=r"rotation_estimator: .*innovation covariance.*at t = 0\.08 s"):
         reported(dut, context, READ)
-
-
-def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
-    # one sigma turns with 0.2 and 0.4 about x at full level; the first jet is on, the second at a half: effects
-    # 0.5 x 0.2 each about x; products H_j S H_j^T = 0.2^2 x 0.01 of each about every axis
-    dut, context = made("gyro", thrust_errors=np.outer([0.2, 0.4], np.eye(6)[0]))
-    assert (inputs(dut)["mean_level"], outputs(dut)["turning"]) == (2, 136 + 24)
-    assert "mean_level" in feedthrough(dut)["innovation"]
-    give(dut, context, mean_level=[1.0, 0.5])
-    reported(dut, context, np.zeros(3))
-    advance(dut, context)
-    reported(dut, context, READ)
-    turning = TURNING.sized(jets=2).read(output(dut, context, "turning"))
-    assert_allclose(turning.effects, [[0.1, 0.1], [0.0, 0.0], [0.0, 0.0]], rtol=1e-13)
-    expected = np.diag([0.041 + 0.02, 0.041, 0.041]) + 2 * 0.04 * 0.01 * np.eye(3)
-    assert_allclose(turning.innovation_covariance, expected, rtol=1e-13, atol=1e-18)
-    advance(dut, context)
-    state = ROTATION_STATE.sized(gyros=1, errors=2).read(context.get_discrete_state(0).CopyToVector())
-    # more torque looks like a larger inverse inertia: truth minus estimate falls
-    assert (state.sensitivity[0] < 0.0).all()

@@ -97,16 +97,3 @@ def test_what_falls_freely_feels_no_gravity_and_what_stands_that_it_is_held_up()
     dut = BodyMotion(plant, "block")
     rates = dut.EvalTimeDerivatives(fed(dut, plant, plant.CreateDefaultContext())).CopyToVector()
     assert_allclose(rates, [0.0, 9.81, 0.0, *[0.0] * 6], atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("plant", "message"),
-    [
-        (arm(time_step=0.001), r"is discrete, with a time step of 0\.001 s: its steps are of first order"),
-        (arm(), r"'hull' is no body of the MultibodyPlant; bodies are: bus, forearm, payload, upper_arm"),
-        (MultibodyPlant(0.0), r"is not finalized; call its Finalize\(\) first"),
-    ],
-)
-def test_a_wrong_plant_or_body_is_refused(plant: MultibodyPlant, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        BodyMotion(plant, "hull")

@@ -1,4 +1,4 @@
-"""The disturbance as a system: what it adds, for which sample, and to which body."""
+"""A disturbance: how large it is and how long it remembers, what it adds to which body, and for which sample."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, 
 from massprop_drake import load_scenario
 from massprop_drake.inputs import true_params
 from massprop_drake.maths.noise import normal_sample
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, decay_factor, next_deviation
 from massprop_drake.systems import Disturbance
 
 MEAN = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 3.0])
@@ -70,3 +70,17 @@ def test_params_begin_with_a_draw_of_the_stated_size() -> None:
     assert_array_equal(model.before, np.array([100.0, 200.0, 50.0, 5.0, 5.0, 5.0]) * drawn)
     assert model.kept == pytest.approx(np.exp(-0.08 / 2.0))
     assert true_params.disturbance(load_scenario("sample_maneuver")) is None
+
+
+def test_size_and_memory_over_a_long_time() -> None:
+    assert decay_factor(100.0, 0.08) ** (100.0 / 0.08) == pytest.approx(np.exp(-1.0), rel=1e-12)
+    rng, std, kept, n = np.random.default_rng(1), np.array([2.0, 0.0, 3.0, 1.0, 0.5, 4.0]), 0.9, 20_000
+    model = DisturbanceModel(np.zeros(6), std, kept, np.zeros(6))
+    deviation, values = std * rng.standard_normal(6), np.empty((n, 6))
+    for row in range(n):
+        values[row] = deviation = next_deviation(deviation, rng.standard_normal(6), model)
+    # (1 + 0.9) / (1 - 0.9) = 19 samples count as one: 1000 independent ones, of which a sigma is known to 2 %
+    assert_allclose(values.std(axis=0), std, rtol=0.08)
+    for lag in (1, 5, 20):
+        correlation = (values[lag:] * values[:-lag]).mean(axis=0)
+        assert_allclose(correlation[std > 0.0] / std[std > 0.0] ** 2, kept**lag, rtol=0.0, atol=0.15)

@@ -1,4 +1,4 @@
-"""True reaction wheels: against bodies and joints of Drake's MultibodyPlant, in both kinds of plants; readings."""
+"""True reaction wheels: against bodies and joints of Drake's MultibodyPlant; readings and limits."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from systems_probe import feedthrough, inputs, output, outputs, update
 
-from massprop_drake import simulate
-from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, read_speed
@@ -25,10 +22,6 @@ from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 Array = NDArray[np.float64]
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
 SPIN = np.array([0.02, 0.015])  # kg-m^2, about each axis
-WHEELS = [
-    {"name": "W1", "axis": [0.6, 0.0, 0.8], "inertia": 0.02, "quantum": 0.05, "torque": 0.2},
-    {"name": "W2", "axis": [0.0, 1.0, 0.0], "inertia": 0.015, "quantum": 0.05, "torque": 0.2},
-]
 
 
 def model(**changed: Any) -> WheelsModel:
@@ -83,42 +76,10 @@ def test_a_body_with_wheels_moves_as_bodies_and_joints_do() -> None:
     assert np.abs(rates[-1] - rates[0]).max() > 0.01
 
 
-def scenario(**changed: Any) -> Scenario:
-    """The small satellite with two wheels, which turn it for four seconds."""
-    data = load_vehicle("small_satellite").model_dump()
-    vehicle = {**data, "wheels": WHEELS}
-    for jet in vehicle["jets"]:
-        jet.pop("mass_flow", None)
-    pulses = [
-        {"wheel": "W1", "start_s": 0.5, "end_s": 2.5, "torque": 0.1},
-        {"wheel": "W2", "start_s": 1.0, "end_s": 3.0, "torque": -0.5},
-    ]
-    made = {"vehicle": vehicle, "duration_s": 4.0, "wheel_schedule": pulses, "detector": {"kind": "off"}}
-    plant = {"wheel_speeds": {"W1": 20.0}, "initial_rate": [0.01, -0.02, 0.005], **changed.pop("plant", {})}
-    return Scenario.model_validate({**made, "plant": plant, **changed})
-
-
-def test_speeds_are_those_of_the_motors_and_move_both_kinds_of_plant_alike() -> None:
-    stepped, continuous = (simulate(scenario(plant={"time_step": step}), look_back=False) for step in (None, 0.0))
-    np.testing.assert_allclose(stepped["rate"], continuous["rate"], atol=1e-9)
-    assert np.abs(stepped["rate"][-1] - stepped["rate"][0]).max() > 1e-3
-    first, second = stepped["W1"][:, 0], stepped["W2"][:, 0]
-    assert abs(first[-1] - (20.0 + 0.1 / 0.02 * 2.0)) < 0.1
-    assert abs(second[-1] + 0.2 / 0.015 * 2.0) < 0.1  # not by 0.5 N m
-    np.testing.assert_allclose(first / 0.05, np.round(first / 0.05), atol=1e-9)
-
-
 def test_a_speed_is_read_with_noise_and_in_steps() -> None:
     read = model(quanta=np.array([0.5, 0.0]), noise_std=np.array([0.1, 0.2]))
     assert read_speed(10.2, 1.0, 0, read) == 10.5
     assert read_speed(10.2, -2.0, 1, read) == pytest.approx(9.8)
-
-
-def test_wheels_that_the_vehicle_has_not_are_refused() -> None:
-    with pytest.raises(ValueError, match="'W3' is no wheel of vehicle 'small_satellite'; valid are: W1, W2"):
-        scenario(wheel_schedule=[{"wheel": "W3", "start_s": 0.0, "end_s": 1.0, "torque": 0.1}])
-    with pytest.raises(ValueError, match="'W1' is no wheel of vehicle 'small_satellite'"):
-        load_scenario("small_satellite_leak", ["plant.wheel_speeds={W1: 3.0}"])
 
 
 def test_a_motor_leaves_its_wheel_at_the_largest_speed() -> None:

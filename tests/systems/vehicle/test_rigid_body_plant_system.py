@@ -68,25 +68,6 @@ def test_a_continuous_plant_has_the_derivatives_of_the_mathematics() -> None:
 
 
 @pytest.mark.parametrize("time_step", [0.0, PERIOD_S])
-def test_the_mass_properties_in_the_context_are_those_that_move_it(time_step: float) -> None:
-    dut, changed = RigidBodyPlant(BODY, time_step=time_step), BODY._replace(mass=20.0, inertia=np.diag([8.0, 4.0, 5.0]))
-    context = dut.CreateDefaultContext()
-    dut.parameters.set(context, mass=20.0, inertia=[8.0, 4.0, 5.0, 0, 0, 0])
-    assert output(dut, context, "body_state")[MASS] == 20.0
-    assert_allclose(output(dut, context, "mass_properties"), changed.vector(), rtol=1e-15)
-    give(dut, context, **{"wrench_profile" if time_step else "wrench": WRENCH})
-    if time_step:
-        update(dut, context)
-        found, expected = output(dut, context, "body_state"), step(
-            initial_state(20.0), WRENCH, np.zeros((0, 7)), (), PERIOD_S, motion_constants(changed)
-        )  # fmt: skip
-    else:
-        found = dut.EvalTimeDerivatives(context).get_vector().CopyToVector()
-        expected = derivative(initial_state(20.0), WRENCH, motion_constants(changed))
-    assert_allclose(found, expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("time_step", [0.0, PERIOD_S])
 def test_a_jump_happens_at_the_first_sample_not_before_its_time(time_step: float) -> None:
     for time_s, expected in ((PERIOD_S, 1), (PERIOD_S + 1e-6, 2), (1.5 * PERIOD_S, 2)):
         jumps = (RELEASE._replace(time_s=time_s), DOCK._replace(time_s=time_s))

@@ -40,12 +40,10 @@ def signal(kind: Any, body: Array) -> Array:
 @pytest.mark.parametrize(
     "errors",
     [
-        {},
         {"limit": 0.4, **PHASE},
         {"scale_factor": np.array([0.01, -0.02, 0.0]), "noise_std": 0.01, **PHASE},
         {"bias": np.array([0.5, 0.0, -0.5]), "delay": 2, "walk_std": 0.1, "limit": 1.0},
         {"smoothing": 0.6, "vibration": SHAKEN, "bias": np.ones(3)},
-        {"vibration": SHAKEN},
     ],
 )
 def test_a_package_reads_what_its_mathematics_say(kind: Any, errors: dict[str, Any]) -> None:

@@ -21,7 +21,6 @@ from massprop_drake.maths.vehicle.engine_thrust import (
     N_ERRORS,
     EngineParams,
     follow_command,
-    interpolate_flow,
     reading_std,
     thrust,
     wrenches_of,
@@ -183,7 +182,7 @@ def single_engine_impulses(
     derivatives = np.empty((N_ERRORS, points.shape[0] // 3, 6))
     for error in range(N_ERRORS):
         derivatives[error] = _simpson_integrals(by[error], duration_s)
-    flows = interpolate_flow(level, engines.levels, engines.flows[which]).reshape(-1, 1)
+    flows = np.interp(level, engines.levels, engines.flows[which]).reshape(-1, 1)
     used = _simpson_integrals(flows, duration_s).ravel()
     return (
         _simpson_integrals(wrenches_of(given.place, acting), duration_s),
