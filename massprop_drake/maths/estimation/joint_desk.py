@@ -8,17 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
-from massprop_drake.maths.estimation.joint.bank import ONSETS, Following, Roots, Since, empty_bank
+from massprop_drake.maths.estimation.joint.bank import ONSETS, Since, empty_bank
 from massprop_drake.maths.estimation.joint.burns import Burn
-from massprop_drake.maths.estimation.joint.crossing import Crossing
-from massprop_drake.maths.estimation.joint.disturbance_states import Wander
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointState, Places, state_layout
-from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.orientation import STILL
-from massprop_drake.maths.estimation.joint.sensitivity import LINK, Traces
-from massprop_drake.maths.estimation.joint.swing import modes_at_rest
-from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, start_clock, timing_on_ticks
+from massprop_drake.maths.estimation.joint.sensitivity import LINK
+from massprop_drake.maths.estimation.joint.ticks import Clock, start_clock, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.whole import Samples, allocate_sample
 from massprop_drake.maths.kernels import kernel
@@ -175,34 +171,10 @@ def empty_sample(places: Places) -> JointSample:
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
 
 
-def empty_following(places: Places, sample: JointSample) -> Following:
-    """Returns inputs of `followed` without an onset, a template of their types."""
-    n, m = places.size, places.outputs
-    rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
-    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
-    given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
-    stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
-    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
-    each, slow = np.zeros(places.n_slow), np.zeros((6, places.n_slow))
-    wander = Wander(each, slow, slow, each, each)
-    before = (
-        np.zeros(n),
-        rows,
-        rows,
-        np.zeros((2, places.n_attitude, 3)),
-        1.0,
-        np.zeros((6, 6)),
-        wander,
-        modes_at_rest(places.n_swing, places.size),
-        1.0,
-    )
-    seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
-    return Following(Since(*empty_bank(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
-
-
 def initial_memory(state: JointState, places: Places) -> JointMemory:
     """Returns the memory before the first cycle, from the filter's initial state."""
-    clock, none, since = start_clock(0.0, state.level), np.zeros(places.jets), Since(*empty_bank(places)[1:])
+    none, since = np.zeros(places.jets), empty_bank(places).since
+    clock = start_clock(0.0, state.level, none)
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 

@@ -25,6 +25,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import (
 )
 from massprop_drake.maths.estimation.joint.ticks import Pace, start_clock, update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 UNSURE = small_params(second_order=False, flows=np.zeros(6))  # of thrusts
 PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
@@ -45,7 +46,7 @@ def flight(first: JointState, params: JointParams, jitter_s: float = 0.0) -> Fli
     """A settled filter whose readings are what it predicts, and noise; stamps are off their ticks by so much."""
     rng, of_stamps = np.random.default_rng(5), np.random.default_rng(1)
     states, samples, links, commands = [first], [], [], np.zeros((2, 6))
-    clock = start_clock(0.0, commands[0])
+    clock = start_clock(0.0, commands[0], level_onsets(6))
     for k in range(CYCLES):
         commands = np.vstack((commands[1], rng.uniform(size=6) < 0.4)).astype(float)
         stamp_s = (k + 1) * PERIOD + jitter_s * of_stamps.standard_normal()
@@ -89,13 +90,23 @@ def sound() -> dict[float, Flight]:
     return {jitter_s: flight(ready(slots=False), PARAMS, jitter_s) for jitter_s in (ON_TICKS, OFF_TICKS)}
 
 
-def banked(flown: Flight) -> banks.Bank:
-    """The bank before the update of the last cycle."""
-    bank = banks.empty_bank(PLACES)
+def banked(flown: Flight) -> banks.Since:
+    """The recursion since each onset, the first after the first cycle, before the update of the last cycle."""
+    since = banks.empty_bank(PLACES).since
     for cycle, over in enumerate(flown.links):
-        before = banks.advance_bank(bank, over, PLACES)
-        bank = banks.add_onset(before, over, flown.states[cycle + 1], cycle, UNSURE)
+        before = banks.advance_recursion(since, over, PLACES)
+        since, _ = banks.add_onset(before, over.correction, float(cycle), UNSURE)
     return before
+
+
+MEAN = np.kron(np.eye(2), np.hstack([0.5 * np.eye(3)] * 2))  # of packages
+
+
+def output_rows(since: banks.Since, index: int, over: Link) -> tuple[Array, Array]:
+    """Derivative of averaged outputs by the state at an onset, and by changes of w and c."""
+    jacobian = MEAN @ over.jacobian
+    on_outputs = banks.rate_output_derivative(jacobian, PLACES)
+    return banks.output_rows(since, index, jacobian, on_outputs, UNSURE), on_outputs
 
 
 def unlearned(mean: Array, flown: Flight, onset: int) -> Array:
@@ -117,40 +128,43 @@ def test_the_bank_has_residual_and_derivative_of_the_filters_own_prediction_from
     flown: dict[float, Flight], jitter_s: float
 ) -> None:
     of, rng = flown[jitter_s], np.random.default_rng(2)
-    bank, over, last = banked(of), of.links[-1], of.samples[-1]
-    read, mean = readings(last.rates, last.velocities, last.attitudes), banks.averaging_matrix(over.read, PLACES)
+    since, over, last = banked(of), of.links[-1], of.samples[-1]
+    read = readings(last.rates, last.velocities, last.attitudes)
+    np.testing.assert_array_equal(banks.averaging_matrix(over.read, PLACES)[0], MEAN)
     scale = np.sqrt(np.sum(of.states[3].root ** 2, axis=1))
-    for index, onset in enumerate(bank.cycles.astype(int).tolist()):
+    for index, onset in enumerate(since.cycles.astype(int).tolist()):
         at = of.states[onset + 1].mean
-        found = over.innovation + over.jacobian @ bank.learned[index]
+        found = over.innovation + over.jacobian @ since.learned[index]
         off = np.abs(found - read + unlearned(at, of, onset))
         off /= np.sqrt(UNSURE.variances if jitter_s else UNSURE.variances.min())
         assert off.max() < (0.05 if jitter_s else 0.02)
         assert np.abs(found - over.innovation).max() > 1e-3 * np.abs(over.innovation).max() or onset == CYCLES - 2
         if index not in (2, 6):
             continue
-        rows = banks.output_rows(bank, index, mean @ over.jacobian, UNSURE)
+        rows, _ = output_rows(since, index, over)
         for away in 0.1 * scale * rng.choice([-1.0, 1.0], (12, scale.size)):
-            difference = mean @ (unlearned(at + away, of, onset) - unlearned(at - away, of, onset)) / 2.0
+            difference = MEAN @ (unlearned(at + away, of, onset) - unlearned(at - away, of, onset)) / 2.0
             assert (np.abs(rows @ away - difference) < 0.02 * np.abs(rows * away).max(axis=1)).all()
 
 
 def test_statistics_agree_with_dense_linear_algebra(flown: dict[float, Flight]) -> None:
-    bank, over = banked(flown[ON_TICKS]), flown[ON_TICKS].links[-1]
-    found = banks.test_onsets(bank, over, 0.0, UNSURE)
-    mean = np.kron(np.eye(2), np.hstack([0.5 * np.eye(3)] * 2))
-    on_outputs = np.hstack([mean @ over.jacobian[:, 10:13], mean @ (over.jacobian[:, 13:16] + over.jacobian[:, 16:19])])
+    of = flown[ON_TICKS]
+    since, over, states = banked(of), of.links[-1], of.states[1:]
+    roots = banks.Roots([state.root for state in states], range(len(states)))
+    found, some = banks.test_onsets(since, roots, over, 0.0, UNSURE)
+    assert some
     for index in (0, 4, 8):
-        residual = mean @ (over.innovation + over.jacobian @ bank.learned[index])
-        rows = banks.output_rows(bank, index, mean @ over.jacobian, UNSURE) @ bank.states[index].root
-        total = rows @ rows.T + mean @ np.diag(UNSURE.variances) @ mean.T
-        total += on_outputs @ bank.noise[index] @ on_outputs.T
+        residual = MEAN @ (over.innovation + over.jacobian @ since.learned[index])
+        rows, on_outputs = output_rows(since, index, over)
+        rows = rows @ states[index].root
+        total = rows @ rows.T + MEAN @ np.diag(UNSURE.variances) @ MEAN.T
+        total += on_outputs @ since.noise[index] @ on_outputs.T
         weighted = np.linalg.solve(total, residual)
         assert found.total[index] == pytest.approx(residual @ weighted, rel=1e-8)
         for jet in range(6):
             signature = on_outputs @ over.effects[jet]
             projection, energy = signature @ weighted, signature @ np.linalg.solve(total, signature)
-            seconds = bank.missing[index, jet] if projection > 0 else bank.given[index, jet]
+            seconds = since.missing[index, jet] if projection > 0 else since.given[index, jet]
             shows = seconds > 0.5 * PERIOD
             force = np.clip(projection / energy / max(seconds, 1e-9), -UNSURE.thrusts[jet], UNSURE.thrusts[jet])
             assert found.likelihood[index, jet] == pytest.approx(projection**2 / energy * shows, rel=1e-8)

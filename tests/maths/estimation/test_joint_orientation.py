@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointP
 from massprop_drake.maths.estimation.joint.measurement import add_tracker_variances
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turn_attitude
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root as propagated_root
+from massprop_drake.maths.estimation.joint.prediction import propagate_root as propagated_root
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN
 from massprop_drake.maths.linear_algebra import Array
 

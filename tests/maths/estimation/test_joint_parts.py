@@ -53,8 +53,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.sensitivity import make_link, propagate_to_update
 from massprop_drake.maths.estimation.joint.tanks import TankParams, draw_propellant
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
@@ -399,26 +398,25 @@ def test_the_bank_knows_how_uncertain_a_disturbance_makes_the_outputs_since() ->
     params = DISTURBED._replace(rate_walk=1e-4)
     slow, size = part(params, "slow"), params.places.size
     state = first = initial_joint_state(params)._replace(root=1e-9 * np.eye(size), started=True, guarded=True)
-    bank, covariance, along = banks.empty_bank(params.places), np.zeros((size, 1)), np.zeros((size, 5))
+    since, covariance, along = banks.empty_bank(params.places).since, np.zeros((size, 1)), np.zeros((size, 5))
     along[slow] = np.eye(5)
     for number in range(6):
         still = {"commands": STILLNESS, "rates": np.zeros((2, 3)), "velocities": np.zeros((2, 3))}
         sample = some_sample(params, time_s=(number + 1) * PERIOD, **still)
         after, report = step(state, sample, params)
         over = make_link(state, report, sample, params)
-        bank = banks.advance_bank(bank, over, params.places)
+        since = banks.advance_recursion(since, over, params.places)
         if number > 0:
             covariance = propagate_root(covariance, report.course.expected.prediction, params)
             along = propagate_root(along, predicted(first, sample, params), params)[:, :5]
-        bank, state = banks.add_onset(bank, over, after, number, params), after
+        (since, _), state = banks.add_onset(since, over.correction, float(number), params), after
         first = after if number == 0 else first
     rows = np.r_[10:13, VELOCITY : VELOCITY + 3, slow]
     expected = covariance[rows] @ covariance[rows].T
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
-    np.testing.assert_allclose(bank.noise[0] / scale, expected / scale, atol=1e-4)
-    np.testing.assert_allclose(bank.kept[0], np.exp(-5 * PERIOD / DISTURBANCE.time_constant_s))
-    assert bank.states[0] is first
-    np.testing.assert_allclose(bank.rows[0][:, slow], along[rows[:6]], rtol=1e-3, atol=1e-8)
+    np.testing.assert_allclose(since.noise[0] / scale, expected / scale, atol=1e-4)
+    np.testing.assert_allclose(since.kept[0], np.exp(-5 * PERIOD / DISTURBANCE.time_constant_s))
+    np.testing.assert_allclose(since.rows[0][:, slow], along[rows[:6]], rtol=1e-3, atol=1e-8)
 
 
 FORCE, TORQUE, PUSHED = np.array([3.0, 2.0, -1.0]), np.array([1.0, -1.5, 0.7]), 10

@@ -21,8 +21,7 @@ from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root, velocity_gain_rows
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root, velocity_gain_rows
 from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning_matrix
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties

@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from joint_probe import elapsed, small_params, some_state, unread
+from joint_probe import elapsed, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.forcing import Drive, drive
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, fire, time_constants
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import velocity_gain_rows
+from massprop_drake.maths.estimation.joint.prediction import predict, velocity_gain_rows
 from massprop_drake.maths.estimation.joint.sensitivity import Link, propagate_crossings
 from massprop_drake.maths.estimation.joint.ticks import (
     JITTER,
@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.joint.ticks import (
     update_by_stamp,
 )
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 T = 0.08
 PACE = Pace(T)
@@ -52,13 +53,24 @@ class Found(NamedTuple):
     acting: Drive
 
 
+def started(stamp_s: float, command: Array) -> Clock:
+    """The clock at a first reading, after a command that is a level."""
+    return start_clock(stamp_s, command, level_onsets(command.size))
+
+
+def of_interval(interval: Elapsed, params: JointParams) -> JointSample:
+    """A sample of an interval, nothing read."""
+    pieces = {"durations_s": interval.durations_s, "commands": interval.commands, "timing": interval.timing}
+    return some_sample(params, **pieces)
+
+
 def record(stamps: Array, commands: Array, params: JointParams = PARAMS, pace: Pace = PACE) -> list[Found]:
     """The intervals of a record, and a state that learns from its stamps alone."""
-    clock, state, found = start_clock(stamps[0], np.zeros(commands.shape[1])), initial_joint_state(params), []
+    clock, state, found = started(stamps[0], np.zeros(commands.shape[1])), initial_joint_state(params), []
     for k in range(1, stamps.size):
         clock, interval = elapsed(clock, stamps[k], (commands[k - 1], commands[k]), pace)
         state, _ = update_by_stamp(state, interval.timing, params)
-        acting = drive(state, interval.durations_s, interval.commands, np.zeros(6), interval.timing, params)
+        acting = drive(state, of_interval(interval, params), params)
         state = state._replace(level=acting.firing.level, slope=acting.firing.slope, tick_slope=acting.tick_slope)
         found.append(Found(clock, interval, state, acting))
     return found
@@ -104,7 +116,7 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
             interval, timing = found.interval, found.interval.timing
             begin_s = stamps[k + 1] - timing.late_s - T * timing.numbers[1]
             state.mean[THETA] = np.array([ticks[0] - begin_s, 0.0]) / SIGMA
-            acting = drive(state, interval.durations_s, interval.commands, np.zeros(6), timing, PARAMS)
+            acting = drive(state, of_interval(interval, PARAMS), PARAMS)
             firing = acting.firing
             state = state._replace(level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope)
             total += firing.amount - true[k]
@@ -117,7 +129,7 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
 def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
     """Of the rate and of what accelerometers gather, with jets that have failed, and levels that ticks have moved."""
     params = small_params(tick_sigma=SIGMA, second_order=False)
-    clock = start_clock(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
+    clock = started(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
     commands = np.array([[0.0, 1, 0, 1, 1, 0], [1.0, 0, 0, 1, 0, 1], [0.0, 0, 1, 0, 1, 1]])
     clock, _ = elapsed(clock, T - 3e-4, (commands[0], commands[1]), PACE)
     _, interval = elapsed(clock, 2.0 * T + 4e-4, (commands[1], commands[2]), PACE)
@@ -127,7 +139,7 @@ def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
         mean = state.mean.copy()
         mean[THETA] += theta
         at = state._replace(mean=mean, level=state.level + (SIGMA * theta) @ state.tick_slope)
-        acting = drive(at, interval.durations_s, interval.commands, np.zeros(6), interval.timing, params)
+        acting = drive(at, of_interval(interval, params), params)
         acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
         found = predict(at, acting, unread(params), params)
         return found.mean[10:16], np.vstack((found.rate_rows, velocity_gain_rows(found, 0)))[:, THETA]
@@ -144,7 +156,7 @@ def test_a_switch_about_its_reading_is_as_likely_on_either_side_as_the_tick_says
     """Mean, share and spread of what acted before the reading, against draws; with the next interval, all of it."""
     sigma = 2e-4
     commands = np.array([0.0]), np.array([1.0])
-    before = start_clock(0.0, commands[0])._replace(off=True, scatter=1e9)  # the stamp itself tells nothing
+    before = started(0.0, commands[0])._replace(off=True, scatter=1e9)  # the stamp itself tells nothing
     before = before._replace(covariance=np.diag([sigma**2, 0.0]))
     stamp = T + late * sigma
     clock, interval = elapsed(before, stamp, commands, PACE)
@@ -208,9 +220,7 @@ def _timing(late_s: float, number: float) -> Timing:
 
 def test_missing_rows_have_the_command_of_both_neighbors() -> None:
     unknown = np.full(2, np.nan)
-    clock, interval = elapsed(
-        start_clock(0.0, C), T, (A, unknown), PACE
-    )  # the last row before it: its command is known
+    clock, interval = elapsed(started(0.0, C), T, (A, unknown), PACE)  # the last row before it: its command is known
     np.testing.assert_array_equal(interval.commands, [A])
     both = unknown, np.array([1.0, 1.0])
     np.testing.assert_array_equal(

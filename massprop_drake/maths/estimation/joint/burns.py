@@ -108,12 +108,6 @@ class EngineImpulse(NamedTuple):
 
 
 @kernel
-def no_engine_impulse() -> EngineImpulse:
-    """Returns an engine impulse of zero."""
-    return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
-
-
-@kernel
 def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
     """Returns a burn with assumed values in place of levels and angles that are not trusted.
 

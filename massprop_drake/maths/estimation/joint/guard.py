@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.error_products import parameter_effects
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, set_guard_status
+from massprop_drake.maths.estimation.joint.process_noise import parameter_effects
 from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 from massprop_drake.maths.kernels import kernel
 

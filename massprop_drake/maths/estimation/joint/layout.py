@@ -30,7 +30,6 @@ import numpy as np
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
-from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import kernel
@@ -203,7 +202,29 @@ class AttitudeSensors(NamedTuple):
     outliers: Array
 
 
-NO_ATTITUDE_SENSORS = AttitudeSensors(np.zeros(0), np.zeros(0), np.zeros(0))
+class Rates(NamedTuple):
+    """Steps of the filter: one a control period, or one at every time at which anything is read.
+
+    What is laid out for a step in a control period T keeps its meaning in seconds. Impulses' errors of repeatability
+    are white in time: over dt their variance is that over T times dt/T. So are products of errors of constants, which
+    are the same in every interval. Memories are as long in seconds: they hold so many more steps.
+
+    Attributes:
+        period_s: T where steps are taken as readings come; 0: a step is taken every period.
+        steps: steps in a control period, rounded up: by so many memories are longer that count steps.
+    """
+
+    period_s: float
+    steps: int
+
+
+EVERY_PERIOD = Rates(0.0, 1)
+
+
+@kernel
+def intervals_per_period(duration_s: float, rates: Rates) -> float:
+    """Computes how many intervals of a length, s, fit a control period; 1 where a step is taken every period."""
+    return max(rates.period_s / duration_s, 1.0) if rates.period_s > 0.0 else 1.0
 
 
 class JointParams(NamedTuple):
@@ -415,37 +436,29 @@ def replace_estimate(state: JointState, mean: Array, root: Array) -> JointState:
 @kernel
 def replace_levels(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
     """Returns the state with another mean and root, and other levels, which depend otherwise on the ticks."""
-    return _replace_fields(state, (mean, root, level, tick_slope), state.fresh, _guard_fields(state), state.lag_open)
+    learned, standing = (mean, root, level, tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, state.fresh, standing, state.lag_open)
 
 
 @kernel
 def clear_pending(state: JointState) -> JointState:
     """Returns the state with no reading pending that the update has yet to use."""
-    return _replace_fields(
-        state, _estimate_fields(state), np.zeros_like(state.fresh), _guard_fields(state), state.lag_open
-    )
+    learned, standing = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, np.zeros_like(state.fresh), standing, state.lag_open)
 
 
 @kernel
 def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
     """Returns the state with another guard flag and another count of firings since."""
-    return _replace_fields(state, _estimate_fields(state), state.fresh, (guarded, firing_count), state.lag_open)
+    learned = state.mean, state.root, state.level, state.tick_slope
+    return _replace_fields(state, learned, state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
-def widen_lag_prior(state: JointState, lag_open: Array) -> JointState:
-    """Returns the state with the wide prior for the lags of other kinds of jets."""
-    return _replace_fields(state, _estimate_fields(state), state.fresh, _guard_fields(state), lag_open)
-
-
-@kernel
-def _estimate_fields(state: JointState) -> tuple[Array, Array, Array, Array]:
-    return state.mean, state.root, state.level, state.tick_slope
-
-
-@kernel
-def _guard_fields(state: JointState) -> tuple[bool, float]:
-    return state.guarded, state.firing_count
+def widen_lag_prior(state: JointState, mean: Array, root: Array, lag_open: Array) -> JointState:
+    """Returns the state with another mean and root, and with the wide prior for the lags of other kinds of jets."""
+    learned, standing = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, state.fresh, standing, lag_open)
 
 
 @kernel

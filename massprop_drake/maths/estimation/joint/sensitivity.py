@@ -159,19 +159,6 @@ class Traces(NamedTuple):
     log_likelihood: float
 
 
-def collect_traces(before: JointState, report: Report, sample: JointSample) -> Traces:
-    """Collects the quantities from which a cycle after the first is linearized.
-
-    Args:
-        before: the state before it.
-        report: of it.
-        sample: of it.
-    """
-    course = report.course
-    assert course is not None, "the first sample is no cycle"
-    return traces_of_course(before.mean, course, sample)
-
-
 @kernel
 def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects the quantities from which a cycle is linearized, from its course.
@@ -212,12 +199,9 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
 
 
 def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
-    """Linearizes a cycle after the first.
-
-    Args:
-        before, report, sample: see `collect_traces`.
-    """
-    return link_from_traces(collect_traces(before, report, sample), params)
+    """Linearizes a cycle after the first, from the state before it, its report and its sample."""
+    assert report.course is not None, "the first sample is no cycle"
+    return link_from_traces(traces_of_course(before.mean, report.course, sample), params)
 
 
 @kernel
