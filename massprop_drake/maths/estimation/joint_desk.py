@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.joint.bank import ONSETS, Since, empty_bank
-from massprop_drake.maths.estimation.joint.burns import Burn
+from massprop_drake.maths.estimation.joint.burns import unlit
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointState, Places, state_layout
 from massprop_drake.maths.estimation.joint.orientation import STILL
@@ -17,9 +17,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import LINK
 from massprop_drake.maths.estimation.joint.ticks import Clock, start_clock, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.whole import Samples, allocate_sample
-from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
 
 
@@ -156,18 +154,12 @@ class JointDesk(NamedTuple):
     rules: Rules
 
 
-@kernel
-def shut_engines(places: Places) -> Burn:
-    """Returns the burn of engines that are off: zeros."""
-    return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
-
-
 def empty_sample(places: Places) -> JointSample:
     """Returns a sample of zeros, a template of its types."""
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
-    around = STILL.copy(), Spun(none, none, none, none), shut_engines(places)
+    around = STILL.copy(), Spun(none, none, none, none), unlit(places.engines)
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
 
 

@@ -30,6 +30,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     is_alarming,
 )
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
+from massprop_drake.maths.estimation.joint.burns import unlit
 from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Report, run_cycle
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState, is_initialized
@@ -47,7 +48,6 @@ from massprop_drake.maths.estimation.joint_desk import (
     empty_desk,
     empty_sample,
     initial_memory,
-    shut_engines,
 )
 from massprop_drake.maths.kernels import compile_kernel_if, fill, kernel, make_holder, make_shared_holder, select_where
 from massprop_drake.maths.linear_algebra import Array
@@ -196,7 +196,7 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
         attitudes,
         frames,
         speeds,
-        shut_engines(params.places),
+        unlit(params.places.engines),
     )
 
 

@@ -42,7 +42,13 @@ class Burn(NamedTuple):
     std: Array
 
 
-UNLIT = Burn(np.zeros((0, 3, N_CHANNELS)), np.zeros((0, N_CHANNELS)))
+@kernel
+def unlit(n: int) -> Burn:
+    """Returns the burn of engines that are off: zeros."""
+    return Burn(np.zeros((n, 3, N_CHANNELS)), np.zeros((n, N_CHANNELS)))
+
+
+UNLIT = unlit(0)
 
 
 class EngineSettings(NamedTuple):

@@ -139,7 +139,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
     if places.n_engine > 0:
-        of_known, columns = known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
+        of_known, columns = _known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
         rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
         velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
     if places.n_mount > 0:
@@ -208,7 +208,7 @@ def impulse_rows(
 
 
 @kernel
-def known_impulse_scale(mean: Array, params: JointParams) -> float:
+def _known_impulse_scale(mean: Array, params: JointParams) -> float:
     """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
     places = params.places
     return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
@@ -217,7 +217,7 @@ def known_impulse_scale(mean: Array, params: JointParams) -> float:
 @kernel
 def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
     """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
-    scale = known_impulse_scale(mean, params)
+    scale = _known_impulse_scale(mean, params)
     momenta = scale * wheel_momenta(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
     impulse[:3] -= momenta[1] - momenta[0]

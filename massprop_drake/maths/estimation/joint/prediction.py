@@ -271,14 +271,6 @@ def _mean_after_draw(after: Array, lighter: float, change: Array, turned: Array,
 
 
 @kernel
-def _swing_params(params: JointParams) -> SwingParams:
-    """Returns the modes, and their places in the state."""
-    places = params.places
-    scale = places.scale if places.n_scale > 0 else -1
-    return SwingParams(params.modes, places.swing, places.moving, places.n_moving, scale, params.thrust_sigma)
-
-
-@kernel
 def _add_modes(
     state: JointState,
     moved: Moved,
@@ -292,8 +284,10 @@ def _add_modes(
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
         return whole, modes_at_rest(0, params.places.size), noise, wander
-    turning_back = known_coupling_change(state, duration_s)
-    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, _swing_params(params))
+    places, turning_back = params.places, known_coupling_change(state, duration_s)
+    column = places.scale if places.n_scale > 0 else -1
+    own = SwingParams(params.modes, places.swing, places.moving, places.n_moving, column, params.thrust_sigma)
+    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, own)
     back = modes.given_back
     with_back = Wander(wander.kept, wander.begun, back @ wander.drawn, wander.along, wander.apart)
     whole = (felt.rate, felt.velocity), (felt.rate_rows, felt.velocity_rows)

@@ -66,7 +66,7 @@ def run_relinearized(
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
     state, crossing = update_by_crossings(
-        state, parameters_at_propellant(about, state.mean, params), sample, params.floors, params
+        state, _parameters_at_propellant(about, state.mean, params), sample, params.floors, params
     )
     state, stamp = update_by_stamp(state, sample.timing, params)
     mean = _linearization_estimate(state.mean, about, params)
@@ -109,7 +109,7 @@ def run_relinearized(
         at.coupled,
     )
     root = propagate_root(state.root, prediction, params)
-    there_properties = parameters_at_propellant(about, prediction.mean, params)
+    there_properties = _parameters_at_propellant(about, prediction.mean, params)
     expected = predict_readings(state, prediction, root, (there_properties, params.floors), sample, params)
     if expected.used.any():
         change, told = update_root(expected, root, params)
@@ -137,13 +137,8 @@ def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, pa
 
 
 @kernel
-def parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
-    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
-
-    Args:
-        about: the estimate, shape (size,).
-        mean: the other, shape (size,).
-    """
+def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
+    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another mean has."""
     places, result = params.places, about[:N_PROPERTIES].copy()
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)
@@ -158,7 +153,7 @@ def _linearization_estimate(mean: Array, about: Array, params: JointParams) -> A
     """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
     places = params.places
     result = mean.copy()
-    result[:N_PROPERTIES] = parameters_at_propellant(about, mean, params)
+    result[:N_PROPERTIES] = _parameters_at_propellant(about, mean, params)
     forces = slice(places.force, places.force + places.n_force)
     result[forces] = about[forces]
     lags = slice(places.lag, places.lag + places.n_lag)
