@@ -48,7 +48,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(monkeypatch: pytest.MonkeyPatch,
     """Same bits in flight and from a record, before and after a jet sticks, which is left to the parts."""
     scenario = load_scenario(
         "orbiter_maneuver",
-        ["failures=[{kind: stuck_on, jet: R4R, start_s: 8}]", "duration_s=9", "execution.engine=loop"],
+        ["failures=[{kind: stuck_on, jet: R4R, start_s: 6.2}]", "duration_s=7", "execution.engine=loop"],
     )
     parts = simulate(scenario)
     parts.save(tmp_path / "run", pictures=False, report=False)
