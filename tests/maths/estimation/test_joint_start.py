@@ -51,10 +51,10 @@ class Flown(NamedTuple):
 @pytest.fixture(scope="module")
 def flown() -> Flown:
     """The beginning of a maneuver in which the second order alone leads to a wrong center of mass."""
-    settings = ["plant.lag_factor=0.9523809523809523", "plant.thrust_dispersion=0.01", "joint.thrust_uncertainty=0.01"]
-    given = ["detector.kind=off", "execution.engine=loop", "duration_s=10", "seed=50009"]
-    run = simulate(load_scenario("orbiter_maneuver", [*settings, *given]))
-    params, states = inputs.joint_params(run.scenario), []
+    given = ["plant.lag_factor=0.9523809523809523", "plant.thrust_dispersion=0.01", "detector.kind=off", "seed=50009"]
+    filtered = load_scenario("orbiter_maneuver", [*given, "joint.thrust_uncertainty=0.01"])
+    run = simulate(load_scenario("sample_maneuver", [*given, "plant.thrust_transient=vehicle", "duration_s=10"]))
+    params, states = inputs.joint_params(filtered), []
     velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
     for kept in (BEGUN, OVER):
         state = joint.initial_state(params)._replace(start=kept)

@@ -73,10 +73,8 @@ def test_outputs_and_rate_read_have_their_derivatives() -> None:
     # C is known, and w's part of it is not differentiated
     _, jacobian = predict_outputs(state.mean, state.reference, state.spin, PARAMS)
     steps = np.full(PLACES.size, 1e-4)
-    found = central_differences(
-        lambda mean: predict_outputs(mean, state.reference, state.spin, PARAMS)[0], state.mean, steps
-    )
-    np.testing.assert_allclose(found, jacobian, atol=1e-9)
+    outputs = lambda mean: predict_outputs(mean, state.reference, state.spin, PARAMS)[0]  # noqa: E731
+    np.testing.assert_allclose(central_differences(outputs, state.mean, steps), jacobian, atol=1e-9)
 
     mean = np.zeros(PLACES.size)
     mean[PLACES.gyro_bias : PLACES.gyro_bias + 6] = [100.0, 0, 0, -50, 0, 0]

@@ -127,7 +127,7 @@ def advance_watch(
     if alarm is not None:
         alarm = alarm._replace(screen=screens.advance_screen(alarm.screen, over, params))
     if found is not None and banks.is_alarming(statistic, float(found.total.max())):
-        index = banks.youngest_likely_onset(found.total, _SHARE)
+        index = int(np.flatnonzero(found.total >= _SHARE * found.total.max())[-1])  # older ones explain as much
         if alarm is None or (likely and watch.bank.since.cycles[index] > alarm.cycle):  # something new
             alarm = _make_alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.since.cycles[0])

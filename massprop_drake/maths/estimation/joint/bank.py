@@ -381,7 +381,6 @@ def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: 
 
     Args:
         since, roots: of the bank before it.
-        cycle: its number.
         least: see `test_onsets`.
     """
     over = link_from_traces(seen, params)
@@ -413,16 +412,6 @@ def run_follow_cycle(
         done = made.follow_cycle(Following(since, stacked, seen, float(cycle), float(least)))
     after = Bank((*(states[index] for index in done.keep.tolist()), state), done.since)
     return done.link, done.tested if done.some else None, done.complete, after
-
-
-def youngest_likely_onset(total: Array, share: float) -> int:
-    """Returns the index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
-
-    Args:
-        total: T of each onset, shape (k,).
-        share: of the largest that is near.
-    """
-    return int(np.flatnonzero(total >= share * total.max())[-1])
 
 
 @kernel

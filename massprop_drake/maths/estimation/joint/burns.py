@@ -79,7 +79,6 @@ def make_burn(
     Args:
         before: at the start of the interval.
         read: at its end, NaN where missing, shape (n, 3).
-        duration_s: T.
     """
     measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
     shown = np.where(missing, before.told, read)
@@ -138,7 +137,6 @@ def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: Engine
     Args:
         burn: levels and angles.
         errors: the six of each engine, shape (6 n,).
-        duration_s: T.
     """
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
@@ -165,7 +163,6 @@ def single_engine_impulses(
         which: index of the engine.
         points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
         errors: its six, shape (6,).
-        duration_s: T.
 
     Returns:
         The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),

@@ -51,7 +51,6 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
     which nothing turns the vehicle.
 
     Args:
-        state: the state.
         acting: which jets turn the vehicle, shape (n_jets,); None: any may.
     """
     wrenches = params.wrenches if acting is None else params.wrenches[acting]

@@ -341,7 +341,6 @@ def add_disturbance_drift(state: JointState, before: float, duration_s: float, p
     Args:
         state: with what acts, of level L.
         before: level that was thought to act.
-        duration_s: of an interval, T.
     """
     unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
     noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
@@ -485,7 +484,6 @@ def step_runner(
 
     Args:
         run: before; it opens when its onset is the last cycle done.
-        sample: of the cycle.
         over: the cycle of any filter that is near.
         erratic: see `add_force_noise`.
         push: see `add_push_impulse`.

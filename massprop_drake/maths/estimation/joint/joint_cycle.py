@@ -302,7 +302,6 @@ def update_state(
 
     Args:
         state: before it.
-        sample: of it.
         change: of no meaning where no component counted.
     """
     mean, root, firing = expected.prediction.mean, change.root, acting.firing

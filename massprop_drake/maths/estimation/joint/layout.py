@@ -205,9 +205,8 @@ class AttitudeSensors(NamedTuple):
 class Rates(NamedTuple):
     """Steps of the filter: one a control period, or one at every time at which anything is read.
 
-    What is laid out for a step in a control period T keeps its meaning in seconds. Impulses' errors of repeatability
-    are white in time: over dt their variance is that over T times dt/T. So are products of errors of constants, which
-    are the same in every interval. Memories are as long in seconds: they hold so many more steps.
+    What is laid out for a control period T keeps its meaning in seconds: theory page of the joint filter, "Steps from
+    reading to reading".
 
     Attributes:
         period_s: T where steps are taken as readings come; 0: a step is taken every period.

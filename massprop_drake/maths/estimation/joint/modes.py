@@ -149,7 +149,6 @@ def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModePara
 
     Args:
         factors: see `estimated_part_ratios`.
-        duration_s: T.
     """
     n = modes.frequencies.shape[0]
     own = factors[modes.parts]

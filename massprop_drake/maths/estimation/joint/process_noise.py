@@ -97,7 +97,6 @@ def combine_disturbances(
         state: before the interval.
         speeds: of the wheels, those that are believed.
         inverse: what an impulse of them turns the vehicle by, shape (3, 3).
-        duration_s: of the interval.
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
     wander = join_courses(
@@ -115,7 +114,6 @@ def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: fl
 
     Args:
         turned, pushed: changes of w and c by what acts, shape (3,) each.
-        duration_s: of the interval.
     """
     drift = np.zeros(N_PROPERTIES)
     if state.stir == 0.0 or not (turned.any() or pushed.any()):

@@ -154,7 +154,6 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
         arms: ft or m, shape (n, 3).
-        duration_s: of the interval.
     """
     n, rates = arms.shape[0], np.empty((2, 3))  # G is linear in the rate
     rates[0] = (duration_s / 6.0) * (2.0 * start + end)
@@ -186,7 +185,6 @@ def coupling(
         rates: w0 and w1, rad/s, shape (3,) each.
         momenta: h at the start and the end, shape (2, 3).
         bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
-        duration_s: T.
     """
     (inverse, inertia), (start, end) = inertias, rates
     own = inertia @ ((2.0 * start + end) / 6.0), inertia @ ((start + 2.0 * end) / 6.0)
@@ -212,7 +210,6 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
     Args:
         start, end: rates, rad/s, shape (3,).
-        duration_s: of the interval.
     """
     return max(float(start @ start), float(end @ end)) * duration_s
 
@@ -224,7 +221,6 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
     Args:
         start, end: rates, rad/s, shape (3,).
         bowed: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
-        duration_s: of the interval.
     """
     result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
     for k, (i, j) in enumerate(_PAIRS):

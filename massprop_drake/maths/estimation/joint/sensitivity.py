@@ -165,8 +165,6 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
 
     Args:
         mean: of the state before the cycle, shape (size,).
-        course: how it went.
-        sample: of the cycle.
     """
     expected, update = course.expected, course.update
     prediction = expected.prediction
@@ -269,7 +267,6 @@ def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
 
     Args:
         columns: errors before that, shape (size, h).
-        over: the cycle.
     """
     if over.crossing_half_gain.any():
         columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
@@ -288,7 +285,6 @@ def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Plac
     Args:
         columns: errors before the interval, shape (size, h).
         forcing: what acts on w and c over it, shape (6, h).
-        over: the interval.
     """
     after = columns.copy()
     after[RATE] += over.rate_rows @ columns + forcing[:3]
@@ -317,7 +313,6 @@ def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
     Args:
         columns: errors before it, shape (size, h).
         shown: what they add to the innovation, shape (m, h).
-        over: the cycle.
     """
     result: Array = columns - over.gain @ shown
     return result
@@ -333,7 +328,6 @@ def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
 
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).
-        over: the interval.
     """
     result = np.zeros((places.size, columns.shape[1]))
     result[RATE] = columns[:3]

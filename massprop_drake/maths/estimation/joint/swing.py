@@ -337,7 +337,6 @@ def swing_modes(
         moved: without modes.
         linear: impulse, shape (3,).
         about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
-        duration_s: T.
     """
     course, scale, modes = _mode_course(mean, moved, about, duration_s, params), about[0], params.modes
     swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()
