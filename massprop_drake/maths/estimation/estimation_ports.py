@@ -324,8 +324,15 @@ def make_mass_filter(params: MassParams, state: MassVector) -> Weighing:
 _MASS_SEEN = MassSeen(
     _THREE, _SQUARE, _SQUARE, _SQUARE, 0.0, _THREE, _SQUARE, _THREE, False, False, 0.0, 0.0, np.empty(0), np.empty(0)
 )
-# numbers besides readings and the window
-_N_ROTATION_SEEN, _N_MASS_SEEN = (sum(map(np.size, seen)) for seen in (_ROTATION_SEEN, _MASS_SEEN))
+
+
+def _count_numbers(bundle: tuple[Any, ...]) -> int:
+    """Counts the numbers in a bundle."""
+    return sum(np.size(field) for field in bundle)
+
+
+# besides readings and the window
+_N_ROTATION_SEEN, _N_MASS_SEEN = _count_numbers(_ROTATION_SEEN), _count_numbers(_MASS_SEEN)
 
 
 @kernel

@@ -133,7 +133,7 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     after, report = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     if report.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traces_of_course(kept.joint.mean, report.course, sample)
+    seen = traces_of_course(kept.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
     found = follow_cycle(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
@@ -254,6 +254,7 @@ class Work:
         self._no_asked = make_holder(Asked(state, sample, params.thresholds, OWN_CHOICE, state.mean), compile_it)
         _, report = run_cycle(state, sample, params.thresholds, OWN_CHOICE, params)
         none = Roots(np.zeros((0, *state.root.shape)), np.arange(0))
+        assert report.course is not None, "the first sample is no cycle"
         seen = traces_of_course(state.mean, report.course, sample)
         following = Following(empty_bank(params.places).since, none, seen, 0.0, 0.0)
         self._no_following = make_holder(following, compile_it)
