@@ -67,6 +67,7 @@ from massprop_drake.maths.linear_algebra import Array, cross, sparse_product
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
+_FIRST = CENTER.start  # of the coordinates of the center of mass
 ALONE = (STILL, UNSPUN)
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
@@ -382,10 +383,10 @@ def propagate_root(root: Array, prediction: Prediction, params: JointParams) -> 
         element = drifting[column]
         sigma = np.sqrt(prediction.drift[element])
         columns[element, first + column] = sigma
-        if CENTER.start <= element < MASS:
+        if _FIRST <= element < MASS:
             for package in range(places.accelerometers):
                 part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-                columns[part, first + column] = prediction.turned[:, element - CENTER.start] * sigma
+                columns[part, first + column] = prediction.turned[:, element - _FIRST] * sigma
     if not columns.any():
         return after
     return np.hstack((after, columns))
