@@ -83,7 +83,7 @@ class Besides(NamedTuple):
         speeds: of the wheels as they are read, NaN where missing, rad/s, shape (n, n_wheels).
         onsets_s: of the commands, NaN where these are levels, shape (n, n_jets).
         durations_s: of the intervals that end, shape (n,).
-        frames, attitudes: see `cycle.Sample`, shapes (n, 2, 4) and (n, n_trackers, 3).
+        frames, attitudes: see `JointSample`, shapes (n, 2, 4) and (n, n_trackers, 3).
         before: speeds that were read last before each, NaN where none has been, rad/s, shape (n, n_wheels).
     """
 

@@ -9,7 +9,7 @@ r"""Hypothesis of one event: the joint filter's own cycle from another state, an
     lies    one component is not read from the onset on, until it fits again
     speed   the speed of a wheel is not believed from the onset on, for good: what it is off by turns with the vehicle
     turn    the attitude that a tracker reads is another from the onset on, as by another star that it takes for its own
-    wander  something acts which nobody stated, and changes slowly: see `disturbance`, one of `STIRS`
+    wander  something acts which nobody stated, and changes slowly: see `disturbance_states`, one of `STIRS`
     engine  level or angle of an engine stays where it was at the onset, and its thrust or that angle is anything
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter

@@ -52,7 +52,7 @@ class Course(NamedTuple):
         stamp: see `ticks.Stamped`.
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
-        update: `nothing_learned` where no component counted.
+        update: `covariance.empty_update` where no component counted.
         nis, degrees, log_likelihood: see `Report`.
     """
 
@@ -167,7 +167,7 @@ def _step_first(state: JointState, sample: JointSample, params: JointParams) -> 
 
 
 def restart(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
-    """Runs a cycle over an interval of which nothing is known: rate and gathered velocity begin again, see `begun`.
+    """Runs a cycle over an interval of which nothing is known: rate and velocity are as read again.
 
     What else is known stays; thrust follows the commands as far as they are known.
 

@@ -12,8 +12,8 @@ The mean and the rows of the covariance's root are in this order,
     | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as `disturbance`
-and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What stands from b on are
+c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as
+`disturbance_states` and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What stands from b on are
 parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the engines' errors, see
 `burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
 
@@ -271,7 +271,7 @@ class JointParams(NamedTuple):
         tanks: see `TankParams`.
         mounting: see `Mounting`.
         modes: see `ModeParams`.
-        compiled: see `cycle.Compiled`; None: nothing is. All but the thresholds is then as when it was compiled.
+        compiled: see `whole_joint.Work`; None: nothing is. All but the thresholds is then as when it was compiled.
     """
 
     places: Places
@@ -352,8 +352,8 @@ class JointState(NamedTuple):
         lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
         assumed: speed of each wheel whose readings are not believed, rad/s, then level and angles of each engine whose
             are not, rad, NaN: they are, shape (n_wheels + 3 n_engines,).
-        stir, stir_s: level and time constant, s, of what acts that nobody stated, see `disturbance`; a level of zero:
-            nothing does.
+        stir, stir_s: level and time constant, s, of what acts that nobody stated, see `disturbance_states`; a level of
+            zero: nothing does.
     """
 
     mean: Array

@@ -315,7 +315,7 @@ def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params:
     second failure, and costs no more up to what jets give at most.
 
     Args:
-        force, covariance: see `beyond`.
+        force, covariance: see `impossible_force_cost`.
         jets: whose they are, shape (number, jets).
     """
     stated = (1.0 + BOUND * thrust_sigmas(params)) * params.thrusts

@@ -179,7 +179,7 @@ class _Along(NamedTuple):
     Attributes:
         rigid: see `Rigid`.
         swing: see `Swing`.
-        factors: see `tuned`.
+        factors: see `estimated_part_ratios`.
         begun: eta and eta' at the beginning, shape (2 n,).
         rates: w at the start and the end with the modes locked, shape (2, 3).
         by_rate: I_1 w at the start, shape (n, 3).
