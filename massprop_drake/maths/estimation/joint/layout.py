@@ -13,9 +13,9 @@ The mean and the rows of the covariance's root are in this order,
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
 c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as
-`disturbance_states` and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What stands from b on are
-parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the engines' errors, see
-`burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
+`disturbance_states` and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What
+stands from b on are parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the
+engines' errors, see `burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
