@@ -36,6 +36,7 @@ from massprop_drake.maths.estimation.joint.disturbance_states import (
     DisturbanceParams,
     disturbance_course,
     disturbance_noise,
+    disturbance_noise_root,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -371,7 +372,7 @@ def test_a_disturbance_goes_over_as_the_matrix_exponential_has_it(constant_s: fl
     covariance, wander = through @ both[:11, 11:], disturbance_course(disturbance, PERIOD)
     np.testing.assert_allclose(wander.begun, through[:6, 6:], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(wander.kept * np.eye(n), through[6:, 6:], rtol=1e-9, atol=1e-15)
-    columns = np.block([[wander.drawn, np.zeros((6, n))], [wander.along * np.eye(n), wander.apart * np.eye(n)]])
+    columns = disturbance_noise_root(wander)
     scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal())) + 1e-300
     np.testing.assert_allclose(columns @ columns.T / scale, covariance / scale, atol=2e-6)
     np.testing.assert_allclose(disturbance_noise(wander), (columns @ columns.T)[:6, :6], atol=1e-30)

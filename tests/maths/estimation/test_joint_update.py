@@ -162,7 +162,8 @@ def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_onc
     assert nothing.log_likelihood == 0.0
     np.testing.assert_array_equal(again.mean, now.mean)
     # a cycle has the likelihood of both readings
-    (_, report), (_, alone) = (step(each._replace(guarded=True), reading(2, 1.0), ROUNDED) for each in (state, now))
+    (after, report), (_, alone) = (step(each._replace(guarded=True), reading(2, 1.0), ROUNDED) for each in (state, now))
+    assert after.fresh.tolist() == [0.0, *[1.0] * 5]
     assert report.log_likelihood == pytest.approx(told.log_likelihood + alone.log_likelihood)
     np.testing.assert_array_equal(report.course.crossing.correction, told.correction)
 
