@@ -1,28 +1,24 @@
-"""Parameters of the joint estimator for tests: of a small invented vehicle, and of vehicle files."""
+"""Parameters, states and samples of the joint estimator for tests, of a small invented vehicle."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
-from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.prediction import ALONE, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root
-from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.prediction import ALONE, predict, propagate_root
 from massprop_drake.maths.estimation.joint.rate_coupling import RateRead
 from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
+from massprop_drake.maths.mass_properties import six_elements
 from massprop_drake.maths.vehicle.on_times import level_onsets
 
 PERIOD = 0.1  # s
@@ -85,7 +81,7 @@ def small_params(**changed: Any) -> JointParams:
         "guard_center": np.full(3, 0.03),
         "settled_after": 60.0,
         "second_order": True,
-        "trackers": NO_ATTITUDE_SENSORS,
+        "trackers": AttitudeSensors(*np.zeros((3, 0))),
         "disturbance": NO_DISTURBANCE,
     }
     settings |= changed
@@ -138,46 +134,6 @@ def read_as(rate: Array, params: JointParams) -> RateRead:
 def unread(params: JointParams) -> RateRead:
     """No rate read."""
     return read_as(np.full(3, np.nan), params)
-
-
-def of_readings(quanta: Sequence[float], noises: Sequence[float]) -> dict[str, Array]:
-    """Parameters of readings, by quantum and 1-sigma of the noise of each package."""
-    cells, noise = np.repeat(quanta, 3), np.repeat(noises, 3)
-    dithered = (noise > DITHER * cells).astype(float)
-    return {"cells": cells, "floors": noise**2 + (FLOOR * cells) ** 2, "dithered": dithered}
-
-
-def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **changed: Any) -> JointParams:
-    """Of a vehicle file, exact thrusts, one lag error per kind, no biases."""
-    kinds, sensors = sorted({jet.kind for jet in vehicle.jets}), [*vehicle.gyros, *vehicle.accelerometers]
-    dithered = [0.0 if sensor.noise_std >= sensor.quantum / 4 else sensor.quantum for sensor in sensors]
-    nominal, given = vehicle.nominal.vector(), start == "nominal"
-    wide, stated = (
-        initial_standard_deviation(nominal, share, vehicle.center_of_mass_floor) for share in (1.0, vehicle.uncertainty)
-    )
-    counts = (len(vehicle.jets), len(vehicle.gyros), len(vehicle.accelerometers))
-    return small_params(
-        **{
-            "places": make_places(counts, len(kinds) if lag else 0, (False, False), False, 0),
-            "prior_sigma": np.ones(len(kinds) if lag else 0),
-            "repeatability": np.zeros(len(vehicle.jets)),
-            "wrenches": vehicle.wrenches,
-            "thrusts": np.linalg.norm(vehicle.thrusts, axis=1),
-            "flows": vehicle.mass_flows,
-            "time_constants_s": vehicle.time_constants_s * (1.0 if lag else 0.0),
-            "kinds": np.array([kinds.index(jet.kind) for jet in vehicle.jets]),
-            "accelerometer_positions": np.array([sensor.position for sensor in vehicle.accelerometers]),
-            "variances": np.repeat([sensor.variance for sensor in sensors], 3),
-            "quanta": np.repeat(dithered, 3),
-            **of_readings([sensor.quantum for sensor in sensors], [sensor.noise_std for sensor in sensors]),
-            "start": nominal if given else np.zeros(10),
-            "start_root": np.diag(stated if given else wide),
-            "increment_sigma": wide,
-            "nominal": nominal,
-            "guard_center": np.full(3, 0.03 * vehicle.rms_arm),
-            **changed,
-        }
-    )
 
 
 def central_differences(function: Any, at: Array, steps: Array) -> Array:

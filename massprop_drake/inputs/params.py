@@ -38,9 +38,8 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
-from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
+from massprop_drake.maths.estimation.joint.layout import EVERY_PERIOD, AttitudeSensors, Rates
 from massprop_drake.maths.estimation.joint.modes import ModeParams
-from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation

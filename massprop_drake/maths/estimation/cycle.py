@@ -227,9 +227,8 @@ def reported_estimate(done: EstimationStep) -> tuple[Array, Array]:
     """Returns estimate and 1-sigma of the ten parameters after a cycle, NaN if not observed, shape (10,) each."""
     rotation, mass = done.filtered.rotation, done.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
-    return join_ten_parameters(rotation.estimate, reciprocal), join_ten_parameters(
-        rotation.standard_deviation, deviation
-    )
+    deviations = join_ten_parameters(rotation.standard_deviation, deviation)
+    return join_ten_parameters(rotation.estimate, reciprocal), deviations
 
 
 def save_state(state: EstimationState, params: EstimationParams) -> Groups:

@@ -17,14 +17,7 @@ from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
-from massprop_drake.maths.estimation.filter import (
-    JOINT,
-    MASS_REPORT,
-    NOT_MEASURED,
-    ROTATION_REPORT,
-    Joint,
-    empty_joint,
-)
+from massprop_drake.maths.estimation.filter import JOINT, MASS_REPORT, NOT_MEASURED, ROTATION_REPORT, Joint, empty_joint
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import (
     MassInnovation,
@@ -112,9 +105,8 @@ class Heard(NamedTuple):
     adaptation: Adaptation
 
 
-def input_templates() -> Heard:
-    """Makes a template of each vector that a filter gets: impulses, known force, adaptation."""
-    return Heard(Acted(np.zeros(3), np.zeros(3), False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
+_THREE, _SQUARE = np.zeros(3), np.zeros((3, 3))
+_HEARD = Heard(Acted(_THREE, _THREE, False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
 
 
 class RotationVector(NamedTuple):
@@ -180,18 +172,12 @@ class Rotating(NamedTuple):
 
 def make_rotation_filter(params: RotationParams, state: RotationVector) -> Rotating:
     """Makes the rotation filter with its parameters, its initial state, and templates of its vectors."""
-    return Rotating(params, state, _turned_template(), _rotation_seen_template(state.rates), input_templates())
+    return Rotating(params, state, _TURNED, _ROTATION_SEEN._replace(rates=state.rates), _HEARD)
 
 
-def _rotation_seen_template(rates: Array) -> RotationSeen:
-    three, square, jacobian = np.zeros(3), np.zeros((3, 3)), np.zeros((3, N_ROTATION))
-    return RotationSeen(square, three, three, False, square, jacobian, square, False, 0.0, False, rates)
-
-
-def _turned_template() -> Turned:
-    three, square = np.zeros(3), np.zeros((3, 3))
-    covariance, cross = np.zeros((N_ROTATION, N_ROTATION)), np.zeros((3, N_ROTATION))
-    return Turned(three, square, three, three, 0.0, np.zeros(N_ROTATION), covariance, cross)
+_CROSS = np.zeros((3, N_ROTATION))
+_TURNED = Turned(_THREE, _SQUARE, _THREE, _THREE, 0.0, np.zeros(N_ROTATION), np.zeros((N_ROTATION, N_ROTATION)), _CROSS)
+_ROTATION_SEEN = RotationSeen(_SQUARE, _THREE, _THREE, False, _SQUARE, _CROSS, _SQUARE, False, 0.0, False, np.empty(0))
 
 
 @kernel
@@ -209,11 +195,8 @@ def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, hel
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
     given = held.value
-    before, acted, known = (
-        read_bundle(vector, given.state),
-        read_bundle(told, given.heard.acted),
-        read_bundle(force, given.heard.known),
-    )
+    before, acted = read_bundle(vector, given.state), read_bundle(told, given.heard.acted)
+    known = read_bundle(force, given.heard.known)
     state = RotationState(before.estimate, before.covariance, None)
     acting = acted.firing or bool(known.wrench.any() or known.translation_spread.any())
     angular, linear = acted.angular_impulse, acted.linear_impulse
@@ -221,7 +204,7 @@ def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, hel
     memory = RotationMemory(before.rates, before.subtract_coupling)
     sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, given.params)
     said = thesis.make_turning(state, sample, innovation)
-    row = np.empty(_TURNING + _ROTATION_SEEN + rates.size)
+    row = np.empty(_TURNING + _N_ROTATION_SEEN + rates.size)
     fill(row, (said.innovation, said.innovation_covariance, said.increment, said.rate, said.rate_variance))
     fill(row[_PREDICTION:], (said.estimate, said.covariance, said.cross_covariance))
     seen = RotationSeen(
@@ -334,14 +317,13 @@ class Weighing(NamedTuple):
 
 def make_mass_filter(params: MassParams, state: MassVector) -> Weighing:
     """Makes the mass filter with its parameters, its initial state, and templates of its vectors."""
-    return Weighing(
-        params, state, _turned_template(), _mass_seen_template(state.window, state.velocities), input_templates()
-    )
+    seen = _MASS_SEEN._replace(window=state.window, velocities=state.velocities)
+    return Weighing(params, state, _TURNED, seen, _HEARD)
 
 
-def _mass_seen_template(window: Array, velocities: Array) -> MassSeen:
-    three, square, last = np.zeros(3), np.zeros((3, 3)), (0.0, 0.0, window, velocities)
-    return MassSeen(three, square, square, square, 0.0, three, square, three, False, False, *last)
+_MASS_SEEN = MassSeen(
+    _THREE, _SQUARE, _SQUARE, _SQUARE, 0.0, _THREE, _SQUARE, _THREE, False, False, 0.0, 0.0, np.empty(0), np.empty(0)
+)
 
 
 def _count_numbers(bundle: tuple[Any, ...]) -> int:
@@ -350,10 +332,7 @@ def _count_numbers(bundle: tuple[Any, ...]) -> int:
 
 
 # besides readings and the window
-_ROTATION_SEEN, _MASS_SEEN = (
-    _count_numbers(_rotation_seen_template(np.empty(0))),
-    _count_numbers(_mass_seen_template(np.empty(0), np.empty(0))),
-)
+_N_ROTATION_SEEN, _N_MASS_SEEN = _count_numbers(_ROTATION_SEEN), _count_numbers(_MASS_SEEN)
 
 
 @kernel
@@ -389,7 +368,7 @@ def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, f
     interval = MassInterval(acted.linear_impulse, known.translation_spread, None)
     both, rotation = (before.velocities, velocities), thesis.rotation_inputs(turning)
     sample, innovation = mass_filter.measure_one(state, both, interval, rotation, given.params)
-    row = np.empty(_EVIDENCE + _MASS_SEEN + before.window.size + before.velocities.size)
+    row = np.empty(_EVIDENCE + _N_MASS_SEEN + before.window.size + before.velocities.size)
     if acted.usable:
         fill(row, thesis.join_innovations(turning, sample, innovation, state))
     else:
@@ -455,7 +434,7 @@ class Judging(NamedTuple):
 
 def make_detector(params: CglrParams) -> Judging:
     """Makes the detector with its parameters, its initial state, and templates of its vectors."""
-    return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, input_templates().acted)
+    return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, _HEARD.acted)
 
 
 @kernel
@@ -494,11 +473,8 @@ def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
     given = held.value
-    state, acted, joint = (
-        read_bundle(vector, given.state),
-        read_bundle(told, given.acted),
-        read_bundle(seen, given.joint),
-    )
+    state, acted = read_bundle(vector, given.state), read_bundle(told, given.acted)
+    joint = read_bundle(seen, given.joint)
     evidence = Evidence(
         time_s,
         command,

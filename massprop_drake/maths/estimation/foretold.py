@@ -1,15 +1,10 @@
 r"""Forecast of a flight: the joint filter's recursion along it, and how soon failures show.
 
-The filter takes in what a flight without failures reads. A force f of a jet that fails, constant from some time on,
-moves the rate and what accelerometers gather; what the filter makes of it moves its estimates. With B the error that a
-unit of each force has brought to the state, F and H the derivatives of prediction and outputs, K the gain and S the
-covariance of innovations, all as the filter has them,
-
-    B <- (1 - K H)(F B + g),    G <- G + (H (F B + g))^T S^-1 (H (F B + g)),
-
-g is what a unit of each force does in the interval. G is the information about all the forces at once. A filter that
-does not know of the force f_j is beaten by one that does by 1/2 f_j^2 G_jj in log likelihood, and one that takes
-another jet k for it, with the force that suits it best, by 1/2 f_j^2 (G_jj - G_jk^2 / G_kk): both in the mean.
+The filter takes in what a flight without failures reads. A force of a jet that fails, constant from some time on, moves
+its estimates: B and G are the error that a unit of each force has brought to the state, and the information about all
+forces, by the recursion of `maths.maneuver.information`. A filter that does not know of the force f_j is beaten by one
+that does by 1/2 f_j^2 G_jj in log likelihood, and one that takes another jet k for it, with the force that suits it
+best, by 1/2 f_j^2 (G_jj - G_jk^2 / G_kk): both in the mean.
 """
 
 from __future__ import annotations
@@ -53,7 +48,6 @@ def begin_forecast(properties: Array, params: JointFilterParams) -> tuple[Forete
 
     Args:
         properties: the ten parameters, shape (10,).
-        params: see `JointFilterParams`.
     """
     places, begins = params.joint.places, joint.initial_state(params)
     state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
@@ -74,7 +68,6 @@ def step(
         before: the forecast up to then.
         read: rates and velocities, NaN where missing, shape (s, 3) each.
         told: see `Told`.
-        params: see `JointFilterParams`.
         failing: whether jets leak from before the interval on.
     """
     measured = joint.step(before.filter, *read, told, params)

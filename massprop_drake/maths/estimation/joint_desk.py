@@ -8,22 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
-from massprop_drake.maths.estimation.joint.bank import ONSETS, Following, Roots, Since, empty_bank
-from massprop_drake.maths.estimation.joint.burns import Burn
-from massprop_drake.maths.estimation.joint.crossing import Crossing
-from massprop_drake.maths.estimation.joint.disturbance_states import Wander
+from massprop_drake.maths.estimation.joint.bank import ONSETS, Since, empty_bank
+from massprop_drake.maths.estimation.joint.burns import unlit
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointState, Places, state_layout
-from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.orientation import STILL
-from massprop_drake.maths.estimation.joint.sensitivity import LINK, Traces
-from massprop_drake.maths.estimation.joint.swing import modes_at_rest
-from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, start_clock, timing_on_ticks
+from massprop_drake.maths.estimation.joint.sensitivity import LINK
+from massprop_drake.maths.estimation.joint.ticks import Clock, start_clock, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.whole import Samples, allocate_sample
-from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
 
 
@@ -89,7 +83,7 @@ class Besides(NamedTuple):
         speeds: of the wheels as they are read, NaN where missing, rad/s, shape (n, n_wheels).
         onsets_s: of the commands, NaN where these are levels, shape (n, n_jets).
         durations_s: of the intervals that end, shape (n,).
-        frames, attitudes: see `cycle.Sample`, shapes (n, 2, 4) and (n, n_trackers, 3).
+        frames, attitudes: see `JointSample`, shapes (n, 2, 4) and (n, n_trackers, 3).
         before: speeds that were read last before each, NaN where none has been, rad/s, shape (n, n_wheels).
     """
 
@@ -160,49 +154,19 @@ class JointDesk(NamedTuple):
     rules: Rules
 
 
-@kernel
-def shut_engines(places: Places) -> Burn:
-    """Returns the burn of engines that are off: zeros."""
-    return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
-
-
 def empty_sample(places: Places) -> JointSample:
     """Returns a sample of zeros, a template of its types."""
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
-    around = STILL.copy(), Spun(none, none, none, none), shut_engines(places)
+    around = STILL.copy(), Spun(none, none, none, none), unlit(places.engines)
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
-
-
-def empty_following(places: Places, sample: JointSample) -> Following:
-    """Returns inputs of `followed` without an onset, a template of their types."""
-    n, m = places.size, places.outputs
-    rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
-    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
-    given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
-    stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
-    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
-    each, slow = np.zeros(places.n_slow), np.zeros((6, places.n_slow))
-    wander = Wander(each, slow, slow, each, each)
-    before = (
-        np.zeros(n),
-        rows,
-        rows,
-        np.zeros((2, places.n_attitude, 3)),
-        1.0,
-        np.zeros((6, 6)),
-        wander,
-        modes_at_rest(places.n_swing, places.size),
-        1.0,
-    )
-    seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
-    return Following(Since(*empty_bank(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
 def initial_memory(state: JointState, places: Places) -> JointMemory:
     """Returns the memory before the first cycle, from the filter's initial state."""
-    clock, none, since = start_clock(0.0, state.level), np.zeros(places.jets), Since(*empty_bank(places)[1:])
+    none, since = np.zeros(places.jets), empty_bank(places).since
+    clock = start_clock(0.0, state.level, none)
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 

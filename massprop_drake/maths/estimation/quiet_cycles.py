@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
 from massprop_drake.maths.estimation.joint import start as starts
-from massprop_drake.maths.estimation.joint.bank import OLDEST, ONSETS, Bank, Since
+from massprop_drake.maths.estimation.joint.bank import OLDEST, ONSETS, Bank
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import pack, unpack
@@ -108,7 +108,7 @@ class Quiet:
             filtered.clock,
             filtered.estimate,
             filtered.covariance,
-            Since(*bank[1:]),
+            bank.since,
             state.command,
             state.level,
             float(tree.cycle),
@@ -139,7 +139,7 @@ class Quiet:
         run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
         of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
         trail = tuple(record.score.likelihood for record in records)
-        watch = Watch(Bank(onsets, *since), of_bank)
+        watch = Watch(Bank(onsets, since), of_bank)
         leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
         tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
         filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)

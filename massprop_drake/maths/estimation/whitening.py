@@ -57,19 +57,14 @@ class Whitener(NamedTuple):
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
         rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)
-        substitute_forward(self.factor, rows)
+        _substitute_forward(self.factor, rows)
         result = np.zeros_like(x)
         result[..., 1:] = np.moveaxis(rows.reshape(-1, *x.shape[:-1]), 0, -1)
         return result
 
 
-def substitute_forward(factor: Array, rows: Array) -> None:
-    """Solves L y = u in place, by forward substitution.
-
-    Args:
-        factor: L by its diagonals, see `Whitener`, shape (3, n).
-        rows: u, which y replaces, shape (n, c).
-    """
+def _substitute_forward(factor: Array, rows: Array) -> None:
+    """Solves L y = u in place, by forward substitution; L by its diagonals, shape (3, n), and u of shape (n, c)."""
     own, first, second = factor.tolist()
     for k in range(rows.shape[0]):
         if k > 0:
@@ -79,12 +74,8 @@ def substitute_forward(factor: Array, rows: Array) -> None:
         rows[k] /= own[k]
 
 
-def factor_banded(bands: Array) -> Array:
-    """Computes the lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n).
-
-    Args:
-        bands: the main diagonal and those below it, each from its first row on.
-    """
+def _factor_banded(bands: Array) -> Array:
+    """Computes the lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n)."""
     factor = []
     before = earlier = (1.0, 0.0, 0.0)  # of the row before, and of that before it
     for own, first, second in bands.T.tolist():
@@ -105,7 +96,7 @@ def make_whitener(time_s: Array, noise: Gathering) -> Whitener:
     if noise.acting == 0.0:
         bands = np.zeros((3, n))
         bands[0], bands[1, :-1] = own + 2.0, -1.0
-        return Whitener(factor_banded(bands), np.ones(n), np.zeros(n - 1))
+        return Whitener(_factor_banded(bands), np.ones(n), np.zeros(n - 1))
     constant_s = noise.time_constant_s
     x = length_s / constant_s
     lost = -np.expm1(-x)
@@ -129,4 +120,4 @@ def make_whitener(time_s: Array, noise: Gathering) -> Whitener:
     if n > 2:
         bands[2, 0] = first[1] * behind[1]
         bands[2, 1:-2] = ahead[:-2] * behind[2:]
-    return Whitener(factor_banded(bands), 1.0 / theta, kept[:-1])
+    return Whitener(_factor_banded(bands), 1.0 / theta, kept[:-1])

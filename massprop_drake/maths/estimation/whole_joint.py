@@ -17,7 +17,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults.tree import SURPRISE
-from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_report, rotation_report
+from massprop_drake.maths.estimation.filters.joint_reports import mass_report, rotation_report
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
 from massprop_drake.maths.estimation.joint.bank import (
     ALARM,
@@ -25,11 +25,13 @@ from massprop_drake.maths.estimation.joint.bank import (
     Followed,
     Following,
     Roots,
+    empty_bank,
     follow_cycle,
     is_alarming,
 )
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
-from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Cycled, Cycling, make_course, run_cycle
+from massprop_drake.maths.estimation.joint.burns import unlit
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Report, run_cycle
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState, is_initialized
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros
@@ -44,10 +46,8 @@ from massprop_drake.maths.estimation.joint_desk import (
     JointRows,
     Past,
     empty_desk,
-    empty_following,
     empty_sample,
     initial_memory,
-    shut_engines,
 )
 from massprop_drake.maths.kernels import compile_kernel_if, fill, kernel, make_holder, make_shared_holder, select_where
 from massprop_drake.maths.linear_algebra import Array
@@ -61,11 +61,14 @@ class Asked(NamedTuple):
     """Arguments that parts take one by one.
 
     Attributes:
-        cycling: see `joint_cycle.Cycling`.
+        state, sample, thresholds, counts: see `joint_cycle.run_cycle`.
         about: see `relinearization.repeat_start_cycle`.
     """
 
-    cycling: Cycling
+    state: JointState
+    sample: JointSample
+    thresholds: Array
+    counts: np.ndarray
     about: Array
 
 
@@ -92,11 +95,11 @@ def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, hold
         told = following.value
         found = follow_cycle(told.since, told.roots, told.seen, told.cycle, told.least, params)
     else:
-        cycling = asked.value.cycling
+        given = asked.value
         if part == CYCLE:
-            one = run_cycle(cycling.state, cycling.sample, cycling.thresholds, cycling.counts, params)
+            one = run_cycle(given.state, given.sample, given.thresholds, given.counts, params)
         else:
-            over = repeat_start_cycle(cycling.state, cycling.sample, asked.value.about, params)
+            over = repeat_start_cycle(given.state, given.sample, given.about, params)
     return one, found, over
 
 
@@ -127,11 +130,10 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     outside = samples.outside[row] * duration_s
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
     sample = _make_sample(kept, desk, row, duration_s, params)
-    done = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
-    after = done.state
-    if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
+    after, report = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
+    if report.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traces_of_course(kept.joint.mean, make_course(done), sample)
+    seen = traces_of_course(kept.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
     found = follow_cycle(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
@@ -143,14 +145,13 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     if newest - _mean_excess(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
         return kept, False
     _store_onset(desk.past, after, found, cycle)
-    _fill_log_rows(desk.rows, row, impulses, done, params)
+    _fill_log_rows(desk.rows, row, impulses, (after, report), params)
     desk.rows.detector_report[row] = rules.detector_row
     desk.rows.detector_report[row, _TESTED] = found.complete
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
-    clock = start_clock(stamp_s, command)
-    clock.earlier_onset_s[:] = desk.besides.onsets_s[row]
-    estimate, covariance = done.estimate.copy(), done.covariance.copy()
+    clock = start_clock(stamp_s, command, desk.besides.onsets_s[row].copy())
+    estimate, covariance = report.estimate.copy(), report.covariance.copy()
     speeds = select_where(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
     frame = sample.frames[1].copy()
     kept = JointMemory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
@@ -195,7 +196,7 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
         attitudes,
         frames,
         speeds,
-        shut_engines(params.places),
+        unlit(params.places.engines),
     )
 
 
@@ -226,28 +227,16 @@ def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> f
 
 
 @kernel
-def _fill_log_rows(rows: JointRows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
+def _fill_log_rows(
+    rows: JointRows, row: int, impulses: Impulses, done: tuple[JointState, Report], params: JointParams
+) -> None:
     """Fills in the filter's log rows."""
-    expected, gyros = done.expected, 3 * params.places.gyros
-    accelerometers = 3 * params.places.accelerometers
-    seen = Seen(
-        done.innovation,
-        done.innovation_std,
-        expected.used,
-        done.gyro_nis,
-        done.accelerometer_nis,
-        done.gyro_degrees,
-        done.accelerometer_degrees,
-        done.incremented,
-        expected.prediction.coupled,
-    )
-    fill(
-        rows.impulses[row],
-        (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing),
-    )
-    fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
-    fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros, accelerometers))
-    fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, is_initialized(done.state, params)))
+    after, seen = done
+    gyros, accelerometers = 3 * params.places.gyros, 3 * params.places.accelerometers
+    fill(rows.impulses[row], (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
+    fill(rows.rotation_report[row], rotation_report(seen.estimate, seen.covariance, seen, gyros))
+    fill(rows.mass_report[row], mass_report(seen.estimate, seen.covariance, seen, gyros, accelerometers))
+    fill(rows.joint_report[row], (seen.gyro_degrees, seen.accelerometer_degrees, is_initialized(after, params)))
 
 
 class Work:
@@ -262,9 +251,13 @@ class Work:
         self._work, self._compiled = compile_kernel_if(run_part, compile_it), compile_it
         self._params = make_holder(params, compile_it)
         state, sample = initial_joint_state(params), empty_sample(params.places)
-        cycling = Cycling(state, sample, params.thresholds, OWN_CHOICE)
-        self._no_asked = make_holder(Asked(cycling, state.mean), compile_it)
-        self._no_following = make_holder(empty_following(params.places, sample), compile_it)
+        self._no_asked = make_holder(Asked(state, sample, params.thresholds, OWN_CHOICE, state.mean), compile_it)
+        _, report = run_cycle(state, sample, params.thresholds, OWN_CHOICE, params)
+        none = Roots(np.zeros((0, *state.root.shape)), np.arange(0))
+        assert report.course is not None, "the first sample is no cycle"
+        seen = traces_of_course(state.mean, report.course, sample)
+        following = Following(empty_bank(params.places).since, none, seen, 0.0, 0.0)
+        self._no_following = make_holder(following, compile_it)
         self._no_memory = make_holder(initial_memory(state, params.places), compile_it)
         self._no_desk = make_holder(empty_desk(params.places), compile_it)
         if compile_it:
@@ -274,21 +267,25 @@ class Work:
         """Runs `run_quiet_cycles`, see there; both are holders."""
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
-    def cycled(self, cycling: Cycling) -> Cycled:
+    def run_cycle(
+        self, state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray
+    ) -> tuple[JointState, Report]:
         """Runs `joint_cycle.run_cycle`, see there."""
-        one, _, _ = self._asked(CYCLE, Asked(cycling, cycling.state.mean))
+        one, _, _ = self._run(CYCLE, Asked(state, sample, thresholds, counts, state.mean))
         return one
 
-    def gone_over(self, state: JointState, sample: JointSample, about: Array) -> tuple[JointState, float, float]:
+    def repeat_start_cycle(
+        self, state: JointState, sample: JointSample, about: Array
+    ) -> tuple[JointState, float, float]:
         """Runs `relinearization.repeat_start_cycle`, see there."""
-        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
+        _, _, over = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, about))
         return over
 
-    def _asked(self, part: int, asked: Asked) -> Any:
+    def _run(self, part: int, asked: Asked) -> Any:
         given = make_shared_holder(asked, self._compiled)
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
-    def followed(self, following: Following) -> Followed:
+    def follow_cycle(self, following: Following) -> Followed:
         """Runs `bank.follow_cycle`, see there."""
         given = make_shared_holder(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)

@@ -41,7 +41,7 @@ class Aims(NamedTuple):
     Attributes:
         combinations: e of each, of all parameters without forces, shape (n, n_known).
         deviations: 1-sigma of each that is wanted, shape (n,).
-        pairs: failures of each pair that is to be told apart, j and k, as `information.leaks_and_losses` counts them,
+        pairs: failures of each pair that is to be told apart, j and k, as `bound.advance_force_effects` orders them,
             k = -1: j is to be told from what is no failure, integers, shape (p, 2).
         forces: of j, lbf or N, shape (p,).
         most: that it might have been, lbf or N, shape (p,).

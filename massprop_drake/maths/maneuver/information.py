@@ -23,8 +23,7 @@ from massprop_drake.maths.attitude import propagate_attitude as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
-from massprop_drake.maths.estimation.joint.bound import advance_force_effects, leaks_and_losses
-from massprop_drake.maths.estimation.joint.burns import Burn
+from massprop_drake.maths.estimation.joint.burns import unlit
 from massprop_drake.maths.estimation.joint.forcing import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -36,7 +35,6 @@ from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array, scaled_inverse, scaled_root
 from massprop_drake.maths.maneuver.aims import Known
-from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 
 _TINY = float(np.finfo(np.float64).tiny)
 _SELDOM = 1e-6  # share of the samples: a reading that never changes says nothing
@@ -143,10 +141,8 @@ def advance_course(
     end = bound.predict_interval_end(before, sample, None, params, doubt)
     weighed = ~step.missing, _reading_variances(before, end, params)
     after, done = bound.update_bound(before, end, sample.time_s, weighed, params)
-    first = n_known(params)
-    failing = leaks_and_losses(places.jets), slice(first, first + 2 * places.jets)
-    carried, shown = advance_force_effects((course.carried, course.shown), before, done, failing, params)
-    force = effective_seconds(before, done.acting.firing, params) @ wrenches_of(before.mean, params)[:, 3:]
+    carried, shown = bound.advance_force_effects((course.carried, course.shown), before, done, n_known(params), params)
+    force = effective_seconds(before, end.acting.firing, params) @ wrenches_of(before.mean, params)[:, 3:]
     middle = 0.5 * (before.mean[RATE] + after.mean[RATE])
     turn = rotation_matrix(turned_on(course.attitude, middle, 0.5 * step.period_s))
     velocity = course.velocity + before.mean[MASS] * (turn @ force)
@@ -204,7 +200,7 @@ def _zero_sample(
         attitudes,
         np.stack(frames),
         Spun(*speeds, np.zeros(n_wheels), np.ones(n_wheels)),
-        Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS))),
+        unlit(places.engines),
     )
 
 

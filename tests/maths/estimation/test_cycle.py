@@ -13,8 +13,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from massprop_drake import load_scenario
 from massprop_drake.inputs import params as params_of
 from massprop_drake.inputs.scenario import resolve_scenario
-from massprop_drake.maths.estimation import cycle
+from massprop_drake.maths.estimation import cycle, whole
+from massprop_drake.maths.estimation import estimation_ports as ports
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, pack_adaptation
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, STATUS, unpack_known_force
+from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
+from massprop_drake.maths.kernels import Holder, read_bundle
+from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 N, STUCK = 44, 28  # jets, and the index of jet 29
 COUNT = 40  # samples; from the 15th on jet 29 pushes
@@ -102,8 +109,8 @@ def test_the_thrust_level_builds_up_from_sample_to_sample() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_step_is_its_parts_in_turn_and_changes_no_input(kind: str) -> None:
-    params = params_for(kind)
-    state, before, called = cycle.initial_state(params), copy.deepcopy(leaves(params)), []
+    params, called = params_for(kind), []
+    state, before = cycle.initial_state(params), copy.deepcopy(leaves(params))
 
     def noted(part: str, function: Any, *arguments: Any) -> Any:
         called.append(part)
@@ -111,16 +118,90 @@ def test_a_step_is_its_parts_in_turn_and_changes_no_input(kind: str) -> None:
 
     for sample, step in zip(samples(kind), steps_of(kind), strict=True):
         kept = copy.deepcopy((state, sample))
-        measured = cycle.measure(state, sample, params)
-        judgment = None if params.detector is None else cycle.judge(state, sample, measured, params)
-        done = cycle.finish(state, sample, measured, judgment, params)
-        assert_same(done, step)
         assert_same(cycle.step(state, sample, params, noted), step)
         assert_same((state, sample), kept)
-        state = done.state
+        state = step.state
     parts = [cycle.ESTIMATORS, *([] if params.detector is None else [cycle.DETECTOR]), cycle.ESTIMATORS]
     assert called == COUNT * parts
     assert_same(tuple(before), params)
+    sample = samples(kind)[5]  # no outside wrench is one of zero
+    assert not sample.outside_wrench.any()
+    assert_same(cycle.step(steps_of(kind)[4].state, sample._replace(outside_wrench=None), params), steps_of(kind)[5])
+
+
+@pytest.mark.parametrize("kind", ["plain", "no detector"])
+def test_one_kernel_gives_the_bits_of_the_parts(kind: str) -> None:
+    params, steps, given = params_for(kind), steps_of(kind), samples(kind)
+    widths = (IMPULSES.size, ROTATION_REPORT.size, MASS_REPORT.size, STATUS.size + 4 * N)
+    rows, asked = whole.ThesisRows(*(np.zeros((COUNT, width)) for width in widths)), whole.empty_requests(N)
+    taken = ("time_s", "rates", "velocities", "command", "outside_wrench")
+    block = whole.Samples(*(np.array([getattr(sample, name) for sample in given]) for name in taken))
+    state = Holder(cycle.initial_state(params))
+    reached = np.array([0, COUNT])
+    whole.advance(state, Holder(whole.ThesisBlock(block, rows, asked)), reached, Holder(whole.kernel_params(params)))
+    assert_same(state.value, steps[-1].state)
+    assert_array_equal(rows.rotation_report, [ROTATION_REPORT.pack(step.filtered.rotation) for step in steps])
+    assert_array_equal(rows.mass_report, [MASS_REPORT.pack(step.filtered.mass) for step in steps])
+    if kind == "plain":
+        assert_array_equal(rows.detector_report[:, : STATUS.size], [STATUS.pack(one.judgment.status) for one in steps])
+        assert_array_equal(asked.force, steps[-1].state.detector.force)
+
+
+@pytest.mark.parametrize(
+    ("override", "covered"),
+    [
+        ("duration_s=1", True),
+        ("detector.kind=off", True),
+        ("detector.kind=cusum", False),
+        ("sensors.combine.accelerometers=average", False),
+        ("estimation.thrust_uncertainty=0.01", False),
+    ],
+)
+def test_what_the_kernel_does_not_do_is_left_to_the_parts(override: str, covered: bool) -> None:
+    assert whole.covers(params_of.estimation_params(load_scenario("sample_maneuver", [override]))) == covered
+
+
+@pytest.mark.parametrize("kind", ["plain", "no detector"])
+def test_kernels_of_systems_one_after_the_other_are_a_cycle_bit_by_bit(kind: str) -> None:
+    """Packed, and called as the systems of a diagram call them."""
+    made = params_for(kind)
+    groups = cycle.save_state(cycle.initial_state(made), made)
+    rotation, mass = made.filter_params.rotation, made.filter_params.mass
+    of_rotation, of_mass = thesis.rotation_layout(rotation, 0), thesis.mass_layout(mass, 0)
+    turned = ports.RotationVector(*of_rotation.read(groups["rotation_estimator"])[:-1])
+    moved = ports.MassVector(*of_mass.read(groups["mass_estimator"])[:-1])
+    lagging = Holder(ports.Lagging(made.impulse_per_level, made.lag, made.period_s))
+    rotating, weighing = (
+        Holder(ports.make_rotation_filter(rotation, turned)),
+        Holder(ports.make_mass_filter(mass, moved)),
+    )
+    judging = None if made.detector is None else Holder(ports.make_detector(made.detector_params))
+    for sample, step in zip(samples(kind), steps_of(kind), strict=True):
+        command, of_rotation, of_mass = sample.command, groups["rotation_estimator"], groups["mass_estimator"]
+        row = ports.impulses(groups["impulse_model"], command, sample.outside_wrench, lagging)
+        told, force = row[: IMPULSES.size].copy(), KNOWN_FORCE.pack(NO_KNOWN_FORCE)
+        if judging is not None and read_bundle(groups["failure_detector"], judging.value.state).variance.any():
+            predicted = np.append(of_rotation[:9], of_mass[0])
+            force = ports.known_force(groups["failure_detector"], predicted, command, judging)
+        if unpack_known_force(force).acts:
+            told[:6] += force[:6] * made.period_s
+        turned_row = ports.measure_rotation(of_rotation, sample.rates, told, force, rotating)
+        said = turned_row[: thesis.TURNING.sized(jets=0).size]
+        moved_row = ports.measure_mass(of_mass, sample.velocities, said, told, force, weighing)
+        asked = pack_adaptation(NO_ADAPTATION)
+        if judging is not None:
+            seen, detector = moved_row[:213], groups["failure_detector"]
+            judged = ports.run_detector(detector, sample.time_s, command, told, seen, judging)
+            asked, groups["failure_detector"] = judged[:26], judged[33 : 33 + detector.size]
+        turned_row = ports.finish_rotation(turned_row, asked, rotating)
+        moved_row = ports.finish_mass(moved_row, asked, weighing)
+        assert_array_equal(turned_row[: ROTATION_REPORT.size], ROTATION_REPORT.pack(step.filtered.rotation))
+        assert_array_equal(moved_row[: MASS_REPORT.size], MASS_REPORT.pack(step.filtered.mass))
+        groups["impulse_model"] = np.append(command, row[IMPULSES.size + N :])
+        groups["rotation_estimator"] = turned_row[ROTATION_REPORT.size :]
+        groups["mass_estimator"] = moved_row[MASS_REPORT.size :]
+        for name, vector in cycle.save_state(step.state, made).items():
+            assert_array_equal(groups[name], vector, err_msg=f"{name} at {sample.time_s}")
 
 
 def test_the_failure_is_found_and_its_force_enters_the_impulses_of_the_next_sample() -> None:
@@ -142,16 +223,13 @@ def test_the_failure_is_found_and_its_force_enters_the_impulses_of_the_next_samp
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("number", [0, 17, 30], ids="before sample {}".format)
-def test_a_state_that_is_saved_goes_on_bit_for_bit(kind: str, number: int) -> None:
-    params, whole = params_for(kind), steps_of(kind)
-    state = whole[number - 1].state if number else cycle.initial_state(params)
-    groups = cycle.save_state(state, params)
-    assert all(vector.ndim == 1 for vector in groups.values())
-    restored = cycle.restore_state({name: vector.copy() for name, vector in groups.items()}, params)
-    assert_same(restored, state)
-    assert type(restored.detector) is type(state.detector)
-    for step, expected in zip(run_on(restored, kind, number), whole[number:], strict=True):
+def test_a_state_that_is_saved_goes_on_bit_for_bit(kind: str) -> None:
+    params, steps, number = params_for(kind), steps_of(kind), 25
+    for state in (cycle.initial_state(params), steps[number - 1].state):
+        restored = cycle.restore_state(cycle.save_state(state, params), params)
+        assert_same(restored, state)
+        assert type(restored.detector) is type(state.detector)
+    for step, expected in zip(run_on(restored, kind, number), steps[number:], strict=True):
         assert_same(step, expected)
 
 
@@ -164,13 +242,6 @@ def test_saved_vectors_go_by_the_part_that_holds_them() -> None:
     for kind, sizes in zip(KINDS, expected, strict=True):
         groups = cycle.save_state(cycle.initial_state(params_for(kind)), params_for(kind))
         assert {name: vector.size for name, vector in groups.items()} == sizes
-
-
-def test_no_outside_wrench_is_one_of_zero() -> None:
-    params, quiet = params_for(), samples()[5]
-    state = cycle.initial_state(params)
-    assert not quiet.outside_wrench.any()
-    assert_same(cycle.step(state, quiet, params), cycle.step(state, quiet._replace(outside_wrench=None), params))
 
 
 def test_the_filter_goes_on_from_a_state_that_the_detector_hands_back() -> None:

@@ -35,8 +35,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.layout import RATE
-from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.prediction import predict, propagate_root
 
 ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
 THRUSTS = NOISY.joint.thrusts

@@ -103,7 +103,7 @@ def flight(
             given = outside.copy()
             if momentum is not None:
                 given[:3] += np.cross(momentum, 0.5 * (state.mean[10:13] + ahead)) * PERIOD
-            acting = drive(state, sample.durations_s, commands[k : k + 1], given, timing_on_ticks(), actual)
+            acting = drive(state, sample._replace(commands=commands[k : k + 1], outside=given), actual)
             prediction = predict(state, acting, read_as(ahead, actual), actual)
             ahead = prediction.mean[10:13]
         spin = state.spin + prediction.spin

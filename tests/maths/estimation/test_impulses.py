@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -20,22 +22,13 @@ OUTSIDE = np.array([1.0, -2.0, 3.0, 0.5, 0.0, -0.25])
 
 
 def impulses(
-    command: list[float],
-    before: list[float],
-    outside: Array | None = None,
-    level: Array | None = None,
-    lag: bool = False,
+    command: list[float], before: list[float], outside: Array | None = None, level: Any = (0.0, 0.0), lag: bool = False
 ) -> Impulses:
-    given = np.array(command), np.array(before), np.zeros(2) if level is None else level
+    given = np.array(command), np.array(before), np.array(level)
     factors = lag_factors(LAGGING if lag else np.zeros(2), PERIOD)
     result = interval_impulses(*given, WRENCHES * PERIOD, factors, outside)
     assert_array_equal(given[0], command)  # what was commanded is not changed
     return result
-
-
-def test_wrenches_of_hand_value() -> None:
-    positions, thrusts = np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 2.0]]), np.array([[0.0, 0.0, 10.0], [4.0, 0.0, 0.0]])
-    assert_array_equal(thrust_wrenches(positions, thrusts), WRENCHES)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,9 @@ from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.covariance import order_root_rows
 from massprop_drake.maths.estimation.joint.innovation import predict_cycle
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
-from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, pack, state_layout, unpack
+from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, state_layout
 from massprop_drake.maths.estimation.joint.measurement import predict_outputs
-from massprop_drake.maths.linear_algebra import (
-    NotPositiveDefiniteError,
-    skew,
-    triangular_rows,
-)
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError, triangular_rows
 
 PARAMS = small_params()
 PLACES = PARAMS.places
@@ -77,10 +74,11 @@ def told(time_s: float, command: Any = OFF, **given: Any) -> Told:
     return Told(time_s, command=np.array(command, dtype=float), **(start | given))
 
 
-def flown(cycles: int) -> tuple[JointFilterState, JointMeasurement]:
+@cache
+def flown() -> tuple[JointFilterState, JointMeasurement]:
     """The filter after some cycles in which jets fire at random."""
     rng, state = np.random.default_rng(3), joint.initial_state(FILTER)
-    for k in range(cycles):
+    for k in range(8):
         rates, fired = RATES + 1e-3 * k * np.array([1.0, -2.0, 0.5]), (rng.uniform(size=6) < 0.4).astype(float)
         measurement = joint.step(state, rates, VELOCITIES + 0.01 * k, told(k * PERIOD, fired), FILTER)
         state = measurement.state
@@ -88,19 +86,13 @@ def flown(cycles: int) -> tuple[JointFilterState, JointMeasurement]:
 
 
 def test_a_state_comes_back_from_its_vector() -> None:
-    state, _ = flown(5)
-    assert FILTERS["joint"] is joint.FILTER
-    vector = pack(state.joint, PLACES)
-    assert vector.shape == (state_layout(PLACES).size,)
-    for one, other in zip(unpack(vector, PLACES), state.joint, strict=True):
-        np.testing.assert_array_equal(one, other)
+    state, _ = flown()
     groups = joint.save_state(state, FILTER)
-    assert set(groups) == {GROUP}
+    assert {name: vector.ndim for name, vector in groups.items()} == {GROUP: 1}
     again = joint.restore_state(groups, FILTER)
-    for one, other in zip(
-        (*again.joint, *again.clock, *again[2:4]), (*state.joint, *state.clock, *state[2:4]), strict=True
-    ):
+    for one, other in zip((*again.joint, *again.clock), (*state.joint, *state.clock), strict=True):
         np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(again.covariance, state.covariance)
 
 
 @pytest.mark.parametrize(
@@ -119,17 +111,16 @@ def test_a_state_comes_back_from_its_vector() -> None:
     ],
 )
 def test_an_impossible_state_is_refused(field: str, index: int, value: float, message: str) -> None:
-    state = joint.initial_state(FILTER) if field == "read" else flown(3)[0]
-    if field == "read":
-        state = state._replace(joint=state.joint._replace(fresh=np.ones(12)))
-    vector = joint.pack_filter_state(state, FILTER)
+    state, _ = flown()
+    fresh = np.ones(12) if field == "read" else state.joint.fresh
+    vector = joint.pack_filter_state(state._replace(joint=state.joint._replace(fresh=fresh)), FILTER)
     vector[state_layout(PLACES).slice(field).start + index] = value
     with pytest.raises(ValueError, match=message):
         joint.restore_state({GROUP: vector}, FILTER)
 
 
 def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> None:
-    state, measurement = flown(6)
+    state, measurement = flown()
     report = measurement.evidence.report
     own = joint.finish(state, measurement, None, NO_ADAPTATION, FILTER)  # type: ignore[arg-type]
     np.testing.assert_array_equal(np.append(own.rotation.estimate, own.mass.mass_reciprocal), report.estimate)
@@ -138,9 +129,7 @@ def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> 
     innovations = np.append(own.rotation.rotation_innovation, own.mass.mass_innovation)
     np.testing.assert_array_equal(innovations, report.innovation[[0, 1, 2, 6, 7, 8]])
     before, sample = measurement.evidence.before, measurement.evidence.sample
-    projected = predict_cycle(
-        before, make_drive(before, sample, PARAMS), sample, PARAMS
-    ).projected  # before any increment
+    projected = predict_cycle(before, make_drive(before, sample, PARAMS), sample, PARAMS).projected  # not incremented
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.variances)
     deviations = np.append(own.rotation.rotation_innovation_std, own.mass.mass_innovation_std)
     np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])
@@ -161,8 +150,8 @@ def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> 
 
 
 def test_a_gap_keeps_the_vehicle_and_begins_rates_anew() -> None:
-    state, _ = flown(12)
-    unknown = told(13 * PERIOD, np.full(6, np.nan), stamp_s=state.clock.stamp_s + 30.0, coming=OFF)
+    state, _ = flown()
+    unknown = told(9 * PERIOD, np.full(6, np.nan), stamp_s=state.clock.stamp_s + 30.0, coming=OFF)
     measurement = joint.step(state, RATES + 0.3, VELOCITIES + 5.0, unknown, FILTER)
     after = measurement.state
     assert measurement.evidence.anew
@@ -172,14 +161,8 @@ def test_a_gap_keeps_the_vehicle_and_begins_rates_anew() -> None:
     biases = state.joint.mean[PLACES.gyro_bias : PLACES.gyro_bias + 6].reshape(2, 3)
     unbiased = RATES + 0.3 - PARAMS.gyro_bias_sigma * biases
     np.testing.assert_allclose(after.joint.mean[RATE], (2 * unbiased[0] + unbiased[1]) / 3, rtol=1e-12)
-    np.testing.assert_allclose(after.joint.mean[13:19], (VELOCITIES + 5.0).ravel())
-    covariance = after.joint.root @ after.joint.root.T
-    for package, position in enumerate(PARAMS.accelerometer_positions):  # but for what the rate has of its bias
-        of_rate = skew(position - after.joint.mean[6:9]) @ covariance[RATE]
-        rows = covariance[13 + 3 * package : 16 + 3 * package]
-        np.testing.assert_allclose(rows[:, :10], of_rate[:, :10], rtol=1e-9, atol=1e-15)
     assert triangular_rows(order_root_rows(after.joint.root, PLACES.thrust)) == PLACES.size
     # outside impulses are of the true interval
     wrench, late = np.array([0.0, 0, 0, 1.0, 0, 0]), state.clock.stamp_s + 1.04 * PERIOD
-    measurement = joint.step(state, RATES, VELOCITIES, told(13 * PERIOD, stamp_s=late, outside_wrench=wrench), FILTER)
+    measurement = joint.step(state, RATES, VELOCITIES, told(9 * PERIOD, stamp_s=late, outside_wrench=wrench), FILTER)
     np.testing.assert_allclose(measurement.evidence.sample.outside, 1.04 * PERIOD * wrench)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import (
 )
 from massprop_drake.maths.estimation.joint.ticks import Pace, start_clock, update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import level_onsets
 
 UNSURE = small_params(second_order=False, flows=np.zeros(6))  # of thrusts
 PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
@@ -45,7 +47,7 @@ def flight(first: JointState, params: JointParams, jitter_s: float = 0.0) -> Fli
     """A settled filter whose readings are what it predicts, and noise; stamps are off their ticks by so much."""
     rng, of_stamps = np.random.default_rng(5), np.random.default_rng(1)
     states, samples, links, commands = [first], [], [], np.zeros((2, 6))
-    clock = start_clock(0.0, commands[0])
+    clock = start_clock(0.0, commands[0], level_onsets(6))
     for k in range(CYCLES):
         commands = np.vstack((commands[1], rng.uniform(size=6) < 0.4)).astype(float)
         stamp_s = (k + 1) * PERIOD + jitter_s * of_stamps.standard_normal()
@@ -77,25 +79,29 @@ def ready(seed: int = 0, *, slots: bool = True) -> JointState:
 ON_TICKS, OFF_TICKS = 0.0, 1e-3  # s, of stamps
 
 
-@pytest.fixture(scope="module")
-def flown() -> dict[float, Flight]:
-    """A filter that knows two failures and is unsure of thrusts."""
-    return {jitter_s: flight(ready(), UNSURE, jitter_s) for jitter_s in (ON_TICKS, OFF_TICKS)}
+@cache
+def flown(jitter_s: float = ON_TICKS, *, sound: bool = False) -> Flight:
+    """Of a filter that knows two failures and is unsure of thrusts, or of one of a vehicle without failures."""
+    return flight(ready(slots=not sound), PARAMS if sound else UNSURE, jitter_s)
 
 
-@pytest.fixture(scope="module")
-def sound() -> dict[float, Flight]:
-    """A filter of a vehicle without failures and with exact thrusts."""
-    return {jitter_s: flight(ready(slots=False), PARAMS, jitter_s) for jitter_s in (ON_TICKS, OFF_TICKS)}
-
-
-def banked(flown: Flight) -> banks.Bank:
-    """The bank before the update of the last cycle."""
-    bank = banks.empty_bank(PLACES)
+def banked(flown: Flight) -> banks.Since:
+    """The recursion since each onset, the first after the first cycle, before the update of the last cycle."""
+    since = banks.empty_bank(PLACES).since
     for cycle, over in enumerate(flown.links):
-        before = banks.advance_bank(bank, over, PLACES)
-        bank = banks.add_onset(before, over, flown.states[cycle + 1], cycle, UNSURE)
+        before = banks.advance_recursion(since, over, PLACES)
+        since, _ = banks.add_onset(before, over.correction, float(cycle), UNSURE)
     return before
+
+
+MEAN = np.kron(np.eye(2), np.hstack([0.5 * np.eye(3)] * 2))  # of packages
+
+
+def output_rows(since: banks.Since, index: int, over: Link) -> tuple[Array, Array]:
+    """Derivative of averaged outputs by the state at an onset, and by changes of w and c."""
+    jacobian = MEAN @ over.jacobian
+    on_outputs = banks.rate_output_derivative(jacobian, PLACES)
+    return banks.output_rows(since, index, jacobian, on_outputs, UNSURE), on_outputs
 
 
 def unlearned(mean: Array, flown: Flight, onset: int) -> Array:
@@ -113,44 +119,45 @@ def unlearned(mean: Array, flown: Flight, onset: int) -> Array:
 
 
 @pytest.mark.parametrize("jitter_s", [ON_TICKS, OFF_TICKS])
-def test_the_bank_has_residual_and_derivative_of_the_filters_own_prediction_from_each_onset(
-    flown: dict[float, Flight], jitter_s: float
-) -> None:
-    of, rng = flown[jitter_s], np.random.default_rng(2)
-    bank, over, last = banked(of), of.links[-1], of.samples[-1]
-    read, mean = readings(last.rates, last.velocities, last.attitudes), banks.averaging_matrix(over.read, PLACES)
+def test_the_bank_has_residual_and_derivative_of_the_filters_own_prediction_from_each_onset(jitter_s: float) -> None:
+    of, rng = flown(jitter_s), np.random.default_rng(2)
+    since, over, last = banked(of), of.links[-1], of.samples[-1]
+    read = readings(last.rates, last.velocities, last.attitudes)
+    np.testing.assert_array_equal(banks.averaging_matrix(over.read, PLACES)[0], MEAN)
     scale = np.sqrt(np.sum(of.states[3].root ** 2, axis=1))
-    for index, onset in enumerate(bank.cycles.astype(int).tolist()):
+    for index, onset in enumerate(since.cycles.astype(int).tolist()):
         at = of.states[onset + 1].mean
-        found = over.innovation + over.jacobian @ bank.learned[index]
+        found = over.innovation + over.jacobian @ since.learned[index]
         off = np.abs(found - read + unlearned(at, of, onset))
         off /= np.sqrt(UNSURE.variances if jitter_s else UNSURE.variances.min())
         assert off.max() < (0.05 if jitter_s else 0.02)
         assert np.abs(found - over.innovation).max() > 1e-3 * np.abs(over.innovation).max() or onset == CYCLES - 2
         if index not in (2, 6):
             continue
-        rows = banks.output_rows(bank, index, mean @ over.jacobian, UNSURE)
-        for away in 0.1 * scale * rng.choice([-1.0, 1.0], (12, scale.size)):
-            difference = mean @ (unlearned(at + away, of, onset) - unlearned(at - away, of, onset)) / 2.0
+        rows, _ = output_rows(since, index, over)
+        for away in 0.1 * scale * rng.choice([-1.0, 1.0], (6, scale.size)):
+            difference = MEAN @ (unlearned(at + away, of, onset) - unlearned(at - away, of, onset)) / 2.0
             assert (np.abs(rows @ away - difference) < 0.02 * np.abs(rows * away).max(axis=1)).all()
 
 
-def test_statistics_agree_with_dense_linear_algebra(flown: dict[float, Flight]) -> None:
-    bank, over = banked(flown[ON_TICKS]), flown[ON_TICKS].links[-1]
-    found = banks.test_onsets(bank, over, 0.0, UNSURE)
-    mean = np.kron(np.eye(2), np.hstack([0.5 * np.eye(3)] * 2))
-    on_outputs = np.hstack([mean @ over.jacobian[:, 10:13], mean @ (over.jacobian[:, 13:16] + over.jacobian[:, 16:19])])
+def test_statistics_agree_with_dense_linear_algebra() -> None:
+    of = flown()
+    since, over, states = banked(of), of.links[-1], of.states[1:]
+    roots = banks.Roots([state.root for state in states], range(len(states)))
+    found, some = banks.test_onsets(since, roots, over, 0.0, UNSURE)
+    assert some
     for index in (0, 4, 8):
-        residual = mean @ (over.innovation + over.jacobian @ bank.learned[index])
-        rows = banks.output_rows(bank, index, mean @ over.jacobian, UNSURE) @ bank.states[index].root
-        total = rows @ rows.T + mean @ np.diag(UNSURE.variances) @ mean.T
-        total += on_outputs @ bank.noise[index] @ on_outputs.T
+        residual = MEAN @ (over.innovation + over.jacobian @ since.learned[index])
+        rows, on_outputs = output_rows(since, index, over)
+        rows = rows @ states[index].root
+        total = rows @ rows.T + MEAN @ np.diag(UNSURE.variances) @ MEAN.T
+        total += on_outputs @ since.noise[index] @ on_outputs.T
         weighted = np.linalg.solve(total, residual)
         assert found.total[index] == pytest.approx(residual @ weighted, rel=1e-8)
         for jet in range(6):
             signature = on_outputs @ over.effects[jet]
             projection, energy = signature @ weighted, signature @ np.linalg.solve(total, signature)
-            seconds = bank.missing[index, jet] if projection > 0 else bank.given[index, jet]
+            seconds = since.missing[index, jet] if projection > 0 else since.given[index, jet]
             shows = seconds > 0.5 * PERIOD
             force = np.clip(projection / energy / max(seconds, 1e-9), -UNSURE.thrusts[jet], UNSURE.thrusts[jet])
             assert found.likelihood[index, jet] == pytest.approx(projection**2 / energy * shows, rel=1e-8)
@@ -174,10 +181,9 @@ def test_an_error_left_out_goes_through_the_filter_as_a_column() -> None:
     np.testing.assert_allclose((state.mean - of.states[-1].mean) / deviation, column[:, 0] / deviation, atol=2e-3)
 
 
-def screen_of(of: Flight, onsets: tuple[int, ...], *, single: bool = False) -> screens.Screen:
+def screen_of(of: Flight, onset: int) -> screens.Screen:
     """The screen over the whole flight; its cycles count from one, after the first state."""
-    gaps = tuple(1 for _ in onsets)
-    screen = screens.begin_screen((of.states[0], 0), onsets, gaps, np.zeros(12), PARAMS, single=single)
+    screen = screens.begin_screen((of.states[0], 0), (onset,), (1,), np.zeros(12), PARAMS)
     for over in of.links:
         screen = screens.advance_screen(screen, over, PARAMS)
     return screen
@@ -199,10 +205,10 @@ def nothing(of: Flight, onset: int) -> h.Runner:
     [(ON_TICKS, 0, 1, 0), (ON_TICKS, 3, 1, 1), (ON_TICKS, 0, -1, 0), (OFF_TICKS, 3, 1, 1)],
 )
 def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(
-    sound: dict[float, Flight], jitter_s: float, jet: int, sign: int, on_top: int
+    jitter_s: float, jet: int, sign: int, on_top: int
 ) -> None:
-    of, onset = sound[jitter_s], 3
-    screen = screen_of(of, (onset,))
+    of, onset = flown(jitter_s, sound=True), 3
+    screen = screen_of(of, onset)
     column = 6 + jet if sign < 0 else jet if on_top else 24 + jet
     index, kick = np.array([column, 12 + jet, 18 + jet]), 0.1
     prior = np.array([PARAMS.thrusts[jet], kick, h.SHARES[1] * kick]) ** 2
@@ -234,21 +240,18 @@ def test_a_force_above_its_stated_thrust_is_as_rare_as_a_second_failure(
 ) -> None:
     thrust, params = PARAMS.thrusts[2], PARAMS._replace(thrust_sigma=stated)
     variance, jets = np.array([[[(0.005 * thrust) ** 2]]]), np.array([[2]])
-    assert screens.excess_force_cost(np.array([[force * thrust]]), variance, jets, params)[0] == pytest.approx(
-        expected, abs=1e-9
-    )
+    found = screens.excess_force_cost(np.array([[force * thrust]]), variance, jets, params)
+    assert found[0] == pytest.approx(expected, abs=1e-9)
     np.testing.assert_allclose(screens.largest_jet_forces(params), max(1.05, 1.0 + 3.0 * stated) * params.thrusts)
 
 
-def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share(sound: dict[float, Flight]) -> None:
+def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share() -> None:
     """Of a vehicle that has not changed a small jump is likelier than a large one; of the mass that tells nothing."""
-    of = sound[ON_TICKS]
-    large_lead, small_lead = screens.jump_log_likelihoods(screen_of(of, (3,)), PARAMS)
+    of = flown(sound=True)
+    large_lead, small_lead = screens.jump_log_likelihoods(screen_of(of, 3), PARAMS)
     assert small_lead > large_lead
-    before = of.states[3].root[:10]
-    roots = [
-        h.apply_cause(of.states[3], h.Cause(h.Kind.JUMP), PARAMS, share).root[:10] for share in reversed(h.JUMP_SHARES)
-    ]
+    jumped = [h.apply_cause(of.states[3], h.Cause(h.Kind.JUMP), PARAMS, share) for share in reversed(h.JUMP_SHARES)]
+    before, *roots = (state.root[:10] for state in (of.states[3], *jumped))
     added = [np.diag(root @ root.T - before @ before.T) for root in roots]
     assert added[0] / added[1] == pytest.approx([*0.04 * np.ones(9), 1.0], rel=1e-6)
     # a shift of the center of mass is by the vehicle's size, however small its coordinates are
@@ -257,8 +260,8 @@ def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share(sound: 
     np.testing.assert_allclose(np.delete(sigma, slice(6, 9)), 3e-7 * np.delete(PARAMS.increment_sigma, slice(6, 9)))
 
 
-def test_a_hypothesis_of_failed_jets_opens_with_their_forces_and_impulses(sound: dict[float, Flight]) -> None:
-    state, over = sound[ON_TICKS].states[2], sound[ON_TICKS].links[2]
+def test_a_hypothesis_of_failed_jets_opens_with_their_forces_and_impulses() -> None:
+    state, over = flown(sound=True).states[2], flown(sound=True).links[2]
     cause = h.Cause(h.Kind.JETS, (4, 1), (1, -1), (0, 0))
     found = h.add_failure_impulses(h.apply_cause(state, cause, PARAMS), cause, np.array([0.2, 0.3]), over, PARAMS)
     assert (found.slot_jet.tolist(), found.slot_sign.tolist()) == ([4.0, 1.0], [1.0, -1.0])

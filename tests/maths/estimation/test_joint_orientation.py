@@ -14,11 +14,11 @@ from massprop_drake.maths.attitude import (
     to_rotation_vector,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
-from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, make_places
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, make_places
 from massprop_drake.maths.estimation.joint.measurement import add_tracker_variances
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turn_attitude
 from massprop_drake.maths.estimation.joint.prediction import predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root as propagated_root
+from massprop_drake.maths.estimation.joint.prediction import propagate_root as propagated_root
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN
 from massprop_drake.maths.linear_algebra import Array
 
@@ -27,21 +27,15 @@ RATES = np.array([[0.3, -0.2, 0.1], [0.28, -0.1, 0.25]])
 FRAMES = np.stack([from_rotation_vector(np.array([0.4, -1.0, 2.0])), from_rotation_vector(np.array([0.5, -1.0, 2.1]))])
 
 
-def tracked_params(**changed: object) -> JointParams:
-    """The small vehicle with a tracker, without lag."""
-    settings: dict[str, object] = {
-        "places": make_places((6, 2, 2, 1), 0, (True, False), True, 2),
-        "prior_sigma": np.append(np.ones(6 + 6), np.zeros(1 + 2)),
-        "variances": np.array([1e-10] * 3 + [2e-10] * 3 + [1e-8] * 6 + [STD**2] * 3),
-        "quanta": np.zeros(15),
-        "time_constants_s": np.zeros(6),
-        "trackers": AttitudeSensors(np.array([STD**2]), np.zeros(1), np.zeros(1)),
-        "second_order": False,
-    }
-    return small_params(**(settings | changed))
-
-
-PARAMS = tracked_params()
+PARAMS = small_params(  # the small vehicle with a tracker, without lag
+    places=make_places((6, 2, 2, 1), 0, (True, False), True, 2),
+    prior_sigma=np.append(np.ones(6 + 6), np.zeros(1 + 2)),
+    variances=np.array([1e-10] * 3 + [2e-10] * 3 + [1e-8] * 6 + [STD**2] * 3),
+    quanta=np.zeros(15),
+    time_constants_s=np.zeros(6),
+    trackers=AttitudeSensors(np.array([STD**2]), np.zeros(1), np.zeros(1)),
+    second_order=False,
+)
 PLACES = PARAMS.places
 ATTITUDE = slice(PLACES.attitude, PLACES.attitude + 3)
 BORDER = np.sqrt((np.log(0.98 / 0.02) + 1.5 * np.log(100.25 / 1.25)) / (0.5 / 1.25 - 0.5 / 100.25))
@@ -76,9 +70,8 @@ def test_the_attitude_by_the_rates_and_by_their_bow() -> None:
     expected = central_differences(after, RATES.ravel(), np.full(6, 1e-5))
     np.testing.assert_allclose(found, expected, atol=5e-5 * PERIOD)
     bow = np.array([1e-3, -2e-3, 3e-3])  # turns it by its mean for the interval
-    np.testing.assert_allclose(
-        turn_attitude(np.zeros(3), STILL, np.zeros((2, 3)), bow, PERIOD)[0], PERIOD * bow, rtol=1e-6
-    )
+    bowed, _ = turn_attitude(np.zeros(3), STILL, np.zeros((2, 3)), bow, PERIOD)
+    np.testing.assert_allclose(bowed, PERIOD * bow, rtol=1e-6)
 
 
 def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
@@ -93,9 +86,8 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
     assert np.isnan(told).all()
     off = np.array([1e-3, 0.0, 2e-3])
     other = multiply(from_rotation_vector(off), -true)  # of the other sign, which is the same attitude
-    np.testing.assert_allclose(
-        shared_attitude(UNTURNED, RATES[0], PERIOD, np.stack((true, other)))[1][1], off, atol=1e-15
-    )
+    _, told = shared_attitude(UNTURNED, RATES[0], PERIOD, np.stack((true, other)))
+    np.testing.assert_allclose(told[1], off, atol=1e-15)
 
 
 def test_errors_go_over_to_the_attitude_as_differences_and_its_own_noise_say() -> None:
@@ -130,14 +122,11 @@ def test_errors_go_over_to_the_attitude_as_differences_and_its_own_noise_say() -
 def test_the_variance_of_a_trackers_reading(
     off: float, rate: float, outliers: float, stamp_variance: float, variance: float
 ) -> None:
-    params = tracked_params(
-        trackers=AttitudeSensors(np.array([STD**2]), np.array([stamp_variance]), np.array([outliers]))
-    )
+    sensors = AttitudeSensors(np.array([STD**2]), np.array([stamp_variance]), np.array([outliers]))
+    params, turning = PARAMS._replace(trackers=sensors), np.array([0.6, 0.0, 0.8]) * rate
     innovation, projected = np.append(np.zeros(12), [off * STD, 0.0, 0.0]), np.zeros((15, 3))
     projected[12:] = 0.5 * STD * np.eye(3)
-    variances, floors = add_tracker_variances(
-        innovation, projected, np.array([0.6, 0.0, 0.8]) * rate, params.floors, params
-    )
+    variances, floors = add_tracker_variances(innovation, projected, turning, params.floors, params)
     np.testing.assert_allclose(variances[12:], variance)
     np.testing.assert_array_equal(variances[12:], floors[12:])
     np.testing.assert_array_equal([variances[:12], floors[:12]], [params.variances[:12], params.floors[:12]])

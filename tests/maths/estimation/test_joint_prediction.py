@@ -21,8 +21,7 @@ from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root, velocity_gain_rows
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning_matrix
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties
@@ -32,6 +31,7 @@ PARAMS = small_params(second_order=False)
 PLACES = PARAMS.places
 SAMPLE = some_sample(PARAMS, outside=np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03]))
 ALONE = some_sample(PARAMS)  # without known outside forces
+STILL = some_sample(PARAMS, commands=np.zeros((1, 6)))
 UNREAD = unread(PARAMS)
 
 
@@ -95,14 +95,7 @@ def test_jacobian_agrees_with_central_differences(read: float) -> None:
 
 def transition(prediction: Prediction) -> Array:
     """Derivative of the state after an interval by that before it."""
-    result = np.eye(PLACES.size)
-    result[10:13] += prediction.rate_rows
-    for package in range(2):
-        rows, bias = slice(13 + 3 * package, 16 + 3 * package), PLACES.acceleration_bias + 3 * package
-        result[rows] += velocity_gain_rows(prediction, package)
-        result[rows, bias : bias + 3] += PERIOD * PARAMS.acceleration_bias_sigma * np.eye(3)
-    result[9, 9] = prediction.mass_factor
-    return result
+    return propagate_root(np.eye(PLACES.size), prediction, PARAMS)[:, : PLACES.size]
 
 
 def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
@@ -158,20 +151,16 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
 
 def test_a_vehicle_that_turns_fast_turns_on_as_torque_free_motion_has_it() -> None:
     """Without a reading: what a few rounds for the rate at the end leave would gather, sample by sample."""
-    start, still, inertia = (
-        np.array([0.25, -0.2, 0.15]),
-        some_sample(PARAMS, commands=np.zeros((1, 6))),
-        np.linalg.inv(INVERSE),
-    )
+    start, inertia = np.array([0.25, -0.2, 0.15]), np.linalg.inv(INVERSE)
     state = exact_state(start.tolist(), 0.0)
     course = solve_ivp(lambda _, w: INVERSE @ np.cross(inertia @ w, w), (0.0, PERIOD), start, rtol=1e-12, atol=1e-14)
     rate = course.y[:, -1]
     turned_by = np.abs(rate - start).max()
     assert turned_by > 1e-3
-    found = predicted(state, sample=still)
+    found = predicted(state, sample=STILL)
     np.testing.assert_allclose(found.mean[10:13], rate, rtol=0.0, atol=1e-8 * turned_by)
     slope = central_differences(
-        lambda at: predicted(moved(state, from_10=at), sample=still).mean[10:13], start, np.full(3, 1e-4)
+        lambda at: predicted(moved(state, from_10=at), sample=STILL).mean[10:13], start, np.full(3, 1e-4)
     )
     np.testing.assert_allclose(np.eye(3) + found.rate_rows[:, 10:13], slope, rtol=0.0, atol=1e-6)
 
@@ -202,8 +191,7 @@ def test_coupling_that_is_not_known_yet_is_noise_that_bounds_it_for_every_body()
     known = some_state(PARAMS)
     unknown = known._replace(root=known.root.copy())
     unknown.root[0, 0] = 10.0 * known.mean[0]
-    still = some_sample(PARAMS, commands=np.zeros((1, 6)))
-    without, covered = (predicted(state, sample=still) for state in (known, unknown))
+    without, covered = (predicted(state, sample=STILL) for state in (known, unknown))
     assert (without.coupled, covered.coupled) == (True, False)
     assert without.noise[0, 0] < covered.noise[0, 0]
     rate = known.mean[10:13]

@@ -31,7 +31,7 @@ def unknown(*jets: int) -> JointSample:
 def read(sample: JointSample, openings_s: Array) -> JointSample:
     """The sample with the readings that its commands give where jets that are not told are open for so long."""
     told = np.where(np.isnan(sample.commands), openings_s / PERIOD, sample.commands)
-    acting = drive(STATE, sample.durations_s, told, sample.outside, sample.timing, PARAMS)
+    acting = drive(STATE, sample._replace(commands=told), PARAMS)
     prediction = predict(STATE, acting, unread(PARAMS), PARAMS)
     values, _ = predict_outputs(prediction.mean, STATE.reference, STATE.spin + prediction.spin, PARAMS)
     return sample._replace(rates=values[:6].reshape(2, 3), velocities=values[6:].reshape(2, 3))

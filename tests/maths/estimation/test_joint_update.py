@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from joint_probe import PERIOD, TRUTH, central_differences, small_params, some_sample, some_state
@@ -73,10 +75,9 @@ def test_outputs_and_rate_read_have_their_derivatives() -> None:
     # C is known, and w's part of it is not differentiated
     _, jacobian = predict_outputs(state.mean, state.reference, state.spin, PARAMS)
     steps = np.full(PLACES.size, 1e-4)
-    found = central_differences(
-        lambda mean: predict_outputs(mean, state.reference, state.spin, PARAMS)[0], state.mean, steps
-    )
-    np.testing.assert_allclose(found, jacobian, atol=1e-9)
+    outputs = partial(predict_outputs, reference=state.reference, spin=state.spin, params=PARAMS)
+    differences = central_differences(lambda mean: outputs(mean)[0], state.mean, steps)
+    np.testing.assert_allclose(differences, jacobian, atol=1e-9)
 
     mean = np.zeros(PLACES.size)
     mean[PLACES.gyro_bias : PLACES.gyro_bias + 6] = [100.0, 0, 0, -50, 0, 0]
@@ -110,9 +111,8 @@ def test_which_readings_count() -> None:
     np.testing.assert_array_equal(found, counts)
     assert (floors[4], floors[5]) == (params.variances[4], 1e-4)  # one that stays and is off: rounding as noise
     np.testing.assert_array_equal(find_changed(read, before, params), [False, True, *[False] * 6, True])
-    every, _ = select_counting(
-        read, before, predicted, deviation**2, params.floors, params._replace(dithered=np.ones(n))
-    )
+    dithered = params._replace(dithered=np.ones(n))
+    every, _ = select_counting(read, before, predicted, deviation**2, params.floors, dithered)
     np.testing.assert_array_equal(every, ~np.isnan(read))
 
 
@@ -132,30 +132,22 @@ ROUNDED = small_params(
 )
 
 
-def reading(first: float, number: int) -> JointSample:
+def reading(number: int, first: float = 0.0) -> JointSample:
     """A sample without commands whose first rate is so many quanta; the others are zero."""
     rates = np.array([[first * QUANTUM, 0.0, 0.0]])
-    still = some_sample(ROUNDED, commands=np.zeros((1, 6)), outside=np.zeros(6), velocities=np.zeros((1, 3)))
+    still = some_sample(ROUNDED, commands=np.zeros((1, 6)), velocities=np.zeros((1, 3)))
     return still._replace(time_s=number * PERIOD, rates=rates)
 
 
-def after(*first: float) -> JointState:
-    """The state after some samples."""
-    state = begin_from_readings(initial_joint_state(ROUNDED), reading(first[0], 0), ROUNDED)
-    for number, each in enumerate(first[1:], start=1):
-        state, _ = step(state, reading(each, number), ROUNDED)
-    return state
-
-
-def taken_in(state: JointState, first: float, number: int) -> tuple[JointState, Crossing]:
-    """The state with readings taken in that the sample shows to have been the last of their cell."""
-    return update_by_crossings(state, state.mean[:N_PROPERTIES], reading(first, number), ROUNDED.floors, ROUNDED)
+def taken_in(state: JointState) -> tuple[JointState, Crossing]:
+    """The state with readings taken in that a changed one shows to have been the last of their cell."""
+    return update_by_crossings(state, state.mean[:N_PROPERTIES], reading(2, 1.0), ROUNDED.floors, ROUNDED)
 
 
 def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_once() -> None:
-    state = after(0, 0)
+    state, _ = step(begin_from_readings(initial_joint_state(ROUNDED), reading(0), ROUNDED), reading(1), ROUNDED)
     assert state.fresh.tolist() == [1.0] * 6
-    now, told = taken_in(state, 1, 2)
+    now, told = taken_in(state)
     values, jacobian = predict_outputs(state.mean, state.reference, state.spin, ROUNDED)
     before, row = state.root @ state.root.T, jacobian[:1]
     site = match_moments(-values[:1], row @ before @ row.T, ROUNDED.cells[:1], ROUNDED.floors[:1])
@@ -166,11 +158,12 @@ def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_onc
     np.testing.assert_allclose(now.mean, state.mean + gain @ site.innovation, rtol=1e-9, atol=1e-18)
     scale = np.sqrt(np.maximum(np.diag(before), 1e-300))
     np.testing.assert_allclose((now.root @ now.root.T - covariance) / np.outer(scale, scale), 0.0, atol=1e-9)
-    again, nothing = taken_in(now, 1, 2)
+    again, nothing = taken_in(now)
     assert nothing.log_likelihood == 0.0
     np.testing.assert_array_equal(again.mean, now.mean)
     # a cycle has the likelihood of both readings
-    (_, report), (_, alone) = (step(each._replace(guarded=True), reading(1, 2), ROUNDED) for each in (state, now))
+    (after, report), (_, alone) = (step(each._replace(guarded=True), reading(2, 1.0), ROUNDED) for each in (state, now))
+    assert after.fresh.tolist() == [0.0, *[1.0] * 5]
     assert report.log_likelihood == pytest.approx(told.log_likelihood + alone.log_likelihood)
     np.testing.assert_array_equal(report.course.crossing.correction, told.correction)
 

@@ -11,14 +11,14 @@ import numpy as np
 from massprop_drake.maths.estimation.faults.fault_events import Event, Hypothesis, record_cycle
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.bank import Bank
+from massprop_drake.maths.estimation.joint.bank import Bank, Since
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import Score, cycle_score
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, collect_traces
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, traces_of_course
 from massprop_drake.maths.estimation.joint.unknown import is_untestable
 from massprop_drake.maths.linear_algebra import Array
 
@@ -107,7 +107,9 @@ def advance_watch(
     if not _is_testable(evidence, params) or each.push > 0.0:
         return record_cycle(each, done, params)._replace(watch=None)
     watch = each.watch or Watch(banks.empty_bank(params.places), ())
-    seen = collect_traces(evidence.before, evidence.report, sample)
+    course = evidence.report.course
+    assert course is not None, "the first sample is no cycle"
+    seen = traces_of_course(evidence.before.mean, course, sample)
     seen = _add_walk_noise(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
     over, found, tested, bank = banks.run_follow_cycle(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
     record, statistic = WatchedCycle(sample, over, score), 0.0
@@ -118,12 +120,12 @@ def advance_watch(
     if alarm is not None:
         alarm = alarm._replace(screen=screens.advance_screen(alarm.screen, over, params))
     if found is not None and banks.is_alarming(statistic, float(found.total.max())):
-        index = banks.youngest_likely_onset(found.total, _SHARE)
-        if alarm is None or (likely and watch.bank.cycles[index] > alarm.cycle):  # something new
+        index = int(np.flatnonzero(found.total >= _SHARE * found.total.max())[-1])  # older ones explain as much
+        if alarm is None or (likely and watch.bank.since.cycles[index] > alarm.cycle):  # something new
             alarm = _make_alarm(watch.bank, records, index, cycle, params)
-    oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
-    course = evidence.report.course
-    assert course is not None, "the first sample is no cycle"
+    oldest = int(bank.since.cycles[0])
+    if alarm is not None:
+        oldest = min(oldest, alarm.screen.began)
     tested = tested and not is_untestable(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return record_cycle(each, done, params)._replace(watch=watch)
@@ -155,7 +157,7 @@ def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis
     watch = each.watch
     if watch is None or each.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
-    bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
+    bank = Bank(watch.bank.states[:-1], Since(*(part[:-1] for part in watch.bank.since)))
     alarm = _make_alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
     return each._replace(watch=watch._replace(alarm=alarm))
 
@@ -174,7 +176,7 @@ def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: Join
 def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
     """Makes an alarm with a screen from two onsets before the likeliest one on, brought to the newest sample."""
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
-    cycles = bank.cycles.astype(np.intp)
+    cycles = bank.since.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)
     gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
     began = int(cycles[first])

@@ -414,8 +414,8 @@ def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: i
     begins = [(alarm.screen.onsets[0], alarm.states[0], alarm.scores[0], 1.0)]
     if cycle - alarm.cycle >= 2 * _LATER:
         bank = each.watch.bank
-        place = min(int(np.searchsorted(bank.cycles, cycle - _BEFORE)), len(bank.states) - 1)
-        onset = int(bank.cycles[place])
+        place = min(int(np.searchsorted(bank.since.cycles, cycle - _BEFORE)), len(bank.states) - 1)
+        onset = int(bank.since.cycles[place])
         begins.append((onset, bank.states[place], each.watch.records[onset - cycle - 1].score, 0.0))
     for stir in stronger_disturbances(now, joint):
         each_sample = _following_cost(*STIRS[stir], unit, seconds) - by_now

@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     replace_estimates,
 )
-from massprop_drake.maths.estimation.filters.joint_reports import Seen, mass_report, rotation_report
+from massprop_drake.maths.estimation.filters.joint_reports import mass_report, rotation_report
 from massprop_drake.maths.estimation.filters.kept_joint_states import check_state_rules
 from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
@@ -59,7 +59,7 @@ from massprop_drake.maths.estimation.joint.wheels import UNSPUN, interval_wheel_
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channel_mask
-from massprop_drake.maths.vehicle.on_times import Place, command_onsets, split_sample
+from massprop_drake.maths.vehicle.on_times import Place, command_onsets, level_onsets, split_sample
 
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
@@ -246,7 +246,8 @@ def _covariance_root(covariance: Array) -> Array:
 def initial_state(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
     places = params.joint.places
-    clock, unread = ticks.start_clock(0.0, np.zeros(places.jets)), np.full(places.wheels, np.nan)
+    clock = ticks.start_clock(0.0, np.zeros(places.jets), level_onsets(places.jets))
+    unread = np.full(places.wheels, np.nan)
     begun = _make_filter_state(beginning.initial_joint_state(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=shut_engine_settings(places.engines))
 
@@ -385,7 +386,7 @@ def make_sample(
         if np.isnan(interval.commands).all(axis=1).any() and not read:
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
-        clock = ticks.start_clock_with_onsets(told.stamp_s, now)
+        clock = ticks.start_clock(told.stamp_s, *now)
         interval = ticks.Elapsed(
             *split_sample(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.timing_on_ticks(), anew=False
         )
@@ -431,8 +432,7 @@ def finish(
     """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replace_state`."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
-    seen = Seen(*(getattr(report, name) for name in Seen._fields))
-    rotation = rotation_report(after.estimate, after.covariance, seen, gyros)
+    rotation = rotation_report(after.estimate, after.covariance, report, gyros)
     own = JOINT_REPORT.make(
         gyro_components=report.gyro_degrees,
         accelerometer_components=report.accelerometer_degrees,
@@ -441,7 +441,7 @@ def finish(
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
     accelerometers = 3 * params.joint.places.accelerometers
-    mass = mass_report(after.estimate, after.covariance, seen, gyros, accelerometers)
+    mass = mass_report(after.estimate, after.covariance, report, gyros, accelerometers)
     return FilterStep(after, rotation, mass, own)
 
 

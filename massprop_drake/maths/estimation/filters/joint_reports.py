@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from massprop_drake.maths.estimation.filter import MassReport, RotationReport
+from massprop_drake.maths.estimation.joint.joint_cycle import Report
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
-
-
-class Seen(NamedTuple):
-    """Statistics of a cycle's readings for the log, see `joint_cycle.Report`."""
-
-    innovation: Array
-    innovation_std: Array
-    used: np.ndarray
-    gyro_nis: float
-    accelerometer_nis: float
-    gyro_degrees: float
-    accelerometer_degrees: float
-    incremented: bool
-    coupled: bool
 
 
 @kernel
@@ -33,7 +18,7 @@ def _scale_to_three_components(nis: float, degrees: float) -> float:
 
 
 @kernel
-def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
+def rotation_report(estimate: Array, covariance: Array, seen: Report, gyros: int) -> RotationReport:
     """Makes the log row of a cycle's rotation, of gyros with so many components."""
     used = seen.used[:gyros]
     return RotationReport(
@@ -49,7 +34,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
 
 
 @kernel
-def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
+def mass_report(estimate: Array, covariance: Array, seen: Report, gyros: int, accelerometers: int) -> MassReport:
     """Makes the log row of a cycle's translation; arguments as `rotation_report`."""
     used = seen.used[gyros : gyros + accelerometers]
     return MassReport(

@@ -48,11 +48,10 @@ _TINY = float(np.finfo(np.float64).tiny)
 _IDENTITY = np.eye(3)
 
 
-class Bank(NamedTuple):
-    """Past onsets, oldest first, and the filter's recursion since each.
+class Since(NamedTuple):
+    """Recursion of the filter since each onset, oldest first.
 
     Attributes:
-        states: after the cycle of each.
         cycles: number of that cycle, shape (k,).
         learned: D, what the filter has learned since, shape (k, size).
         rows: derivative of w, of what all c have gathered, and of eta and eta' of modes, by the state at the onset,
@@ -64,20 +63,6 @@ class Bank(NamedTuple):
         given: seconds of full thrust that it gave, shape (k, n_jets).
     """
 
-    states: tuple[JointState, ...]
-    cycles: np.ndarray
-    learned: Array
-    rows: Array
-    noise: Array
-    kept: Array
-    elapsed_s: Array
-    missing: Array
-    given: Array
-
-
-class Since(NamedTuple):
-    """Recursion of the filter since each onset: all of a `Bank` but its states."""
-
     cycles: Array
     learned: Array
     rows: Array
@@ -86,6 +71,13 @@ class Since(NamedTuple):
     elapsed_s: Array
     missing: Array
     given: Array
+
+
+class Bank(NamedTuple):
+    """Past onsets, oldest first: the states after the cycle of each, and the filter's recursion since."""
+
+    states: tuple[JointState, ...]
+    since: Since
 
 
 class Roots(NamedTuple):
@@ -117,8 +109,7 @@ class Telescoped(NamedTuple):
 def empty_bank(places: Places) -> Bank:
     """Returns a bank without onsets."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
-    return Bank(
-        states=(),
+    since = Since(
         cycles=np.zeros(0),
         learned=np.zeros((0, n)),
         rows=np.zeros((0, 6 + places.n_swing, n)),
@@ -128,15 +119,12 @@ def empty_bank(places: Places) -> Bank:
         missing=np.zeros((0, jets)),
         given=np.zeros((0, jets)),
     )
-
-
-def advance_bank(bank: Bank, over: Link, places: Places) -> Bank:
-    """Advances the bank by one interval, before the filter learns from its readings."""
-    return Bank(bank.states, *_advance_recursion(Since(*bank[1:]), over, places)) if bank.states else bank
+    return Bank((), since)
 
 
 @kernel
-def _advance_recursion(since: Since, over: Link, places: Places) -> Since:
+def advance_recursion(since: Since, over: Link, places: Places) -> Since:
+    """Advances the recursion by one interval, before the filter learns from its readings."""
     learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
@@ -192,21 +180,13 @@ def _noise_since(noise: Array, over: Link, places: Places) -> Array:
     return after
 
 
-def add_onset(bank: Bank, over: Link, state: JointState, cycle: int, params: JointParams) -> Bank:
-    """Updates the bank with a cycle, which becomes the youngest onset; an old one is dropped if the bank is full."""
-    since, keep = _add_onset_to_recursion(Since(*bank[1:]), over.correction, float(cycle), params)
-    return _with_states(bank, keep, state, since)
-
-
-def _with_states(bank: Bank, keep: np.ndarray, state: JointState, since: Since) -> Bank:
-    return Bank((*(bank.states[index] for index in keep.tolist()), state), *since)
-
-
 @kernel
-def _add_onset_to_recursion(
-    since: Since, correction: Array, cycle: float, params: JointParams
-) -> tuple[Since, np.ndarray]:
-    """Adds a new onset to the recursion since each onset; also returns which onsets stay."""
+def add_onset(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
+    """Adds a cycle as the youngest onset, and drops an old one if the bank is full; also returns which onsets stay.
+
+    Args:
+        correction: of the mean by the update of the cycle, shape (size,).
+    """
     size, jets, places = since.learned.shape[1], since.given.shape[1], params.places
     ages = (cycle - since.cycles) / params.rates.steps
     keep = np.flatnonzero(ages <= OLDEST)
@@ -238,15 +218,12 @@ def _onset_to_drop(ages: Array) -> int:
     return 0
 
 
-def averaging_matrix(read: Array, places: Places) -> Array | None:
-    """Matrix that averages readings over packages, rate first, shape (6 or 3, m); None where an axis has no rate."""
-    weights, complete = _make_averaging(read, places)
-    return weights if complete else None
-
-
 @kernel
-def _make_averaging(read: Array, places: Places) -> tuple[Array, bool]:
-    """Computes the matrix that averages readings over packages, and whether every axis has a rate."""
+def averaging_matrix(read: Array, places: Places) -> tuple[Array, bool]:
+    """Computes the matrix that averages readings over packages, rate first, and whether every axis has a rate.
+
+    Its shape is (6, m), or (3, m) where an axis has no velocity.
+    """
     weights, turns, moves = np.zeros((6, read.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
@@ -264,31 +241,20 @@ def _make_averaging(read: Array, places: Places) -> tuple[Array, bool]:
     return weights if moves else weights[:3].copy(), turns
 
 
-def test_onsets(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
-    """Tests every onset after `advance_bank`; None where a reading is missing or nothing can reach a level.
+@kernel
+def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
+    """Tests every onset after `advance_recursion`; also returns whether any can be tested.
+
+    None can where a rate is missing, or nothing can reach a level.
 
     Args:
         over: the interval that ends now.
         least: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
     """
-    if not bank.states:
-        return None
-    found, some = _test_onsets(Since(*bank[1:]), _state_roots(bank), over, least, params)
-    return found if some else None
-
-
-def _state_roots(bank: Bank) -> Roots:
-    """Returns the roots of the bank's states, without a copy."""
-    return Roots(tuple(state.root for state in bank.states), range(len(bank.states)))
-
-
-@kernel
-def _test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
-    """Computes the test statistics of all onsets, and whether any onset can be tested."""
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
     nothing = Telescoped(total, likelihood, force)
-    mean, complete = _make_averaging(over.read, params.places)
+    mean, complete = averaging_matrix(over.read, params.places)
     if not complete:
         return nothing, False
     present = np.flatnonzero(~np.isnan(over.read))
@@ -300,7 +266,7 @@ def _test_onsets(since: Since, roots: Roots, over: Link, least: float, params: J
     looked_at = np.flatnonzero((bounds >= least) & (since.elapsed_s > 0.0))
     if looked_at.shape[0] == 0:
         return nothing, False
-    on_outputs = _rate_output_derivative(jacobian, params.places)
+    on_outputs = rate_output_derivative(jacobian, params.places)
     covariance = _output_covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
     looked_at, covariance = _select_resolved(looked_at, covariance, variances)
     if looked_at.shape[0] == 0:
@@ -331,7 +297,7 @@ def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array)
 
 
 @kernel
-def _rate_output_derivative(jacobian: Array, places: Places) -> Array:
+def rate_output_derivative(jacobian: Array, places: Places) -> Array:
     """Computes the derivative of the averaged outputs by w and by the growth common to all c, shape (r, 6)."""
     result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
@@ -340,13 +306,14 @@ def _rate_output_derivative(jacobian: Array, places: Places) -> Array:
     return result
 
 
-def output_rows(bank: Bank, index: int, jacobian: Array, params: JointParams) -> Array:
-    """Computes M: derivative of the averaged outputs now by the state at an onset, shape (r, size)."""
-    return _output_rows(Since(*bank[1:]), index, jacobian, _rate_output_derivative(jacobian, params.places), params)
-
-
 @kernel
-def _output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, params: JointParams) -> Array:
+def output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, params: JointParams) -> Array:
+    """Computes M: derivative of the averaged outputs now by the state at an onset, shape (r, size).
+
+    Args:
+        jacobian: derivative of the averaged outputs by the state now, shape (r, size).
+        on_outputs: see `rate_output_derivative`.
+    """
     places = params.places
     rows = jacobian.copy()
     rows[:, RATE] = 0.0
@@ -372,7 +339,7 @@ def _output_covariances(
     result = np.empty((looked_at.shape[0], jacobian.shape[0], jacobian.shape[0]))
     for place in range(looked_at.shape[0]):
         index = looked_at[place]
-        rows = _output_rows(since, index, jacobian, on_outputs, params)
+        rows = output_rows(since, index, jacobian, on_outputs, params)
         half = sparse_product(rows, roots.stack[roots.places[index]])  # jets that have not fired since tell nothing
         result[place] = half @ half.T + on_outputs @ np.ascontiguousarray(since.noise[index, :6, :6]) @ on_outputs.T
     return result
@@ -414,14 +381,13 @@ def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: 
 
     Args:
         since, roots: of the bank before it.
-        cycle: its number.
         least: see `test_onsets`.
     """
     over = link_from_traces(seen, params)
-    reached = _advance_recursion(since, over, params.places)
-    _, complete = _make_averaging(over.read, params.places)
-    found, some = _test_onsets(reached, roots, over, least, params)
-    after, keep = _add_onset_to_recursion(reached, over.correction, cycle, params)
+    reached = advance_recursion(since, over, params.places)
+    _, complete = averaging_matrix(over.read, params.places)
+    found, some = test_onsets(reached, roots, over, least, params)
+    after, keep = add_onset(reached, over.correction, cycle, params)
     return Followed(over, found, some, complete, after, keep)
 
 
@@ -434,27 +400,18 @@ def run_follow_cycle(
         bank, seen, cycle, least: see `follow_cycle`.
         state: after the cycle, the youngest onset then.
     """
-    if not bank.states:
+    states, since, made = *bank, params.compiled
+    if not states:
         over = link_from_traces(seen, params)
-        return over, None, False, add_onset(bank, over, state, cycle, params)
-    since, roots, made = Since(*bank[1:]), _state_roots(bank), params.compiled
+        return over, None, False, Bank((state,), add_onset(since, over.correction, float(cycle), params)[0])
+    roots = tuple(each.root for each in states)  # without a copy
     if made is None:
-        done = follow_cycle(since, roots, seen, float(cycle), float(least), params)
+        done = follow_cycle(since, Roots(roots, range(len(roots))), seen, float(cycle), float(least), params)
     else:
-        roots = Roots(np.stack(roots.stack), np.arange(len(bank.states)))
-        done = made.followed(Following(since, roots, seen, float(cycle), float(least)))
-    after = _with_states(bank, done.keep, state, done.since)
+        stacked = Roots(np.stack(roots), np.arange(len(roots)))
+        done = made.follow_cycle(Following(since, stacked, seen, float(cycle), float(least)))
+    after = Bank((*(states[index] for index in done.keep.tolist()), state), done.since)
     return done.link, done.tested if done.some else None, done.complete, after
-
-
-def youngest_likely_onset(total: Array, share: float) -> int:
-    """Returns the index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
-
-    Args:
-        total: T of each onset, shape (k,).
-        share: of the largest that is near.
-    """
-    return int(np.flatnonzero(total >= share * total.max())[-1])
 
 
 @kernel

@@ -18,53 +18,12 @@ from massprop_drake.maths.estimation.joint.covariance import compress_root, jose
 from massprop_drake.maths.estimation.joint.forcing import Drive, error_rows
 from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import (
-    CENTER,
-    RATE,
-    VELOCITY,
-    JointParams,
-    JointState,
-)
+from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.rate_coupling import arm_turning_integrals
 from massprop_drake.maths.estimation.joint.ticks import update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
-
-
-class BoundStep(NamedTuple):
-    """Propagation of errors over an interval, and through the update by its readings.
-
-    Attributes:
-        acting: see `Drive`.
-        prediction: see `Prediction`.
-        jacobian: derivative of the components that are used by the state, shape (k, size).
-        half_gain, upper: see `covariance.Update`.
-    """
-
-    acting: Drive
-    prediction: Prediction
-    jacobian: Array
-    half_gain: Array
-    upper: Array
-
-
-class Forces(NamedTuple):
-    """Forces by which jets may fail, one of each.
-
-    Attributes:
-        jets: which jet each is of, shape (f,).
-        extra: 1: the jet gives as much more all the time, a leak; 0: as much less while it fires, shape (f,).
-    """
-
-    jets: Array
-    extra: Array
-
-
-def leaks_and_losses(n_jets: int) -> Forces:
-    """Returns the forces of a leak of each jet, then those of a loss of each."""
-    return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
 
 
 class IntervalEnd(NamedTuple):
@@ -85,6 +44,21 @@ class IntervalEnd(NamedTuple):
     spin: Array
 
 
+class BoundStep(NamedTuple):
+    """Propagation of errors over an interval, and through the update by its readings.
+
+    Attributes:
+        end: see `IntervalEnd`.
+        jacobian: derivative of the components that are used by the state, shape (k, size).
+        half_gain, upper: see `covariance.Update`.
+    """
+
+    end: IntervalEnd
+    jacobian: Array
+    half_gain: Array
+    upper: Array
+
+
 def predict_interval_end(
     state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
@@ -100,14 +74,11 @@ def predict_interval_end(
     stamped_too, _ = update_by_stamp(state, sample.timing, at_truth)
     before = stamped_too._replace(mean=at)
     acting = make_drive(before, sample, at_truth)
-    read = combine_gyros(sample.rates, at, params)
-    shown = np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE])
-    prediction = predict(before, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
+    read, around = combine_gyros(sample.rates, at, params), (sample.frames, sample.speeds)
+    read = read._replace(rate=np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE]))
+    prediction = predict(before, acting, read, at_truth, around)
     if doubt is not None:
-        unsure = predict(
-            before._replace(root=doubt), acting, read._replace(rate=shown), params, (sample.frames, sample.speeds)
-        )
-        prediction = prediction._replace(noise=unsure.noise)
+        prediction = prediction._replace(noise=predict(before._replace(root=doubt), acting, read, params, around).noise)
     root = propagate_root(before.root, prediction, at_truth)
     there = prediction.mean if mean is None else mean
     return IntervalEnd(acting, prediction, there, root, state.spin + prediction.spin)
@@ -144,26 +115,25 @@ def update_bound(
         spin=end.spin,
         time_s=time_s,
     )
-    return after, BoundStep(end.acting, end.prediction, jacobian, half_gain, upper)
+    return after, BoundStep(end, jacobian, half_gain, upper)
 
 
 def advance_force_effects(
-    before: tuple[Array, Array],
-    state: JointState,
-    course: BoundStep,
-    failing: tuple[Forces, slice],
-    params: JointParams,
+    before: tuple[Array, Array], state: JointState, course: BoundStep, first: int, params: JointParams
 ) -> tuple[Array, Array]:
     """Propagates effects B of constant forces and their information G over an interval and its readings.
+
+    The forces are a leak of each jet, which gives as much more all the time, then a loss of each, as much less while
+    it fires.
 
     Args:
         before: both before the interval.
         state: likewise.
-        failing: forces, and the columns that are theirs.
+        first: column of the first of these forces.
     """
-    (carried, shown), (forces, columns) = before, failing
-    carried = propagate_root(carried, course.prediction, params)[:, : carried.shape[1]]
-    carried[:, columns] += _unit_force_effects(state, course, forces, params)
+    carried, shown = before
+    carried = propagate_root(carried, course.end.prediction, params)[:, : carried.shape[1]]
+    carried[:, first : first + 2 * params.places.jets] += _unit_force_effects(state, course.end, params)
     if course.upper.shape[0] > 0:
         seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
         carried = carried - course.half_gain @ seen
@@ -171,19 +141,15 @@ def advance_force_effects(
     return carried, shown
 
 
-def _unit_force_effects(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
+def _unit_force_effects(state: JointState, end: IntervalEnd, params: JointParams) -> Array:
     """Computes changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
-    prediction, places = course.prediction, params.places
-    n = forces.jets.size
+    prediction, places = end.prediction, params.places
+    jets, extra = np.tile(np.arange(places.jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), places.jets)
+    n = jets.size
     wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
-    slots = state._replace(
-        mean=np.append(state.mean[: places.force], np.zeros(n)),
-        slot_jet=forces.jets,
-        slot_sign=2.0 * forces.extra - 1.0,
-        slot_on_top=forces.extra,
-    )
-    of_forces = slice(places.force, places.force + n)
-    turned, pushed = (rows[:, of_forces] for rows in error_rows(slots, course.acting, wide))
+    mean = np.append(state.mean[: places.force], np.zeros(n))
+    slots = state._replace(mean=mean, slot_jet=jets, slot_sign=2.0 * extra - 1.0, slot_on_top=extra)
+    turned, pushed = (rows[:, places.force :] for rows in error_rows(slots, end.acting, wide))
     result = np.zeros((places.size, n))
     result[RATE] = turned
     arms = params.accelerometer_positions - state.mean[CENTER]

@@ -41,7 +41,13 @@ class Burn(NamedTuple):
     std: Array
 
 
-UNLIT = Burn(np.zeros((0, 3, N_CHANNELS)), np.zeros((0, N_CHANNELS)))
+@kernel
+def unlit(n: int) -> Burn:
+    """Returns the burn of engines that are off: zeros."""
+    return Burn(np.zeros((n, 3, N_CHANNELS)), np.zeros((n, N_CHANNELS)))
+
+
+UNLIT = unlit(0)
 
 
 class EngineSettings(NamedTuple):
@@ -72,7 +78,6 @@ def make_burn(
     Args:
         before: at the start of the interval.
         read: at its end, NaN where missing, shape (n, 3).
-        duration_s: T.
     """
     measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
     shown = np.where(missing, before.told, read)
@@ -107,12 +112,6 @@ class EngineImpulse(NamedTuple):
 
 
 @kernel
-def no_engine_impulse() -> EngineImpulse:
-    """Returns an engine impulse of zero."""
-    return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
-
-
-@kernel
 def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
     """Returns a burn with assumed values in place of levels and angles that are not trusted.
 
@@ -137,7 +136,6 @@ def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: Engine
     Args:
         burn: levels and angles.
         errors: the six of each engine, shape (6 n,).
-        duration_s: T.
     """
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
@@ -164,7 +162,6 @@ def single_engine_impulses(
         which: index of the engine.
         points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
         errors: its six, shape (6,).
-        duration_s: T.
 
     Returns:
         The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),

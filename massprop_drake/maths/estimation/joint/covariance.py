@@ -83,22 +83,6 @@ def semidefinite_root(matrix: Array) -> Array:
 
 
 @kernel
-def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Computes Q1, Q2 and U of the innovation's covariance Y = U^T U.
-
-    Args:
-        outputs: H S, shape (m, k).
-        variances: of the measurement noise, positive, shape (m,).
-    """
-    m, k = outputs.shape
-    stacked = np.zeros((k + m, m))
-    stacked[:k] = outputs.T
-    stacked[k:] = np.diag(np.sqrt(variances))
-    q, u = np.linalg.qr(stacked)
-    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), np.ascontiguousarray(u)
-
-
-@kernel
 def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
     """Updates by one measurement of several components, in Joseph's form.
 
@@ -116,7 +100,12 @@ def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Arr
 @kernel
 def joseph_update_uncompressed(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
     """Runs `joseph_update`, but leaves the root uncompressed, shape (n, k + m)."""
-    q1, q2, u = innovation_root(outputs, variances)
+    m, k = outputs.shape
+    stacked = np.zeros((k + m, m))
+    stacked[:k] = outputs.T
+    stacked[k:] = np.diag(np.sqrt(variances))
+    q, u = np.linalg.qr(stacked)
+    q1, q2, u = np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), np.ascontiguousarray(u)
     whitened = np.linalg.solve(u.T, innovation)
     gain = root @ q1
     after = np.hstack((root - gain @ q1.T, gain @ q2.T))

@@ -112,12 +112,7 @@ def join_courses(one: Wander, other: Wander) -> Wander:
 @kernel
 def append_constant_states(wander: Wander, n: int) -> Wander:
     """Appends n components to the course of slow states, which stay as they are and act on nothing."""
-    others = wander.kept.shape[0]
-    kept, along, apart = np.ones(others + n), np.zeros(others + n), np.zeros(others + n)
-    begun, drawn = np.zeros((6, others + n)), np.zeros((6, others + n))
-    kept[:others], along[:others], apart[:others] = wander.kept, wander.along, wander.apart
-    begun[:, :others], drawn[:, :others] = wander.begun, wander.drawn
-    return Wander(kept, begun, drawn, along, apart)
+    return join_courses(wander, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
 
 
 @kernel

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filters.rate_increments import angular_block
-from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, engine_impulse, no_engine_impulse
-from massprop_drake.maths.estimation.joint.burns import replace_untrusted_levels as believed_of_engines
+from massprop_drake.maths.estimation.joint.burns import EngineImpulse, engine_impulse, replace_untrusted_levels
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import (
     Firing,
     fire,
@@ -24,10 +24,8 @@ from massprop_drake.maths.estimation.joint.lagged_impulses import (
     time_constants,
 )
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, JointParams, JointState
-from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, unknown_directions
-from massprop_drake.maths.estimation.joint.wheels import Spun
-from massprop_drake.maths.estimation.joint.wheels import wheel_momenta as of_wheels
+from massprop_drake.maths.estimation.joint.wheels import Spun, wheel_momenta
 from massprop_drake.maths.kernels import kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -41,7 +39,7 @@ class Drive(NamedTuple):
         firing: see `lagged_impulses.Firing`.
         lag_slope: derivative of the logarithm of each jet's time constant by the error of its kind, shape (n_jets,).
         outside: impulse of known outside forces, angular about the vehicle origin and linear, shape (6,).
-        spreads: see `Timing`.
+        spreads: see `ticks.Timing`.
         by_ticks: derivative of L by offset and period error of the ticks, shape (2, n_jets).
         tick_slope: of the level at the end of the interval, 1/s, likewise.
         anything: directions in which jets whose commands are not known may have given anything, see `Directions`.
@@ -59,54 +57,33 @@ class Drive(NamedTuple):
 
 
 @kernel
-def drive(
-    state: JointState, durations_s: Array, commands: Array, outside: Array, timing: Timing, params: JointParams
-) -> Drive:
-    """Computes forces and impulses on the vehicle over an interval, with lag and ticks as estimated.
+def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
+    """Computes forces and impulses on the vehicle over a sample's interval, with lag, ticks and engines as estimated.
 
     Args:
         state: before.
-        durations_s, commands: the interval's pieces, see `lagged_impulses.fire`.
-        outside: impulse of known outside forces, shape (6,).
     """
+    places, timing = params.places, sample.timing
     constants, lag_slope = estimated_lags(state.mean, params)
     levels = state.level, state.slope, state.level_std
-    firing = fire(levels, constants, durations_s, commands, timing.edges)
+    firing = fire(levels, constants, sample.durations_s, sample.commands, timing.edges)
     anything = unknown_directions(state.mean, firing, params)
-    if not timing.off or params.places.n_ticks == 0:
+    burn = replace_untrusted_levels(sample.burn, state.assumed[places.wheels :])
+    errors = state.mean[places.engine : places.engine + places.n_engine]
+    engines = engine_impulse(burn, errors, firing.duration_s, params.engines)
+    if not timing.off or places.n_ticks == 0:
         none = np.zeros_like(state.tick_slope)
-        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything, no_engine_impulse())
+        return Drive(firing, lag_slope, sample.outside, timing.spreads, none, none, anything, engines)
     by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
     by_ticks[0] += timing.shares @ firing.by_tick
     by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
     tick_slope[0] += timing.shares @ firing.level_by_tick
     tick_slope[1] += (timing.numbers * timing.shares) @ firing.level_by_tick
-    begin = params.places.ticks
-    away_s = state.mean[begin : begin + 2] * params.tick_sigma - timing.about_s
+    away_s = state.mean[places.ticks : places.ticks + 2] * params.tick_sigma - timing.about_s
     later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
     amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
     moved = replace_firing(firing, amount, level)
-    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything, no_engine_impulse())
-
-
-@kernel
-def add_engine_impulse(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
-    """Adds the engines' impulse to a drive, their errors at the present estimates."""
-    places = params.places
-    if places.engines == 0:
-        return acting
-    errors = state.mean[places.engine : places.engine + places.n_engine]
-    seen = believed_of_engines(burn, state.assumed[places.wheels :])
-    return Drive(
-        acting.firing,
-        acting.lag_slope,
-        acting.outside,
-        acting.spreads,
-        acting.by_ticks,
-        acting.tick_slope,
-        acting.anything,
-        engine_impulse(seen, errors, acting.firing.duration_s, params.engines),
-    )
+    return Drive(moved, lag_slope, sample.outside, timing.spreads, by_ticks, tick_slope, anything, engines)
 
 
 @kernel
@@ -162,7 +139,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
     if places.n_engine > 0:
-        of_known, columns = known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
+        of_known, columns = _known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
         rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
         velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
     if places.n_mount > 0:
@@ -231,7 +208,7 @@ def impulse_rows(
 
 
 @kernel
-def known_impulse_scale(mean: Array, params: JointParams) -> float:
+def _known_impulse_scale(mean: Array, params: JointParams) -> float:
     """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
     places = params.places
     return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
@@ -240,8 +217,8 @@ def known_impulse_scale(mean: Array, params: JointParams) -> float:
 @kernel
 def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
     """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
-    scale = known_impulse_scale(mean, params)
-    momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
+    scale = _known_impulse_scale(mean, params)
+    momenta = scale * wheel_momenta(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
     impulse[:3] -= momenta[1] - momenta[0]
     return impulse, momenta, scale

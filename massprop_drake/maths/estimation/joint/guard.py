@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.error_products import parameter_effects
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, set_guard_status
+from massprop_drake.maths.estimation.joint.process_noise import parameter_effects
 from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_scale
 from massprop_drake.maths.kernels import kernel
 
@@ -51,7 +51,6 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
     which nothing turns the vehicle.
 
     Args:
-        state: the state.
         acting: which jets turn the vehicle, shape (n_jets,); None: any may.
     """
     wrenches = params.wrenches if acting is None else params.wrenches[acting]

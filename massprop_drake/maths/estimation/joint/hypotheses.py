@@ -9,7 +9,7 @@ r"""Hypothesis of one event: the joint filter's own cycle from another state, an
     lies    one component is not read from the onset on, until it fits again
     speed   the speed of a wheel is not believed from the onset on, for good: what it is off by turns with the vehicle
     turn    the attitude that a tracker reads is another from the onset on, as by another star that it takes for its own
-    wander  something acts which nobody stated, and changes slowly: see `disturbance`, one of `STIRS`
+    wander  something acts which nobody stated, and changes slowly: see `disturbance_states`, one of `STIRS`
     engine  level or angle of an engine stays where it was at the onset, and its thrust or that angle is anything
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
@@ -28,7 +28,6 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compress_root, semidefinite_root
 from massprop_drake.maths.estimation.joint.crossing import update_by_crossings
-from massprop_drake.maths.estimation.joint.error_products import parameter_effects
 from massprop_drake.maths.estimation.joint.forcing import estimated_lags
 from massprop_drake.maths.estimation.joint.guard import reset_guard
 from massprop_drake.maths.estimation.joint.innovation import prediction_floors
@@ -43,7 +42,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     Places,
 )
-from massprop_drake.maths.estimation.joint.measurement import fix_velocity_reference
+from massprop_drake.maths.estimation.joint.measurement import fix_velocity_reference, readings
+from massprop_drake.maths.estimation.joint.process_noise import parameter_effects
 from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, unit_force_errors
 from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.linear_algebra import Array
@@ -266,43 +266,43 @@ def apply_cause(
         share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
         expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
+    places, size = params.places, state.root.shape[0]
     if cause.kind == Kind.JUMP:
-        fresh = fix_velocity_reference(state, params)
-        columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
+        columns = np.zeros((size, N_PROPERTIES))
         np.fill_diagonal(columns, jump_sigma(params, share))
-        return reset_guard(fresh._replace(root=compress_root(np.hstack((fresh.root, columns)), params.places.thrust)))
+        return reset_guard(_add_uncertainty(fix_velocity_reference(state, params), columns, params))
     if cause.kind == Kind.TURN:
-        columns = np.zeros((state.root.shape[0], 3))
-        columns[params.places.attitude : params.places.attitude + 3] = TURNED * np.eye(3)
-        return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
+        return _add_uncertainty(state, TURNED * np.eye(size)[:, places.attitude : places.attitude + 3], params)
     if cause.kind == Kind.WANDER:
-        columns, own = np.zeros((state.root.shape[0], params.places.n_unstated)), params.places.unstated
         level, constant_s = STIRS[cause.component]
-        if state.stir == 0.0 or share > 0.0:  # else what acts is known, and only changes faster from now on
-            columns[own : own + params.places.n_unstated] = level * np.eye(params.places.n_unstated)
-        root = compress_root(np.hstack((state.root, columns)), params.places.thrust)
-        return state._replace(root=root, stir=level, stir_s=constant_s)
+        jumps = float(state.stir == 0.0 or share > 0.0)  # else what acts is known, and only changes faster from now on
+        columns = jumps * level * np.eye(size)[:, places.unstated : places.unstated + places.n_unstated]
+        return _add_uncertainty(state, columns, params)._replace(stir=level, stir_s=constant_s)
     if cause.kind == Kind.ENGINE:
-        engine, channel = divmod(cause.component - first_engine_index(params.places), N_CHANNELS)
-        columns, own = np.zeros((state.root.shape[0], 1)), params.places.engine + N_ERRORS * engine
+        engine, channel = divmod(cause.component - first_engine_index(places), N_CHANNELS)
+        columns, own = np.zeros((size, 1)), places.engine + N_ERRORS * engine
         if channel == 0:
             columns[own : own + 2] = STUCK_THRUST
         else:
             columns[own + 1 + channel] = STUCK_SHARE * params.engines.stops[engine, channel]
-        return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
+        return _add_uncertainty(state, columns, params)
     if cause.kind != Kind.JETS:
         return state
-    mean = state.mean.copy()
+    mean, columns = state.mean.copy(), np.zeros((size, len(cause.jets)))
     slot_jet, slot_sign, slot_on_top = state.slot_jet.copy(), state.slot_sign.copy(), state.slot_on_top.copy()
-    columns = np.zeros((state.root.shape[0], len(cause.jets)))
     for index, (jet, sign, on_top) in enumerate(zip(cause.jets, cause.signs, cause.on_top, strict=True)):
         slot = failure_slot(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
         slot_jet[slot], slot_sign[slot], slot_on_top[slot] = jet, sign, on_top
         change, sigma = expected[index] if expected else (0.0, params.thrusts[jet])
-        mean[params.places.force + slot] += change
-        columns[params.places.force + slot, index] = sigma
-    root = compress_root(np.hstack((state.root, columns)), params.places.thrust)
-    return state._replace(mean=mean, root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
+        mean[places.force + slot] += change
+        columns[places.force + slot, index] = sigma
+    failed = state._replace(mean=mean, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
+    return _add_uncertainty(failed, columns, params)
+
+
+def _add_uncertainty(state: JointState, columns: Array, params: JointParams) -> JointState:
+    """Adds independent errors to the state, a column each."""
+    return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
 
 
 def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
@@ -329,8 +329,8 @@ def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Li
     bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
-    wide = np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns))
-    return state._replace(root=compress_root(wide, places.thrust))
+    further = np.hstack((impulses, impulse_columns(products, over, places), bowed, turns))
+    return _add_uncertainty(state, further, params)
 
 
 def add_disturbance_drift(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
@@ -341,7 +341,6 @@ def add_disturbance_drift(state: JointState, before: float, duration_s: float, p
     Args:
         state: with what acts, of level L.
         before: level that was thought to act.
-        duration_s: of an interval, T.
     """
     unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
     noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
@@ -350,20 +349,13 @@ def add_disturbance_drift(state: JointState, before: float, duration_s: float, p
     return state._replace(root=compress_root(root, params.places.thrust))
 
 
-def add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
-    """Adds the uncertainty of the jets' effects in the interval of a jump, whose time within it is unknown.
-
-    Args:
-        state: before the interval.
-        share: see `jump_sigma`.
-        over: the interval, of any filter that is near.
-    """
+def _add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
+    """Adds the uncertainty of the jets' effects in the interval of a jump, whose time within it is unknown."""
     fired = np.flatnonzero(over.amount > 0.0)
     if fired.shape[0] == 0:
         return state
     gave = share * params.thrusts[fired] * over.amount[fired] / over.duration_s
-    columns = unit_force_errors(over, params.places)[:, fired] * gave
-    return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
+    return _add_uncertainty(state, unit_force_errors(over, params.places)[:, fired] * gave, params)
 
 
 def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) -> Array | None:
@@ -402,7 +394,7 @@ def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams)
     root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
     root[rows[erratic[slots] == 1.0]] = 0.0
     columns[rows, np.arange(slots.shape[0])] = erratic[slots] * params.thrusts[state.slot_jet[slots].astype(np.intp)]
-    return state._replace(root=compress_root(np.hstack((root, columns)), params.places.thrust))
+    return _add_uncertainty(state._replace(root=root), columns, params)
 
 
 def add_push_impulse(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
@@ -415,8 +407,7 @@ def add_push_impulse(state: JointState, push: float, over: Link, params: JointPa
     """
     if push == 0.0:
         return state
-    columns = unit_force_errors(over, params.places) * (push * params.thrusts)
-    return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
+    return _add_uncertainty(state, unit_force_errors(over, params.places) * (push * params.thrusts), params)
 
 
 def without_increments(params: JointParams) -> JointParams:
@@ -424,18 +415,18 @@ def without_increments(params: JointParams) -> JointParams:
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
-def mask_component(sample: JointSample, component: int) -> JointSample:
+def _mask_component(sample: JointSample, component: int) -> JointSample:
     """Returns a sample without one component."""
-    parts = [part.copy() for part in (sample.rates, sample.velocities, sample.attitudes)]
-    for part in parts:
-        if 0 <= component < part.size:
-            part.flat[component] = np.nan
-        component -= part.size
-    rates, velocities, attitudes = parts
+    parts = sample.rates, sample.velocities, sample.attitudes
+    read = readings(*parts)
+    if component < read.size:
+        read[component] = np.nan
+    ends = np.cumsum([part.size for part in parts])
+    rates, velocities, attitudes, _ = (part.reshape(-1, 3) for part in np.split(read, ends))
     return sample._replace(rates=rates, velocities=velocities, attitudes=attitudes)
 
 
-def is_inconsistent(report: Report, component: int, params: JointParams) -> bool:
+def _is_inconsistent(report: Report, component: int, params: JointParams) -> bool:
     """Tests whether a reading is too far off its prediction to fit, or is missing."""
     course = report.course
     assert course is not None, "the first sample fits"
@@ -461,7 +452,7 @@ def prepare_cycle(
         if run.cause.kind == Kind.WANDER:
             state = add_disturbance_drift(state, run.state.stir, over.duration_s, params)
         if run.cause.kind == Kind.JUMP:
-            state = add_jump_time_noise(state, run.share, over, params)
+            state = _add_jump_time_noise(state, run.share, over, params)
     kicks = extra_impulse_sigmas(run, over.duration_s, params)
     if kicks is not None:
         state = add_failure_impulses(state, run.cause, kicks, over, params)
@@ -493,7 +484,6 @@ def step_runner(
 
     Args:
         run: before; it opens when its onset is the last cycle done.
-        sample: of the cycle.
         over: the cycle of any filter that is near.
         erratic: see `add_force_noise`.
         push: see `add_push_impulse`.
@@ -504,12 +494,12 @@ def step_runner(
     lying, lie, component = run.lying, run.lie, run.cause.component
     score = run.score.plus(Score(likelihood, 0.0, 0.0))
     if lying and run.cycle >= run.onset:
-        lying = is_inconsistent(report, component, params)
+        lying = _is_inconsistent(report, component, params)
         if lying:
             if report.used[component]:
                 cost = false_reading_cost(component, params, over.read[component] - lie)
                 score = score._replace(likelihood=score.likelihood - cost)
-            after, report = step(state, mask_component(sample, component), params)
+            after, report = step(state, _mask_component(sample, component), params)
             lie = float(over.read[component])
     return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(cycle_score(report)), lying=lying, lie=lie)
 
@@ -520,15 +510,10 @@ def cycle_score(report: Report) -> Score:
     return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
-def failure_column(jet: int, sign: int, params: JointParams) -> int:
-    """Returns the place of a jet's failure among those that give more and then those that give less."""
-    return jet + (params.places.jets if sign < 0 else 0)
-
-
 def known_forces(state: JointState, params: JointParams) -> Array:
     """Returns the force of each known failure, more and then less, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
-        column = failure_column(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
+        column = int(state.slot_jet[slot]) + (params.places.jets if state.slot_sign[slot] < 0.0 else 0)
         result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
     return result

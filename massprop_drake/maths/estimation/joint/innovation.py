@@ -17,8 +17,7 @@ from massprop_drake.maths.estimation.joint.measurement import (
     readings,
     select_counting,
 )
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.quantized import Sites, match_moments
 from massprop_drake.maths.estimation.joint.rate_coupling import arm_turning_integrals
 from massprop_drake.maths.estimation.joint.unknown import EXPECTED

@@ -1,7 +1,7 @@
 """One cycle of the joint estimator: from a state and a sample to the next state.
 
 Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
-(`prediction.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
+(`forcing.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
 lags are no longer taken as stated if that explains it, else the covariance is incremented, and the prediction made
 again; update; the prior of lags; the guard. A hypothesis is the same
 with another state: one with a force in a slot, or rebased and with a larger covariance.
@@ -16,7 +16,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.beginning import begin_from_readings
 from massprop_drake.maths.estimation.joint.covariance import Update, compress_root, empty_update
 from massprop_drake.maths.estimation.joint.crossing import Crossing, levels_at_estimates, update_by_crossings
-from massprop_drake.maths.estimation.joint.forcing import Drive, add_engine_impulse, drive
+from massprop_drake.maths.estimation.joint.forcing import Drive, drive
 from massprop_drake.maths.estimation.joint.guard import update_guard
 from massprop_drake.maths.estimation.joint.innovation import (
     Expected,
@@ -30,7 +30,7 @@ from massprop_drake.maths.estimation.joint.innovation import (
     update_root,
 )
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample, has_outside_impulse
-from massprop_drake.maths.estimation.joint.lag_prior import switch_lag_priors, with_wide_priors
+from massprop_drake.maths.estimation.joint.lag_prior import switch_lag_priors
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState, replace_estimate
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
@@ -52,7 +52,7 @@ class Course(NamedTuple):
         stamp: see `ticks.Stamped`.
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
-        update: `nothing_learned` where no component counted.
+        update: `covariance.empty_update` where no component counted.
         nis, degrees, log_likelihood: see `Report`.
     """
 
@@ -141,9 +141,12 @@ def step(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         try:
-            after, report = (
-                _step(state, sample, params, counts) if state.started else _step_first(state, sample, params)
-            )
+            if not state.started:
+                after, report = _step_first(state, sample, params)
+            elif params.compiled is None:
+                after, report = run_cycle(state, sample, params.thresholds, counts, params)
+            else:
+                after, report = params.compiled.run_cycle(state, sample, params.thresholds, counts)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "the joint estimator") from None
         except np.linalg.LinAlgError:
@@ -151,33 +154,6 @@ def step(
         if not (np.all(np.isfinite(after.mean)) and np.all(np.isfinite(after.root))):
             raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, sample.time_s)
     return after, report
-
-
-def _step(state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
-    made = params.compiled
-    done: Cycled = (
-        run_cycle(state, sample, params.thresholds, counts, params)
-        if made is None
-        else made.cycled(Cycling(state, sample, params.thresholds, counts))
-    )
-    expected = done.expected
-    return done.state, Report(
-        estimate=done.estimate,
-        covariance=done.covariance,
-        innovation=done.innovation,
-        innovation_std=done.innovation_std,
-        used=expected.used,
-        nis=done.nis,
-        degrees=done.degrees,
-        log_likelihood=done.log_likelihood,
-        gyro_nis=done.gyro_nis,
-        accelerometer_nis=done.accelerometer_nis,
-        gyro_degrees=done.gyro_degrees,
-        accelerometer_degrees=done.accelerometer_degrees,
-        incremented=done.incremented,
-        coupled=expected.prediction.coupled,
-        course=make_course(done),
-    )
 
 
 def _step_first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
@@ -191,7 +167,7 @@ def _step_first(state: JointState, sample: JointSample, params: JointParams) -> 
 
 
 def restart(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
-    """Runs a cycle over an interval of which nothing is known: rate and gathered velocity begin again, see `begun`.
+    """Runs a cycle over an interval of which nothing is known: rate and velocity are as read again.
 
     What else is known stays; thrust follows the commands as far as they are known.
 
@@ -210,8 +186,7 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 @kernel
 def make_drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     """Computes the drive of a sample's interval; jets of unknown command give in it what its readings show."""
-    acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
-    acting = add_engine_impulse(acting, sample.burn, state, params)
+    acting = drive(state, sample, params)
     if acting.anything.number == 0.0:
         return acting
     read = combine_gyros(sample.rates, state.mean, params)
@@ -240,75 +215,10 @@ def make_drive(state: JointState, sample: JointSample, params: JointParams) -> D
     )
 
 
-class Cycled(NamedTuple):
-    """Result of the kernel of a cycle.
-
-    Attributes:
-        state: after it.
-        estimate: see `Report`, as all up to `log_likelihood`.
-        covariance: see there.
-        innovation, innovation_std: see there.
-        gyro_nis, accelerometer_nis, gyro_degrees, accelerometer_degrees, incremented: see there.
-        nis, degrees, log_likelihood: see there.
-        crossing, stamp, acting, expected: see `Course`.
-        update: see there.
-    """
-
-    state: JointState
-    estimate: Array
-    covariance: Array
-    innovation: Array
-    innovation_std: Array
-    gyro_nis: float
-    accelerometer_nis: float
-    gyro_degrees: float
-    accelerometer_degrees: float
-    incremented: bool
-    nis: float
-    degrees: float
-    log_likelihood: float
-    crossing: Crossing
-    stamp: Stamped
-    acting: Drive
-    expected: Expected
-    update: Update
-
-
-@kernel
-def make_course(done: Cycled) -> Course:
-    """Collects the course of a cycle, see `Course`."""
-    return Course(
-        done.crossing,
-        done.stamp,
-        done.acting,
-        done.expected,
-        done.update,
-        done.nis,
-        done.degrees,
-        done.log_likelihood,
-    )
-
-
-class Cycling(NamedTuple):
-    """Inputs of compiled code for a cycle besides the parameters.
-
-    Attributes:
-        state: see `run_cycle`.
-        sample: see `run_cycle`.
-        thresholds: see `JointParams`; of all parameters these alone may be others than those that it was compiled for.
-        counts: see `run_cycle`.
-    """
-
-    state: JointState
-    sample: JointSample
-    thresholds: Array
-    counts: np.ndarray
-
-
 @kernel
 def run_cycle(
     state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
-) -> Cycled:
+) -> tuple[JointState, Report]:
     """Runs a cycle after the first: prediction, innovation, update and guard.
 
     Args:
@@ -340,7 +250,7 @@ def run_cycle(
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
-            opened, more = with_wide_priors(state, params)
+            opened, more = switch_lag_priors(state, params, np.inf)
             given = make_drive(opened, sample, params)
             wider = replace_counting(predict_cycle(opened, given, sample, params), expected.used)
             nis, _ = sum_by_sensor_kind(make_expected_sites(wider, params).nis, wider.used, np.nan, params)
@@ -359,26 +269,29 @@ def run_cycle(
         after, likelier = switch_lag_priors(after, params)
     after = update_guard(after, commanded, params)
     estimate, rows = parameters_with_scale(after, params)
-    return Cycled(
-        after,
+    nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
+    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2] + likelier
+    report = Report(
         estimate,
         rows @ rows.T,
         innovation,
         deviation,
+        expected.used,
+        nis,
+        degrees,
+        log_likelihood,
         gyro_nis,
         accelerometer_nis,
         gyro_degrees,
         accelerometer_degrees,
         incremented,
-        float(told.nis.sum()),
-        max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0),
-        crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2] + likelier,
-        crossing,
-        stamp,
-        acting,
-        expected,
-        change,
+        expected.prediction.coupled,
+        Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood),
+        False,
+        False,
+        False,
     )
+    return after, report
 
 
 @kernel
@@ -389,7 +302,6 @@ def update_state(
 
     Args:
         state: before it.
-        sample: of it.
         change: of no meaning where no component counted.
     """
     mean, root, firing = expected.prediction.mean, change.root, acting.firing

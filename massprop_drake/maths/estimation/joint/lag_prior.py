@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compress_root
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, replace_estimate, widen_lag_prior
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, widen_lag_prior
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -54,8 +54,11 @@ def log_odds(state: JointState, params: JointParams) -> Array:
 
 
 @kernel
-def switch_lag_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
-    """Switches to the wide prior each lag for which it has become the likelier one.
+def switch_lag_priors(state: JointState, params: JointParams, before: float = _ODDS) -> tuple[JointState, float]:
+    """Switches to the wide prior each uncertain lag for which it is the likelier one.
+
+    Args:
+        before: log odds of that prior before any reading; infinity: every lag is switched.
 
     Returns:
         The state, and by how much the readings so far are likelier for it, nats.
@@ -64,21 +67,9 @@ def switch_lag_priors(state: JointState, params: JointParams) -> tuple[JointStat
     for kind in range(params.places.n_lag):
         if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
             mean, variance, ratio = _other_prior(state, kind, params)
-            if _ODDS + ratio > 0.0:
+            if before + ratio > 0.0:
                 state = _widen_lag(state, kind, mean, variance, params)
                 more += ratio
-    return state, more
-
-
-@kernel
-def with_wide_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
-    """Returns the state with the wide prior of every uncertain lag, and what `switch_lag_priors` returns beside it."""
-    more = 0.0
-    for kind in range(params.places.n_lag):
-        if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
-            mean, variance, ratio = _other_prior(state, kind, params)
-            state = _widen_lag(state, kind, mean, variance, params)
-            more += ratio
     return state, more
 
 
@@ -95,7 +86,7 @@ def _widen_lag(state: JointState, kind: int, mean: float, variance: float, param
     after = state.mean + shares * (mean - state.mean[params.places.lag + kind])
     still_open = state.lag_open.copy()
     still_open[kind] = 1.0
-    return widen_lag_prior(replace_estimate(state, after, compress_root(root, params.places.thrust)), still_open)
+    return widen_lag_prior(state, after, compress_root(root, params.places.thrust), still_open)
 
 
 def choose_lag_priors(entry: JointState, end: JointState, params: JointParams) -> JointState:

@@ -12,10 +12,10 @@ The mean and the rows of the covariance's root are in this order,
     | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as `disturbance`
-and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What stands from b on are
-parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the engines' errors, see
-`burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
+c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as
+`disturbance_states` and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What
+stands from b on are parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the
+engines' errors, see `burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -30,7 +30,6 @@ import numpy as np
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
-from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import kernel
@@ -203,7 +202,28 @@ class AttitudeSensors(NamedTuple):
     outliers: Array
 
 
-NO_ATTITUDE_SENSORS = AttitudeSensors(np.zeros(0), np.zeros(0), np.zeros(0))
+class Rates(NamedTuple):
+    """Steps of the filter: one a control period, or one at every time at which anything is read.
+
+    What is laid out for a control period T keeps its meaning in seconds: theory page of the joint filter, "Steps from
+    reading to reading".
+
+    Attributes:
+        period_s: T where steps are taken as readings come; 0: a step is taken every period.
+        steps: steps in a control period, rounded up: by so many memories are longer that count steps.
+    """
+
+    period_s: float
+    steps: int
+
+
+EVERY_PERIOD = Rates(0.0, 1)
+
+
+@kernel
+def intervals_per_period(duration_s: float, rates: Rates) -> float:
+    """Computes how many intervals of a length, s, fit a control period; 1 where a step is taken every period."""
+    return max(rates.period_s / duration_s, 1.0) if rates.period_s > 0.0 else 1.0
 
 
 class JointParams(NamedTuple):
@@ -251,7 +271,7 @@ class JointParams(NamedTuple):
         tanks: see `TankParams`.
         mounting: see `Mounting`.
         modes: see `ModeParams`.
-        compiled: see `cycle.Compiled`; None: nothing is. All but the thresholds is then as when it was compiled.
+        compiled: see `whole_joint.Work`; None: nothing is. All but the thresholds is then as when it was compiled.
     """
 
     places: Places
@@ -332,8 +352,8 @@ class JointState(NamedTuple):
         lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
         assumed: speed of each wheel whose readings are not believed, rad/s, then level and angles of each engine whose
             are not, rad, NaN: they are, shape (n_wheels + 3 n_engines,).
-        stir, stir_s: level and time constant, s, of what acts that nobody stated, see `disturbance`; a level of zero:
-            nothing does.
+        stir, stir_s: level and time constant, s, of what acts that nobody stated, see `disturbance_states`; a level of
+            zero: nothing does.
     """
 
     mean: Array
@@ -415,37 +435,29 @@ def replace_estimate(state: JointState, mean: Array, root: Array) -> JointState:
 @kernel
 def replace_levels(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
     """Returns the state with another mean and root, and other levels, which depend otherwise on the ticks."""
-    return _replace_fields(state, (mean, root, level, tick_slope), state.fresh, _guard_fields(state), state.lag_open)
+    learned, standing = (mean, root, level, tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, state.fresh, standing, state.lag_open)
 
 
 @kernel
 def clear_pending(state: JointState) -> JointState:
     """Returns the state with no reading pending that the update has yet to use."""
-    return _replace_fields(
-        state, _estimate_fields(state), np.zeros_like(state.fresh), _guard_fields(state), state.lag_open
-    )
+    learned, standing = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, np.zeros_like(state.fresh), standing, state.lag_open)
 
 
 @kernel
 def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
     """Returns the state with another guard flag and another count of firings since."""
-    return _replace_fields(state, _estimate_fields(state), state.fresh, (guarded, firing_count), state.lag_open)
+    learned = state.mean, state.root, state.level, state.tick_slope
+    return _replace_fields(state, learned, state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
-def widen_lag_prior(state: JointState, lag_open: Array) -> JointState:
-    """Returns the state with the wide prior for the lags of other kinds of jets."""
-    return _replace_fields(state, _estimate_fields(state), state.fresh, _guard_fields(state), lag_open)
-
-
-@kernel
-def _estimate_fields(state: JointState) -> tuple[Array, Array, Array, Array]:
-    return state.mean, state.root, state.level, state.tick_slope
-
-
-@kernel
-def _guard_fields(state: JointState) -> tuple[bool, float]:
-    return state.guarded, state.firing_count
+def widen_lag_prior(state: JointState, mean: Array, root: Array, lag_open: Array) -> JointState:
+    """Returns the state with another mean and root, and with the wide prior for the lags of other kinds of jets."""
+    learned, standing = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, learned, state.fresh, standing, lag_open)
 
 
 @kernel

@@ -110,7 +110,7 @@ class Swing(NamedTuple):
 
 
 @kernel
-def matrix_exponential(matrix: Array) -> Array:
+def _matrix_exponential(matrix: Array) -> Array:
     """Computes the exponential of a square matrix, by its series and squaring."""
     squarings = 0
     norm = np.abs(matrix).sum(axis=1).max()
@@ -149,7 +149,6 @@ def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModePara
 
     Args:
         factors: see `estimated_part_ratios`.
-        duration_s: T.
     """
     n = modes.frequencies.shape[0]
     own = factors[modes.parts]
@@ -166,7 +165,7 @@ def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModePara
     rates[n : 2 * n, :n] = -lightness * stiffness
     rates[n : 2 * n, n : 2 * n] = -lightness * drag
     rates[n : 2 * n, 2 * n :] = -lightness
-    half = matrix_exponential(rates * (0.5 * duration_s))
+    half = _matrix_exponential(rates * (0.5 * duration_s))
     over = half @ half
     return Swing(
         push,

@@ -44,7 +44,6 @@ def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_
         frames: shared attitude before and after, quaternions, shape (2, 4).
         rates: w0 and w1, rad/s, body axes, shape (2, 3).
         bow: mean of what the rate lies off the line, rad/s, shape (3,).
-        duration_s: T.
     """
     start = multiply(from_rotation_vector(psi), frames[0])
     turn = duration_s * (0.5 * (rates[0] + rates[1]) + bow) + duration_s**2 / 12.0 * cross(rates[0], rates[1])
@@ -64,7 +63,6 @@ def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -
     Args:
         frame: the shared attitude before, shape (4,).
         rate: that gyros show, rad/s, shape (3,).
-        duration_s: of the interval.
         read: quaternions, NaN where missing, shape (n, 4).
     """
     after, told = propagate_attitude(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)

@@ -2,8 +2,7 @@
 
 Equations: theory page of the joint filter, "Prediction"; a and lambda are the impulses about the vehicle origin, L_j
 the seconds of full thrust. While mu falls, c gathers lambda at its mean over the interval. Impulses stand in
-`forcing`, the products of errors in `error_products`, dynamic coupling and turning in `rate_coupling`, white noise
-and drifts in `process_noise`; `propagation` takes the covariance over the interval.
+`forcing`, dynamic coupling and turning in `rate_coupling`, noise and drifts in `process_noise`.
 """
 
 from __future__ import annotations
@@ -12,13 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
 from massprop_drake.maths.estimation.joint.disturbance_states import (
     Wander,
     append_constant_states,
     disturbance_effect,
     disturbance_noise,
+    disturbance_noise_root,
 )
-from massprop_drake.maths.estimation.joint.error_products import second_order_moments
 from massprop_drake.maths.estimation.joint.forcing import (
     Drive,
     add_wheel_errors,
@@ -44,6 +44,7 @@ from massprop_drake.maths.estimation.joint.process_noise import (
     moving_drift,
     noise_through_turning,
     propellant_drift,
+    second_order_moments,
     white_noise,
 )
 from massprop_drake.maths.estimation.joint.rate_coupling import (
@@ -62,10 +63,11 @@ from massprop_drake.maths.estimation.joint.tanks import TankChange, draw_propell
 from massprop_drake.maths.estimation.joint.unknown import remove_directions
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, remove_untrusted_speeds, wheel_impulses
 from massprop_drake.maths.kernels import kernel, take_elements
-from massprop_drake.maths.linear_algebra import Array, cross
+from massprop_drake.maths.linear_algebra import Array, cross, sparse_product
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
+_FIRST = CENTER.start  # of the coordinates of the center of mass
 ALONE = (STILL, UNSPUN)
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
@@ -270,14 +272,6 @@ def _mean_after_draw(after: Array, lighter: float, change: Array, turned: Array,
 
 
 @kernel
-def _swing_params(params: JointParams) -> SwingParams:
-    """Returns the modes, and their places in the state."""
-    places = params.places
-    scale = places.scale if places.n_scale > 0 else -1
-    return SwingParams(params.modes, places.swing, places.moving, places.n_moving, scale, params.thrust_sigma)
-
-
-@kernel
 def _add_modes(
     state: JointState,
     moved: Moved,
@@ -291,8 +285,10 @@ def _add_modes(
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
         return whole, modes_at_rest(0, params.places.size), noise, wander
-    turning_back = known_coupling_change(state, duration_s)
-    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, _swing_params(params))
+    places, turning_back = params.places, known_coupling_change(state, duration_s)
+    column = places.scale if places.n_scale > 0 else -1
+    own = SwingParams(params.modes, places.swing, places.moving, places.n_moving, column, params.thrust_sigma)
+    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, own)
     back = modes.given_back
     with_back = Wander(wander.kept, wander.begun, back @ wander.drawn, wander.along, wander.apart)
     whole = (felt.rate, felt.velocity), (felt.rate_rows, felt.velocity_rows)
@@ -328,3 +324,69 @@ def _propagate_attitude(
     rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
     result[own], by_rates = turn_attitude(mean[own], frames, rates, bow, acting.firing.duration_s)
     return result, by_rates
+
+
+@kernel
+def velocity_gain_rows(prediction: Prediction, package: int) -> Array:
+    """Computes the derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
+    by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
+    rows = prediction.velocity_rows + by_end @ prediction.rate_rows
+    rows[:, RATE] += by_start + by_end
+    return rows
+
+
+@kernel
+def propagate_root(root: Array, prediction: Prediction, params: JointParams) -> Array:
+    """Propagates the covariance's root over the interval, with its noise as more columns, not compressed."""
+    places = params.places
+    after = root.copy()
+    moved = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)
+    after[RATE] += moved[:3]
+    common = moved[3:]
+    noise = semidefinite_root(prediction.noise)
+    drifting = np.flatnonzero(prediction.drift > 0.0)
+    slow, come_in = slice(places.slow, places.slow + places.n_slow), disturbance_noise_root(prediction.wander)
+    first = 6 + come_in.shape[1]  # of the columns of what drifts
+    columns = np.zeros((places.size, first + drifting.shape[0]))
+    columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]
+    if places.n_swing > 0:
+        own, shaken = slice(places.swing, places.swing + places.n_swing), prediction.swung.shaken
+        after[own] = prediction.swung.rows @ root
+        columns[own, :6], columns[own, 6:first] = shaken @ noise, shaken @ come_in[:6].copy()
+    after[slow] *= prediction.wander.kept.reshape(-1, 1)
+    columns[slow, 6:first] = come_in[6:]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        after[part] += common
+        columns[part, :6], columns[part, 6:first] = noise[3:], come_in[3:6]
+        if places.accelerometers > 1:
+            by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
+            after[part] += by_start @ root[RATE] + by_end @ after[RATE]
+            columns[part, :first] += by_end @ columns[RATE, :first]
+        if places.n_acceleration_bias > 0:
+            begin = places.acceleration_bias + 3 * package
+            after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
+    if places.n_attitude > 0:
+        part = slice(places.attitude, places.attitude + 3)
+        by_start, by_end = prediction.attitude[0], prediction.attitude[1]
+        after[part] += by_start @ root[RATE] + by_end @ after[RATE]
+        columns[part, :first] += by_end @ columns[RATE, :first]
+    after[MASS] *= prediction.mass_factor
+    if places.tanks > 0:
+        by_tanks = sparse_product(prediction.tank_rows, root)
+        after[:N_PROPERTIES] += by_tanks[:N_PROPERTIES]
+        after[places.fill : places.fill + places.tanks] += by_tanks[N_PROPERTIES:]
+        for package in range(places.accelerometers):
+            part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+            after[part] += prediction.turned @ by_tanks[CENTER]
+    for column in range(drifting.shape[0]):
+        element = drifting[column]
+        sigma = np.sqrt(prediction.drift[element])
+        columns[element, first + column] = sigma
+        if _FIRST <= element < MASS:
+            for package in range(places.accelerometers):
+                part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+                columns[part, first + column] = prediction.turned[:, element - _FIRST] * sigma
+    if not columns.any():
+        return after
+    return np.hstack((after, columns))

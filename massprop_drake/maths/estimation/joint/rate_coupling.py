@@ -60,7 +60,7 @@ class Coupling(NamedTuple):
 @kernel
 def known_coupling_change(state: JointState, duration_s: float) -> Array:
     """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
-    if not knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
+    if not _knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
     inverse, rate = take_elements(state.mean, ELEMENT), state.mean[RATE]
     return inverse @ cross(inverse_positive_definite(inverse, "inverse inertia") @ rate, rate) * duration_s
@@ -87,27 +87,23 @@ def coupled_rate(
     """
     mean, duration = state.mean, acting.firing.duration_s
     inverse, start, none = take_elements(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
-    counts = knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
+    counts = _knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
     if not (counts or params.places.wheels + params.places.n_swing > 0):
-        return (
-            False,
-            Coupling(none[0], np.zeros((3, 6)), none, none),
-            _correct_rate(start + change, read[0], read[1]),
-            none,
-        )
+        nothing = Coupling(none[0], np.zeros((3, 6)), none, none)
+        return False, nothing, _correct_rate(start + change, read[0], read[1]), none
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia") if counts else none
     turning = inertias[1], momenta
     of_thrust = thrust_bow_impulses(state, acting, params)
     line = start + change
     end = _correct_rate(line, read[0], read[1])
-    bows = of_thrust + coupling_bow_impulses(turning, start, end, duration)
+    bows = of_thrust + _coupling_bow_impulses(turning, start, end, duration)
     found = coupling(inertias, (start, end), momenta, bows, duration)
     for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
         off = _correct_rate(line + found.change, read[0], read[1]) - end
         if np.abs(off).max() <= _SETTLED * np.abs(end).max():
             break
         end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
-        bows = of_thrust + coupling_bow_impulses(turning, start, end, duration)
+        bows = of_thrust + _coupling_bow_impulses(turning, start, end, duration)
         found = coupling(inertias, (start, end), momenta, bows, duration)
     return counts, found, end, bows @ inverse
 
@@ -158,7 +154,6 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
         arms: ft or m, shape (n, 3).
-        duration_s: of the interval.
     """
     n, rates = arms.shape[0], np.empty((2, 3))  # G is linear in the rate
     rates[0] = (duration_s / 6.0) * (2.0 * start + end)
@@ -170,14 +165,8 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
 
 
 @kernel
-def coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
-    """Computes angular impulses of the bow of the rate by coupling itself: mean, first moment, root mean square.
-
-    Args:
-        turning: inertia about the center of mass, shape (3, 3), and h at the start and the end, shape (2, 3).
-        start, end: w0 and w1, rad/s, shape (3,).
-        duration_s: T.
-    """
+def _coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
+    """Computes angular impulses of the bow of the rate by coupling itself, from the inertia, and h at both ends."""
     bows, (inertia, momenta) = np.zeros((3, 3)), turning
     at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
     bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
@@ -196,7 +185,6 @@ def coupling(
         rates: w0 and w1, rad/s, shape (3,) each.
         momenta: h at the start and the end, shape (2, 3).
         bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
-        duration_s: T.
     """
     (inverse, inertia), (start, end) = inertias, rates
     own = inertia @ ((2.0 * start + end) / 6.0), inertia @ ((start + 2.0 * end) / 6.0)
@@ -222,7 +210,6 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
     Args:
         start, end: rates, rad/s, shape (3,).
-        duration_s: of the interval.
     """
     return max(float(start @ start), float(end @ end)) * duration_s
 
@@ -234,7 +221,6 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
     Args:
         start, end: rates, rad/s, shape (3,).
         bowed: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
-        duration_s: of the interval.
     """
     result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
     for k, (i, j) in enumerate(_PAIRS):
@@ -259,7 +245,7 @@ def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
 
 
 @kernel
-def knows_inertia(mean: Array, covariance: Array) -> bool:
+def _knows_inertia(mean: Array, covariance: Array) -> bool:
     """Tests whether J is positive definite and its diagonal known to half its size."""
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:

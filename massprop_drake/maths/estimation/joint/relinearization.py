@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from massprop_drake.maths.estimation.joint.covariance import empty_update
 from massprop_drake.maths.estimation.joint.crossing import levels_at_estimates, update_by_crossings
 from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.innovation import (
     count_reopened_degrees,
-    make_sites,
+    make_expected_sites,
     predict_readings,
     sum_by_sensor_kind,
     update_root,
@@ -28,8 +26,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     replace_levels,
 )
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
-from massprop_drake.maths.estimation.joint.propagation import propagate_root, velocity_gain_rows
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root, velocity_gain_rows
 from massprop_drake.maths.estimation.joint.tanks import draw_propellant
 from massprop_drake.maths.estimation.joint.thrust_scale import separate_scale
 from massprop_drake.maths.estimation.joint.ticks import update_by_stamp
@@ -69,7 +66,7 @@ def run_relinearized(
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
     state, crossing = update_by_crossings(
-        state, parameters_at_propellant(about, state.mean, params), sample, params.floors, params
+        state, _parameters_at_propellant(about, state.mean, params), sample, params.floors, params
     )
     state, stamp = update_by_stamp(state, sample.timing, params)
     mean = _linearization_estimate(state.mean, about, params)
@@ -112,25 +109,20 @@ def run_relinearized(
         at.coupled,
     )
     root = propagate_root(state.root, prediction, params)
-    there_properties = parameters_at_propellant(about, prediction.mean, params)
+    there_properties = _parameters_at_propellant(about, prediction.mean, params)
     expected = predict_readings(state, prediction, root, (there_properties, params.floors), sample, params)
-    change, told = (
-        empty_update(root),
-        make_sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
-    )
     if expected.used.any():
         change, told = update_root(expected, root, params)
+    else:
+        change, told = empty_update(root), make_expected_sites(expected, params)
     after = update_state(state, sample, acting, expected, change, params)
-    after = replace_levels(
-        after, after.mean, after.root, _levels_after_cycle(state, after, acting, params), acting.tick_slope
-    )
+    level = _levels_after_cycle(state, after, acting, params)
+    after = replace_levels(after, after.mean, after.root, level, acting.tick_slope)
     anything = count_reopened_degrees(expected, acting, there.mean, params)
     nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
     log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
-    gyro_nis, gyro_degrees = (
-        sum_by_sensor_kind(told.nis, expected.used, 0.0, params)[0],
-        sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)[0],
-    )
+    gyro_nis, _ = sum_by_sensor_kind(told.nis, expected.used, 0.0, params)
+    gyro_degrees, _ = sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)
     course = Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood)
     return after, course, (gyro_nis, max(gyro_degrees - anything[0], 0.0))
 
@@ -145,13 +137,8 @@ def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, pa
 
 
 @kernel
-def parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
-    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
-
-    Args:
-        about: the estimate, shape (size,).
-        mean: the other, shape (size,).
-    """
+def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
+    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another mean has."""
     places, result = params.places, about[:N_PROPERTIES].copy()
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)
@@ -166,7 +153,7 @@ def _linearization_estimate(mean: Array, about: Array, params: JointParams) -> A
     """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
     places = params.places
     result = mean.copy()
-    result[:N_PROPERTIES] = parameters_at_propellant(about, mean, params)
+    result[:N_PROPERTIES] = _parameters_at_propellant(about, mean, params)
     forces = slice(places.force, places.force + places.n_force)
     result[forces] = about[forces]
     lags = slice(places.lag, places.lag + places.n_lag)

@@ -252,10 +252,8 @@ def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: 
     weights = np.linalg.inv(covariance)
     columns = screen.columns[rows]
     n, h = screen.projection.shape
-    of_jump, of_onsets = (
-        columns[:, :N_PROPERTIES],
-        columns[:, N_PROPERTIES:].reshape(rows.size, n, h).transpose(1, 0, 2),
-    )
+    of_jump = columns[:, :N_PROPERTIES]
+    of_onsets = columns[:, N_PROPERTIES:].reshape(rows.size, n, h).transpose(1, 0, 2)
     pulled = weights @ away
     return screen._replace(
         information=screen.information + of_onsets.transpose(0, 2, 1) @ weights @ of_onsets,
@@ -317,7 +315,7 @@ def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params:
     second failure, and costs no more up to what jets give at most.
 
     Args:
-        force, covariance: see `beyond`.
+        force, covariance: see `impossible_force_cost`.
         jets: whose they are, shape (number, jets).
     """
     stated = (1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
@@ -326,7 +324,7 @@ def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params:
     return cost
 
 
-def log_force_prior(params: JointParams) -> Array:
+def _log_force_prior(params: JointParams) -> Array:
     """Computes the log prior that makes small jets as likely as large ones: N(0, T^2) favors the weaker ones."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
     return result
@@ -346,18 +344,18 @@ def find_contenders(
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
-        singles = _single_jet_contenders(screen, index, allowed, known, least, params)
-        both = [] if screen.single else _jet_pair_contenders(screen, index, allowed, known, params)
-        lies = [] if screen.single else _false_reading_contenders(screen, index, params)
-        for contender in (*singles, *both, *lies):
+        single = _single_columns(screen, index, allowed, params.places.jets)
+        here = _make_contenders(screen, index, single, known, params, least)
+        if not screen.single:
+            pairs = _pair_columns(screen, index, allowed, known, params)
+            here += _make_contenders(screen, index, pairs, known, params)
+            here += _false_reading_contenders(screen, index, params)
+        for contender in here:
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
-            better = (
-                contender
-                if best is None or contender.lead > best.lead + _later_onset_penalty(screen, best, params)
-                else best
-            )
-            found[contender.cause] = better._replace(at_onsets=tried)
+            if best is None or contender.lead > best.lead + _later_onset_penalty(screen, best, params):
+                best = contender
+            found[contender.cause] = best._replace(at_onsets=tried)
     return sorted(found.values(), key=lambda contender: -contender.lead)
 
 
@@ -399,11 +397,6 @@ def columns_matching_forces(columns: np.ndarray, force: Array, params: JointPara
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
-def matrix_to_rows(values: Array) -> tuple[tuple[float, ...], ...]:
-    """Converts a matrix to rows, as `Runner` and `Contender` keep it."""
-    return tuple(tuple(row) for row in values.tolist())
-
-
 class _Fitted(NamedTuple):
     """Fitted sets of failures with the impulses at their onsets: log likelihoods, forces, covariances, kicks."""
 
@@ -438,33 +431,42 @@ def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointPa
     return fitted
 
 
-def _single_jet_contenders(
-    screen: Screen, index: int, allowed: np.ndarray, known: Array, least: float, params: JointParams
+def _make_contenders(
+    screen: Screen, index: int, steps: np.ndarray, known: Array, params: JointParams, least: float = 0.0
 ) -> list[Contender]:
-    jets = params.places.jets
-    steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
-    ways = _failure_indices(steps, jets)
-    fitted = _fit_failures(screen, index, steps.reshape(-1, 1), params)
-    change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
-    total = had + change
-    lead = fitted.lead + log_force_prior(params)[steps % jets]
-    lead -= excess_force_cost(total[:, None], fitted.covariance, steps[:, None] % jets, params)
-    possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
-    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < largest_jet_forces(params)[steps % jets])
-    possible &= ((change > 0.0) | (had > 0.0)) & (
-        (columns_matching_forces(steps, total, params) == steps) | (had > 0.0)
-    )
+    """Fits sets of failures at an onset, and makes a contender of each that is possible.
+
+    Args:
+        steps: columns of each set, one or two, shape (number, n).
+        known: see `find_contenders`.
+        least: lead that one failure alone must exceed, nats.
+    """
+    jets, alone = params.places.jets, steps.shape[1] == 1
+    fitted, had = _fit_failures(screen, index, steps, params), known[_failure_indices(steps, jets)]
+    total, sigma, jet = fitted.force + had, fitted.sigma, steps % jets
+    lead = fitted.lead + _log_force_prior(params)[jet].sum(axis=1) - (0.0 if alone else PAIR_PRIOR)
+    lead -= excess_force_cost(total, fitted.covariance, jet, params)
+    possible = (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < largest_jet_forces(params)[jet])
+    possible &= (columns_matching_forces(steps, total, params) == steps) | (had > 0.0)
+    if alone:
+        possible &= ((fitted.force > 0.0) | (had > 0.0)) & (lead > least).reshape(-1, 1)
     result = []
-    for row in np.flatnonzero(possible & (lead > least)):
-        forces = ((float(total[row]),), (float(sigma[row]),), matrix_to_rows(fitted.kicks[:, row]))
-        cause = _cause_of_columns([int(steps[row])], jets)
+    for row in np.flatnonzero(possible.all(axis=1)):
+        kicks = tuple(map(tuple, fitted.kicks[:, row].tolist()))
+        forces = (tuple(total[row].tolist()), tuple(sigma[row].tolist()), kicks)
+        cause = _cause_of_columns(steps[row].tolist(), jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
-def _jet_pair_contenders(
-    screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams
-) -> list[Contender]:
+def _single_columns(screen: Screen, index: int, allowed: np.ndarray, jets: int) -> np.ndarray:
+    """Selects the columns of single failures that may have happened and that readings show, shape (number, 1)."""
+    steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets))).reshape(-1, 1)
+    return steps[allowed[_failure_indices(steps, jets)[:, 0]] & (screen.among(index, steps)[:, 0, 0] > 0.0)]
+
+
+def _pair_columns(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> np.ndarray:
+    """Selects the columns of likely pairs of failures, of the kinds that match the forces found, shape (number, 2)."""
     jets = params.places.jets
     chosen = [
         _likely_pairs(screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (allowed, known), params)
@@ -472,24 +474,10 @@ def _jet_pair_contenders(
     ]
     steps = np.unique(np.concatenate(chosen), axis=0)
     if steps.shape[0] == 0:
-        return []
+        return steps
     had = known[_failure_indices(steps, jets)]
     at_first = _fit_failures(screen, index, steps, params).force + had
-    steps = np.unique(np.where(had > 0.0, steps, columns_matching_forces(steps, at_first, params)), axis=0)
-    fitted = _fit_failures(screen, index, steps, params)
-    had = known[_failure_indices(steps, jets)]
-    total = fitted.force + had
-    lead = fitted.lead + log_force_prior(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
-    lead -= excess_force_cost(total, fitted.covariance, steps % jets, params)
-    most = largest_jet_forces(params)[steps % jets]
-    within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
-    possible = (within & ((columns_matching_forces(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
-    result = []
-    for row in np.flatnonzero(possible):
-        cause = _cause_of_columns(steps[row].tolist(), jets)
-        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), matrix_to_rows(fitted.kicks[:, row]))
-        result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
-    return result
+    return np.unique(np.where(had > 0.0, steps, columns_matching_forces(steps, at_first, params)), axis=0)
 
 
 def _likely_pairs(
@@ -514,7 +502,7 @@ def _likely_pairs(
     y = (a * projection[other] - c * projection[one]) / determinant
     gain = 0.5 * (x * projection[one] + y * projection[other])
     gain -= 0.5 * np.log(determinant * of_one**2 * of_other**2)
-    scarce = log_force_prior(params)
+    scarce = _log_force_prior(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
     had, other_had = known[_failure_indices(one, jets)], known[_failure_indices(other, jets)]
     alone = _gain_alone(screen, index, columns, known, params)
@@ -539,7 +527,7 @@ def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, p
     projection = screen.projection[index][columns]
     precision = screen.information[index, columns, columns] + thrusts**-2.0
     force = projection / precision
-    gain = 0.5 * (force * projection - np.log(precision * thrusts**2)) + log_force_prior(params)[columns % jets]
+    gain = 0.5 * (force * projection - np.log(precision * thrusts**2)) + _log_force_prior(params)[columns % jets]
     gain -= impossible_force_cost((force + had)[:, None], 1.0 / precision[:, None, None], _NEARLY * thrusts[:, None])
     result = np.zeros(screen.projection.shape[1])
     result[columns] = np.maximum(gain, 0.0)

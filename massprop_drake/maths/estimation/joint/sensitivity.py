@@ -159,27 +159,12 @@ class Traces(NamedTuple):
     log_likelihood: float
 
 
-def collect_traces(before: JointState, report: Report, sample: JointSample) -> Traces:
-    """Collects the quantities from which a cycle after the first is linearized.
-
-    Args:
-        before: the state before it.
-        report: of it.
-        sample: of it.
-    """
-    course = report.course
-    assert course is not None, "the first sample is no cycle"
-    return traces_of_course(before.mean, course, sample)
-
-
 @kernel
 def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects the quantities from which a cycle is linearized, from its course.
 
     Args:
         mean: of the state before the cycle, shape (size,).
-        course: how it went.
-        sample: of the cycle.
     """
     expected, update = course.expected, course.update
     prediction = expected.prediction
@@ -212,12 +197,9 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
 
 
 def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
-    """Linearizes a cycle after the first.
-
-    Args:
-        before, report, sample: see `collect_traces`.
-    """
-    return link_from_traces(collect_traces(before, report, sample), params)
+    """Linearizes a cycle after the first, from the state before it, its report and its sample."""
+    assert report.course is not None, "the first sample is no cycle"
+    return link_from_traces(traces_of_course(before.mean, report.course, sample), params)
 
 
 @kernel
@@ -285,7 +267,6 @@ def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
 
     Args:
         columns: errors before that, shape (size, h).
-        over: the cycle.
     """
     if over.crossing_half_gain.any():
         columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
@@ -304,7 +285,6 @@ def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Plac
     Args:
         columns: errors before the interval, shape (size, h).
         forcing: what acts on w and c over it, shape (6, h).
-        over: the interval.
     """
     after = columns.copy()
     after[RATE] += over.rate_rows @ columns + forcing[:3]
@@ -333,7 +313,6 @@ def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
     Args:
         columns: errors before it, shape (size, h).
         shown: what they add to the innovation, shape (m, h).
-        over: the cycle.
     """
     result: Array = columns - over.gain @ shown
     return result
@@ -349,7 +328,6 @@ def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
 
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).
-        over: the interval.
     """
     result = np.zeros((places.size, columns.shape[1]))
     result[RATE] = columns[:3]

@@ -151,7 +151,7 @@ def _advance_pass(start: Start, under_pass: Pass, params: JointParams) -> tuple[
                 if made is None:
                     state, nis, components = repeat_start_cycle(under_pass.state, sample, under_pass.about, params)
                 else:
-                    state, nis, components = made.gone_over(under_pass.state, sample, under_pass.about)
+                    state, nis, components = made.repeat_start_cycle(under_pass.state, sample, under_pass.about)
             under_pass = under_pass._replace(
                 state=state,
                 done=under_pass.done + 1,

@@ -179,7 +179,7 @@ class _Along(NamedTuple):
     Attributes:
         rigid: see `Rigid`.
         swing: see `Swing`.
-        factors: see `tuned`.
+        factors: see `estimated_part_ratios`.
         begun: eta and eta' at the beginning, shape (2 n,).
         rates: w at the start and the end with the modes locked, shape (2, 3).
         by_rate: I_1 w at the start, shape (n, 3).
@@ -337,7 +337,6 @@ def swing_modes(
         moved: without modes.
         linear: impulse, shape (3,).
         about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
-        duration_s: T.
     """
     course, scale, modes = _mode_course(mean, moved, about, duration_s, params), about[0], params.modes
     swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()

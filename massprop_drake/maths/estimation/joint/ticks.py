@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.joint.covariance import joseph_update
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, replace_levels
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import level_onsets, split_sample
+from massprop_drake.maths.vehicle.on_times import split_sample
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _NEAR = 0.05  # of the period: by so much a reading may be off so many periods after the one before
@@ -147,17 +147,16 @@ def timing_on_ticks() -> Timing:
 
 
 @kernel
-def start_clock(stamp_s: float, command: Array) -> Clock:
+def start_clock(stamp_s: float, command: Array, onset_s: Array) -> Clock:
     """Starts the clock at the first reading, or after a gap.
 
     Args:
         stamp_s: of the reading.
-        command: up to it, shape (n_jets,).
+        command, onset_s: up to it, see `Commanded`.
     """
-    level, none = level_onsets(command.size), np.zeros(2)
-    covariance = np.zeros((2, 2))
+    none, covariance = np.zeros(2), np.zeros((2, 2))
     return Clock(
-        stamp_s, stamp_s, 0.0, False, none, covariance, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command, level
+        stamp_s, stamp_s, 0.0, False, none, covariance, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command, onset_s
     )
 
 
@@ -208,12 +207,12 @@ def measure_interval(
     short = length <= LONGEST * period_s
     if is_on_time(clock, stamp_s, period_s):
         whole = split_sample(*told, period_s, (0.0, period_s))
-        return start_clock_with_onsets(stamp_s, told), Elapsed(*whole, timing_on_ticks(), clock.lost)
+        return start_clock(stamp_s, *told), Elapsed(*whole, timing_on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
     near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
     if at_stamps or not (short and near):
-        after = start_clock_with_onsets(stamp_s, told)._replace(lost=not short)
+        after = start_clock(stamp_s, *told)._replace(lost=not short)
         return after, Elapsed(*split_sample(*told, period_s, (0.0, length)), timing_on_ticks(), clock.lost or not short)
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
@@ -226,11 +225,6 @@ def measure_interval(
         now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
     now = now._replace(earlier=told.command, earlier_onset_s=told.onset_s)
     return now, Elapsed(*_divide_interval(clock, now, coming, jitter, period_s), clock.lost)
-
-
-def start_clock_with_onsets(stamp_s: float, told: Commanded) -> Clock:
-    """Starts the clock at a reading, with the onsets of the command up to it."""
-    return start_clock(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
 
 
 def _update_clock(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
@@ -278,7 +272,7 @@ def _divide_interval(
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
     earlier, told = (Commanded(one.earlier, one.earlier_onset_s) for one in (before, now))
-    begins = before.acted < 1.0 and not all(map(_are_equal, earlier, told))
+    begins = before.acted < 1.0 and not np.array_equal(earlier, told, equal_nan=True)
     ends = now.acted > 0.0
     true_s = np.array([before.stamp_s + rest_s, now.at_s - now.rest_s])  # of the share that counts in this interval
     put_s = true_s.copy()
@@ -319,10 +313,6 @@ def _divide_interval(
         about_s=about_s,
     )
     return np.concatenate(lengths), np.concatenate(levels), timing
-
-
-def _are_equal(one: Array, other: Array) -> bool:
-    return bool(np.array_equal(one, other, equal_nan=True))
 
 
 @kernel

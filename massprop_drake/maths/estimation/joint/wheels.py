@@ -71,7 +71,6 @@ def interval_wheel_speeds(before: Array, read: Array, duration_s: float, wheels:
     Args:
         before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
         read: at the end of the interval, NaN where missing, rad/s, shape (n,).
-        duration_s: T.
     """
     missing = np.isnan(read)
     last = np.where(missing, before, read)
@@ -93,7 +92,6 @@ def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, whe
     Args:
         speeds: as they are read.
         assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n,).
-        duration_s: of the interval.
     """
     if np.isnan(assumed).all():
         return speeds
@@ -141,7 +139,6 @@ def wheel_impulses(speeds: Spun, start: Array, end: Array, duration_s: float, wh
 
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
-        duration_s: T.
     """
     result = np.zeros((speeds.end.shape[0], 3))
     for k in range(result.shape[0]):
