@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.inputs.vehicle_file import STANDARD_GRAVITY, Vehicle
+from massprop_drake.inputs.vehicle_fields import STANDARD_GRAVITY
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import RocketEngine
 from massprop_drake.maths.estimation.joint.tanks import TankParams
 from massprop_drake.maths.estimation.joint.wheels import WheelParams

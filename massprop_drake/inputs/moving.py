@@ -37,9 +37,7 @@ class _MovingPart(Model):
     """The fields common to all parts that move."""
 
     name: Name = described(..., "unique name")
-    frequency_hz: Positive = described(
-        ..., "natural frequency with the vehicle held still", "Hz", span=plausible.FREQUENCY
-    )
+    frequency_hz: Positive = described(..., "natural frequency with the vehicle held still", "Hz", span=plausible.SWING)
     damping: Real = described(..., "ratio to critical damping", ge=0.0, lt=1.0)
     frequency_uncertainty: RelativeSigma = described(0.05, "1-sigma of the frequency, relative, estimated; 0: known")
     damping_uncertainty: Share = described(0.5, "1-sigma of the damping, relative, likewise")

@@ -161,7 +161,7 @@ OVERRIDES = [
     ("cubesat_leak", f"vehicle.poses=[{MOCAP}]", "play no part in a fixed frame"),
     (FREE, "vehicle.jets[2].direction=[0, 0, 1]", "jets[2].direction: with motion: planar a jet along z moves nothing"),
     (FREE, f"vehicle.poses=[{MOCAP}, {{name: cam}}]", "sensor 'cam' measures nothing: give position_std, attitude_std"),
-    (FREE, f"vehicle.poses=[{MOCAP}, {MOCAP}]", "sensors: name 'mocap' appears twice; it must be unique"),
+    (FREE, f"vehicle.poses=[{MOCAP}, {MOCAP}]", "vehicle.poses[1].name: 'mocap' appears twice; it must be unique"),
     (FREE, "vehicle.disturbance={torque_std: 1, time_constant_s: 60}", "disturbance: is not estimated in a fixed fram"),
     (
         FREE,
@@ -238,7 +238,7 @@ VEHICLES = [
     (INERTIA, diagonal(0.05), "turns it by 2 rad more in the sample"),
     ("jets.2.position", [1.0, 0.0], "jets[2].position: *3 values, got 2"),
     ("jets.0.thrusts", 1.0, "jets[0].thrusts: unknown key; did you mean 'thrust'?"),
-    ("jets.4.designation", "J1", "jets: designation 'J1' appears twice"),
+    ("jets.4.designation", "J1", "jets[4].designation: 'J1' appears twice"),
     ("jets.4.kind", "primry", "jets[4].kind: *did you mean 'primary'?"),
     ("jets.1.thrust", 2e5, "jets[1].thrust: accelerates 100 kg at 2000 m/s^2, 203.9 times the weight on Earth"),
     ("jets.1.designation", "J\x1b[31m", "jets[1].designation: must be printable characters"),
