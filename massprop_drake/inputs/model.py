@@ -44,17 +44,7 @@ def _plain_name(value: str) -> str:
 Name = Annotated[str, Field(strict=True, max_length=100), AfterValidator(_plain_name)]
 Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
-
-
-def require_nonnegative(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Checks that no number of several is negative, for a field's validator.
-
-    Raises:
-        ValueError: when one is.
-    """
-    if min(values) < 0.0:
-        raise ValueError("must be zero or positive")
-    return values
+NotNegative3 = tuple[NotNegative, NotNegative, NotNegative]
 
 
 class Model(BaseModel):
@@ -63,7 +53,7 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __eq__(self, other: object) -> bool:
-        # by its fields alone: arrays derived from them may be cached beside
+        # by its fields alone: arrays derived from them may be cached beside, which pydantic's would compare
         if type(self) is not type(other):
             return False
         return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
@@ -323,9 +313,13 @@ def _means_same(key: str, *models: type[Model]) -> bool:
 
 def _bounds_text(field: FieldInfo) -> str:
     """Returns the bounds of a field's value as text; "-" if it has none."""
+    constraints = [*field.metadata]
+    if typing.get_origin(field.annotation) in (typing.Union, types.UnionType):  # as of `Positive | None`
+        parts = (part for member in typing.get_args(field.annotation) for part in getattr(member, "__metadata__", ()))
+        constraints += (one for part in parts for one in getattr(part, "metadata", ()))
     bounds = [
         text.format(getattr(part, name))
-        for part in field.metadata
+        for part in constraints
         for name, text in _BOUNDS.items()
         if getattr(part, name, None) is not None
     ]
@@ -424,17 +418,7 @@ def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
 
 
 def _format_default(value: Any) -> str:
-    if value is None:
-        return "null"
-    if value == "":
-        return "(empty)"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_format_default(item) for item in value) + "]"
-    if isinstance(value, dict):
-        return "{}"
-    return str(value)
+    return "(empty)" if value == "" else json.dumps(value).replace('"', "")
 
 
 def _type_name(annotation: Any) -> str:

@@ -21,8 +21,18 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import Model, Name, Positive, Real, RelativeSigma, Share, Vector3, described
-from massprop_drake.inputs.vehicle_parts import require_unit_length
+from massprop_drake.inputs.model import (
+    Model,
+    Name,
+    NotNegative,
+    Positive,
+    Real,
+    RelativeSigma,
+    Share,
+    Vector3,
+    described,
+)
+from massprop_drake.inputs.vehicle_parts import UnitVector, require_unit_length
 from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
 
 Array = NDArray[np.float64]
@@ -41,11 +51,10 @@ class _MovingPart(Model):
     damping: Real = described(..., "ratio to critical damping", ge=0.0, lt=1.0)
     frequency_uncertainty: RelativeSigma = described(0.05, "1-sigma of the frequency, relative, estimated; 0: known")
     damping_uncertainty: Share = described(0.5, "1-sigma of the damping, relative, likewise")
-    position_std: Real | None = described(
+    position_std: NotNegative | None = described(
         None,
         "1-sigma of each coordinate of its place, likewise; null: 5 % of the jets' RMS arm",
         "ft | m",
-        ge=0.0,
         span=plausible.POSITION,
     )
 
@@ -70,11 +79,10 @@ class Slosh(_MovingPart):
         span=plausible.POSITION,
     )
     mass_uncertainty: Share = described(0.05, "1-sigma of the mass, relative, likewise")
-    start_std: Real | None = described(
+    start_std: NotNegative | None = described(
         None,
         "1-sigma of its displacement at the start, each axis; null: as the weakest jet's thrust holds it",
         "ft | m",
-        ge=0.0,
         span=plausible.POSITION,
     )
 
@@ -134,14 +142,12 @@ class HingedPanel(_MovingPart):
 
     kind: Literal["panel"] = described(..., "kind of part")
     hinge: Vector3 = described(..., "point of the hinge line, vehicle frame", "ft | m", span=plausible.POSITION)
-    axis: Vector3 = described(..., "direction of the hinge, body axes, length 1")
+    axis: UnitVector = described(..., "direction of the hinge, body axes, length 1")
     mass: Positive = described(..., "mass of the panel", "slug | kg", span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Positive = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", span=plausible.INERTIA)
     inertia_uncertainty: Share = described(0.05, "1-sigma of the inertia, relative, likewise")
-    start_std: Real | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad", ge=0.0, le=1.0)
-
-    _unit = field_validator("axis")(require_unit_length)
+    start_std: Share | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad")
 
     @model_validator(mode="after")
     def _possible(self) -> HingedPanel:
@@ -193,8 +199,8 @@ class StatedMode(_MovingPart):
         (0.0, 0.0, 0.0), "participation in rotation about the vehicle origin", "slug^1/2-ft | kg^1/2-m"
     )
     participation_uncertainty: Share = described(0.05, "1-sigma of the participation, relative, likewise")
-    start_std: Real | None = described(
-        None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m", ge=0.0
+    start_std: NotNegative | None = described(
+        None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m"
     )
 
     @model_validator(mode="after")

@@ -18,8 +18,9 @@ from massprop_drake.inputs.model import Model, field_validation_error, keys_of_f
 from massprop_drake.inputs.model_file import model_text
 from massprop_drake.inputs.overrides import set_at, split_key, value_at
 from massprop_drake.inputs.plausible import Finding
-from massprop_drake.inputs.scenario_checks import Problem, check_against_vehicle, scenario_findings, schedule_problems
+from massprop_drake.inputs.scenario_checks import check_against_vehicle, scenario_findings, schedule_problems
 from massprop_drake.inputs.scenario_fields import USUAL_VEHICLE, ScenarioFields
+from massprop_drake.inputs.vehicle_checks import Problem
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 

@@ -99,9 +99,9 @@ def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     for path, name in sensors:
         if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
             yield path, f"{name!r} is a signal of every run; give the sensor another"
-    for path, jet in jets:
+    for place, jet in jets:
         if jet.kind not in vehicle.jet_kinds:
-            yield (*path, "kind"), f"{jet.kind!r} is not one of jet_kinds{suggestion(jet.kind, vehicle.jet_kinds)}"
+            yield (*place, "kind"), f"{jet.kind!r} is not one of jet_kinds{suggestion(jet.kind, vehicle.jet_kinds)}"
     accelerometers, preferred = [one.name for one in vehicle.accelerometers], vehicle.preferred_accelerometer
     if preferred is not None and preferred not in accelerometers:
         hint = suggestion(preferred, accelerometers)

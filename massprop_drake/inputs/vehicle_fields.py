@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import Model, Name, Positive, Real, RelativeSigma, Share, Text, described
+from massprop_drake.inputs.model import Model, Name, Positive, RelativeSigma, Share, Text, described
 from massprop_drake.inputs.moving import MovingPart
 from massprop_drake.inputs.vehicle_parts import (
     Disturbance,
@@ -60,11 +60,10 @@ class VehicleFields(Model):
         "1-sigma of the nominal mass properties, relative to them; products have floors",
         span=plausible.UNCERTAINTY,
     )
-    center_of_mass_std: Real | None = described(
+    center_of_mass_std: Positive | None = described(
         None,
         "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm",
         "ft | m",
-        gt=0.0,
         span=plausible.POSITION,
     )
     tank_fraction: Share = described(
@@ -72,11 +71,10 @@ class VehicleFields(Model):
         "share of the jets' RMS arm by which propellant from no stated tank shifts center of mass and "
         "inertia; 0.1 where tanks lie far out; for filter: joint",
     )
-    mass_std: Real | None = described(
+    mass_std: Positive | None = described(
         None,
         "1-sigma of the nominal mass, as of scales; null: by `uncertainty`; for filter: pose, like the next four keys",
         "slug | kg",
-        gt=0.0,
         span=plausible.MASS,
     )
     common_scale_uncertainty: RelativeSigma = described(

@@ -65,8 +65,17 @@ class JetEvidence(NamedTuple):
     @property
     def explained(self) -> float:
         """Log likelihood of the changes by the jets, over that without them; NaN with too few samples."""
-        square = max(self.correlation, 0.0) ** 2 if not math.isnan(self.correlation) else math.nan
-        return -0.5 * self.samples * math.log(max(1.0 - square, 1e-12)) if not math.isnan(square) else math.nan
+        return self._log_likelihood(1.0)
+
+    @property
+    def opposed(self) -> float:
+        """Log likelihood of the changes by jets that push the other way, over that without them; NaN likewise."""
+        return self._log_likelihood(-1.0)
+
+    def _log_likelihood(self, sign: float) -> float:
+        if math.isnan(self.correlation):
+            return math.nan
+        return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, 1e-12))
 
     @property
     def is_poor(self) -> bool:

@@ -60,7 +60,10 @@ FILES = [
     ("sensors: {gyro: acc1}\n", "line 1: sensors.gyro: 'acc1' is no gyro of vehicle 'orbiter'; valid are: gyro"),
     ("plant: {time_step: 0.05}\n", "plant.time_step: must be 0 (continuous) or the vehicle's sample period, 0.08 s"),
     ("duration_s: '50'\n", "line 1: duration_s: *valid number, got '50'"),
-    ("rotation:\n  process_noise_std: [0, 0, 0, 0, 0, 0, 0, 0, -1]\n", "line 2: rotation.process_noise_std: must be z"),
+    (
+        "rotation:\n  process_noise_std: [0, 0, 0, 0, 0, 0, 0, 0, -1]\n",
+        "line 2: rotation.process_noise_std[8]: *equal to 0, got -1",
+    ),
     ("rotation:\n  filtr: extended\n", "line 2: rotation.filtr: unknown key; did you mean 'filter'?"),
     ("vehicle: orbitr\n", "line 1: vehicle: 'orbitr' is neither a bundled vehicle nor a file; did you mean 'orbiter'?"),
     ("", ": the document is empty"),
