@@ -80,8 +80,8 @@ class JetSearch(CommandSearch):
             )
         elif taken.is_poor:
             self._warn(
-                f"{name}: the {what} follow the commands poorly, with a correlation of {taken.correlation:.2f}: look at "
-                "axes, signs, units and which jet is which, and whether these columns are its"
+                f"{name}: the {what} follow the commands poorly, with a correlation of {taken.correlation:.2f}: look "
+                "at axes, signs, units and which jet is which, and whether these columns are its"
             )
 
     def _understood(self, acts: str) -> channels.Mapped | None:
