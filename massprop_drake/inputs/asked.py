@@ -18,12 +18,11 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.priors import Priors, log_failure_probability, log_jump_probability
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
 from massprop_drake.maths.maneuver.planning import ManeuverLimits
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
-
-Array = NDArray[np.float64]
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _MOMENTS = {"Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2)}

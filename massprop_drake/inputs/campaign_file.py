@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
@@ -33,8 +32,6 @@ from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import draw_body
-
-Array = NDArray[np.float64]
 
 MASS_PROPERTIES = "plant.mass_properties"  # the one key with a distribution of its own
 MOST_CASES = 1_000_000

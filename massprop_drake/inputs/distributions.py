@@ -13,13 +13,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import suggestion
 from massprop_drake.inputs.model import Model, Positive, Real, Whole, described
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _MOST_POINTS = 1000  # of one quantity in a grid
 _FARTHEST = 8.0  # std from the mean that a bound of a normal distribution may cut off

@@ -34,8 +34,7 @@ from massprop_drake.inputs.model import (
 )
 from massprop_drake.inputs.vehicle_parts import UnitVector, require_unit_length
 from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _PLACED = 0.05  # of the jets' RMS arm: 1-sigma of a position, as of the middle of what sloshes in a tank

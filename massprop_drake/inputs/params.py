@@ -43,13 +43,13 @@ from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation
 from massprop_drake.maths.vehicle.mounting import mounting_errors
 from massprop_drake.maths.vehicle.on_times import level_onsets, most_pieces, pulse_shares
 from massprop_drake.maths.vehicle.reaction_jets import draw_thrust_factors
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
-Array = NDArray[np.float64]
 _WHOLE = 1e-6  # of a step: rounding of rates
 
 

@@ -8,16 +8,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import si_factor
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.names import ColumnName, si_factor_or_none
 from massprop_drake.records.reader import JITTER
 from massprop_drake.records.stamps import parse_stamp
 from massprop_drake.records.topics import Topic
-
-Array = NDArray[np.float64]
 
 _RISES = 0.99  # share of rows in which a clock must go on
 _UNITS = ("s", "ms", "us", "ns")

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.channels import Channel, Mapped
 from massprop_drake.records.mapped_rows import mean_over
-
-Array = NDArray[np.float64]
 
 FEWEST = 20  # components of samples in which jets fire, from which anything is told
 ODDS = math.log(100.0)  # log of the odds from which one of two models is taken

@@ -13,6 +13,7 @@ from massprop_drake.errors import moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import AXES
 from massprop_drake.records.quality_measures import (
     ANSWERED,
@@ -20,7 +21,6 @@ from massprop_drake.records.quality_measures import (
     STUCK,
     UNIT_LIMIT,
     Answer,
-    Array,
     Package,
     Ratio,
     Repeats,

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from massprop_drake.errors import moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 
-Array = NDArray[np.float64]
 STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 FEWEST = 10  # samples that tell the unit
 UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.inputs.units import si_factor
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records import mapping
 from massprop_drake.records.jet_search import JetSearch
-from massprop_drake.records.map_search import Array, compact_name
+from massprop_drake.records.map_search import compact_name
 from massprop_drake.records.names import WHEELS, WORDS, ColumnName, si_factor_or_none
 from massprop_drake.records.topics import Topic
 

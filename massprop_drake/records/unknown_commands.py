@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _MOST = 100  # stretches that are kept
 
