@@ -122,8 +122,7 @@ class Slosh(_MovingPart):
 
     def swelling(self, center: Array) -> list[Array]:
         """Computes I_1 of each mode about a center of mass, shape (3, 3) each."""
-        arm = np.array(self.position) - center
-        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+        return _swelling(self.modes, np.array(self.position) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -175,8 +174,7 @@ class HingedPanel(_MovingPart):
 
     def swelling(self, center: Array) -> list[Array]:
         """Computes I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
-        arm = np.array(self.center_of_mass) - center
-        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+        return _swelling(self.modes, np.array(self.center_of_mass) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -229,6 +227,10 @@ class StatedMode(_MovingPart):
 
 
 MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="kind")]
+
+
+def _swelling(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
+    return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in modes]
 
 
 def _directions(axes: Sequence[str | Vector3]) -> Array:

@@ -31,11 +31,9 @@ from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, KnownJets
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.filter import Instruments, Setup, ThrustModel
-from massprop_drake.maths.estimation.filters import joint, thesis
-from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
@@ -217,19 +215,9 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
     )
 
 
-def joint_params(scenario: Scenario) -> JointFilterParams:
-    """Makes the parameters of the joint filter."""
-    return joint.make_params(filter_setup(scenario), scenario)
-
-
 def thesis_params(scenario: Scenario) -> ThesisParams:
     """Makes the parameters of the thesis's two filters."""
     return thesis.make_params(filter_setup(scenario), scenario)
-
-
-def rotation_params(scenario: Scenario) -> RotationParams:
-    """Makes the parameters of the rotation filter."""
-    return thesis_params(scenario).rotation
 
 
 def mass_params(scenario: Scenario) -> MassParams:

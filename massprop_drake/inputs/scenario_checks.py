@@ -182,8 +182,7 @@ def _wheel_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Prob
         yield ("wheel_schedule",), "does not go with autopilot.wheels, which turns the wheels; leave out one of the two"
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
     if np.linalg.matrix_rank(axes, tol=0.01) < 3:
-        problem = f"needs wheels about three axes, of which vehicle '{vehicle.name}' has {len(axes) or 'none'}"
-        yield path, problem
+        yield path, f"needs wheels about three axes, of which vehicle '{vehicle.name}' has {len(axes) or 'none'}"
     endless = [wheel.name for wheel in vehicle.wheels if wheel.speed_limit is None]
     if block.unload_above is not None and endless:
         problem = f"is a share of a wheel's speed_limit, which the vehicle does not give for '{endless[0]}'"

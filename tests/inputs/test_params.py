@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation import redundancy
 from massprop_drake.maths.estimation.faults.declarations import Mode
 from massprop_drake.maths.estimation.faults.hypothesis_filter import Params
 from massprop_drake.maths.estimation.faults.priors import Priors
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.noise import uniform_phase
 
@@ -96,7 +97,7 @@ def test_the_false_alarm_rate_of_a_mass_jump_is_shared_by_the_window(test: str, 
 def test_rules_and_packages_reach_the_filters_in_order_of_preference(toy_data: dict[str, Any]) -> None:
     combine = "sensors.combine={gyros: average, accelerometers: mid_value, correlated: true}"
     scenario = sample("sensors.accelerometer=acc3", combine)
-    turning, moving = params.rotation_params(scenario), params.mass_params(scenario)
+    turning, moving = params.thesis_params(scenario).rotation, params.mass_params(scenario)
     assert (turning.rule, moving.rule, moving.correlated) == (redundancy.Rule.AVERAGE, redundancy.Rule.MID_VALUE, True)
     packages = {package.name: package for package in scenario.vehicle_data.accelerometers}
     in_order = [packages[name] for name in ("acc3", "acc1", "acc2")]
@@ -151,8 +152,13 @@ def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust(seed: int, di
     assert params.thrust_factors(scenario)[failure.jet] != 1.0
 
 
+def joint_of(name: str, *overrides: str) -> JointFilterParams:
+    found: JointFilterParams = params.estimation_params(load_scenario(name, list(overrides))).filter_params
+    return found
+
+
 def joint(*overrides: str) -> JointParams:
-    return params.joint_params(load_scenario("orbiter_maneuver", ["joint={}", *overrides])).joint
+    return joint_of("orbiter_maneuver", "joint={}", *overrides).joint
 
 
 def test_vehicle_keys_reach_the_filter_by_kind() -> None:
@@ -201,9 +207,9 @@ def test_defaults_of_the_joint_filter() -> None:
     narrow = joint("estimation.start=nominal")
     np.testing.assert_array_equal(narrow.increment_sigma, found.increment_sigma)  # always of the widest start
     assert np.diag(narrow.start_root)[0] == pytest.approx(0.3 * found.increment_sigma[0])
-    dithered = load_scenario("small_satellite_maneuver", ["estimation={filter: joint}", "mass={}"])
-    np.testing.assert_array_equal(params.joint_params(dithered).joint.quanta, np.zeros(6))  # it needs no quantum
-    assert params.joint_params(load_scenario("orbiter_maneuver", ["joint.switching=stamps"])).at_stamps
+    dithered = joint_of("small_satellite_maneuver", "estimation={filter: joint}", "mass={}").joint
+    np.testing.assert_array_equal(dithered.quanta, np.zeros(6))  # it needs no quantum
+    assert joint_of("orbiter_maneuver", "joint.switching=stamps").at_stamps
 
 
 JETS = 44  # of the orbiter
@@ -227,7 +233,7 @@ def test_every_prior_has_its_key_and_reaches_the_detector() -> None:
     np.testing.assert_array_equal(found.allowed, np.ones(2 * JETS))
     np.testing.assert_array_equal(found.rates, np.ones(JETS))
     for overrides, slots in (([], 4), (["faults.slots=2"], 2), (["faults.slots=2", "detector.kind=off"], 0)):
-        assert params.joint_params(load_scenario("leak_named", overrides)).joint.places.n_force == slots
+        assert joint_of("leak_named", *overrides).joint.places.n_force == slots
 
 
 @pytest.mark.parametrize(
