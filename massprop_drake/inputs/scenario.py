@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from pydantic import model_validator
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import renamed
 from massprop_drake.inputs.estimation_blocks import USUAL_FILTER, FaultsBlock
-from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
+from massprop_drake.inputs.kinds import bundled_files
 from massprop_drake.inputs.model import Model, field_validation_error, keys_of_former_kind, validate_data
 from massprop_drake.inputs.model_file import model_text
 from massprop_drake.inputs.overrides import set_at, split_key, value_at
@@ -22,7 +21,7 @@ from massprop_drake.inputs.scenario_checks import check_against_vehicle, scenari
 from massprop_drake.inputs.scenario_fields import USUAL_VEHICLE, ScenarioFields
 from massprop_drake.inputs.vehicle_checks import Problem
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
-from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, open_document
 
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector", "faults")
 # detectors that a filter goes with, the usual one first
@@ -170,20 +169,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
     Raises:
         InputError: when there is none of that name, or its data are wrong; the message says where.
     """
-    name = str(scenario)
-    folder = Path()
-    if name in bundled_scenarios():
-        text = (resources.files("massprop_drake.scenarios") / f"{name}.yaml").read_text(encoding="utf-8")
-        document = Document(text, f"scenario '{name}'")
-    else:
-        path = Path(scenario)
-        if exists(path / "scenario.yaml"):
-            path = path / "scenario.yaml"
-        if not exists(path):
-            require_known_name(name, "scenario")
-        document = Document(read_text(path), str(path))
-        require_kind(document.data, "scenario", str(path))
-        folder = path.parent
+    document, folder = open_document(scenario, "scenario")
     given: set[FieldPath] = set()
     for override in overrides or []:
         if override.startswith("vehicle."):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 from pydantic import model_validator
 
-from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
+from massprop_drake.inputs.kinds import bundled_files
 from massprop_drake.inputs.model import field_validation_error, validate_data
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.vehicle_checks import (
@@ -18,7 +17,7 @@ from massprop_drake.inputs.vehicle_checks import (
     vehicle_findings,
 )
 from massprop_drake.inputs.vehicle_fields import VehicleFields
-from massprop_drake.inputs.yaml import Document, exists, read_text
+from massprop_drake.inputs.yaml import open_document
 
 
 class Vehicle(VehicleFields):
@@ -54,14 +53,5 @@ def load_vehicle(vehicle: str | Path) -> Vehicle:
     Raises:
         InputError: when there is none of that name, or its data are wrong; the message says where.
     """
-    name = str(vehicle)
-    if name in bundled_vehicles():
-        text = (resources.files("massprop_drake") / "vehicles" / f"{name}.yaml").read_text(encoding="utf-8")
-        document = Document(text, f"vehicle '{name}'")
-    else:
-        path = Path(vehicle)
-        if not exists(path):
-            require_known_name(name, "vehicle")
-        document = Document(read_text(path), str(path))
-        require_kind(document.data, "vehicle", str(path))
+    document, _ = open_document(vehicle, "vehicle")
     return validate_data(Vehicle, document.data, document)

@@ -19,6 +19,7 @@ from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.scenario import bundled_scenarios, resolve_scenario, set_field
 from massprop_drake.inputs.scenario_fields import ExecutionBlock
 from massprop_drake.inputs.true_blocks import PlantBlock
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"
@@ -38,6 +39,9 @@ NOT_USUAL = {
 }
 
 
+WITH_VEHICLE = ("leak_named", "cubesat_leak", "air_bearing_pulses", "servicer_slosh")  # whose text has it whole
+
+
 @pytest.mark.parametrize("name", bundled_scenarios())
 def test_every_bundled_scenario_is_sound_and_reads_back_equal(tmp_path: Path, name: str) -> None:
     bundled = load_scenario(name)
@@ -45,9 +49,13 @@ def test_every_bundled_scenario_is_sound_and_reads_back_equal(tmp_path: Path, na
     data = bundled.model_dump(exclude_unset=True)
     set_field(data, NOT_USUAL[bundled.estimation.filter])
     scenario = resolve_scenario(data | {"seed": 5})
-    again = load_scenario(written(tmp_path, yaml_text(scenario)))
+    text = yaml_text(scenario)
+    if name not in WITH_VEHICLE:  # those of vehicles are read back by themselves
+        assert isinstance(scenario.vehicle, Vehicle)
+        text = to_yaml({**scenario.model_dump(mode="json", exclude={"vehicle"}), "vehicle": scenario.vehicle.name})
+    again = load_scenario(written(tmp_path, text))
     assert again == scenario
-    assert (digest(again), yaml_text(again)) == (digest(scenario), yaml_text(scenario))
+    assert digest(again) == digest(scenario)
 
 
 def unset(model: Model, prefix: str = "") -> list[str]:

@@ -371,7 +371,7 @@ def test_a_wrong_map_is_told_with_its_place(old: str, new: str, said: str) -> No
     assert said in refused(lambda: as_map(GOOD.replace(old, new)))
 
 
-FLYER, ROWS = load_vehicle("tracked_flyer"), 40
+FLYER, ROWS = load_vehicle("tracked_flyer"), 24
 CAMERAS = "{kind: pose, position: [px, py, pz], unit: mm, heading: h, angle_unit: deg}"
 
 
