@@ -311,9 +311,5 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
 
 def declaration_log_odds(faults: FaultsBlock) -> float:
     """Computes the log odds at which a failed jet is declared; at least 3 to 1."""
-    return math.log(1.0 / min(declaration_error_probability(faults), 0.25) - 1.0)
-
-
-def declaration_error_probability(faults: FaultsBlock) -> float:
-    """Returns the probability of error with which a failed jet may be declared."""
-    return Priors.stated(faults).doubt(faults.jet_per_hour)
+    error = Priors.stated(faults).doubt(faults.jet_per_hour)  # probability with which one may be declared falsely
+    return math.log(1.0 / min(error, 0.25) - 1.0)

@@ -25,8 +25,14 @@ from massprop_drake.inputs.model import (
     list_keys,
     validate_data,
 )
-from massprop_drake.inputs.overrides import set_at, split_key
-from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolve_scenario
+from massprop_drake.inputs.scenario import (
+    Scenario,
+    load_scenario,
+    replace_at,
+    resolve_scenario,
+    set_at,
+    split_key,
+)
 from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, open_document

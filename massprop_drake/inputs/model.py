@@ -212,7 +212,8 @@ def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath)
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         expected = item["ctx"].get("expected_tags", "'kind'")
         found = f"kind {item['ctx']['tag']!r} is not one of" if "tag" in item["ctx"] else "missing kind; one of"
-        return f"{found} {_tags_at(model, path, data) or expected}"
+        accepted = ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
+        return f"{found} {accepted or expected}"
     message = item["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return message
@@ -240,7 +241,8 @@ def _why_required(model: type[Model], path: FieldPath, data: Any) -> str:
     """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
-    field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
+    holder = _choose_member(_models_at(model, path[:-1], data), _value_at(data, path[:-1]))
+    field = holder.model_fields.get(path[-1])
     extra = None if field is None else field.json_schema_extra
     reason = str(extra.get("reason", "")) if isinstance(extra, dict) else ""
     return f": {reason}" if reason else ""
@@ -250,11 +252,6 @@ def _value_at(data: Any, path: FieldPath) -> Any:
     for part in path:
         data = data[part]
     return data
-
-
-def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
-    """Returns the model that describes the data at a path."""
-    return _choose_member(_models_at(model, path, data), _value_at(data, path))
 
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
@@ -273,11 +270,6 @@ def _choose_member(members: list[type[Model]], data: Any, tags: tuple[str | int,
         named = (data["kind"],) if "kind" in data else tags
         return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
     return members[0]
-
-
-def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
-    """Returns the kinds that the union at a path accepts."""
-    return ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
 
 
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}

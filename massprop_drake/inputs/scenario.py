@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,6 @@ from massprop_drake.inputs.estimation_blocks import USUAL_FILTER, FaultsBlock
 from massprop_drake.inputs.kinds import bundled_files
 from massprop_drake.inputs.model import Model, field_validation_error, keys_of_former_kind, validate_data
 from massprop_drake.inputs.model_file import model_text
-from massprop_drake.inputs.overrides import set_at, split_key, value_at
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.scenario_checks import check_against_vehicle, scenario_findings, schedule_problems
 from massprop_drake.inputs.scenario_fields import USUAL_VEHICLE, ScenarioFields
@@ -23,6 +24,7 @@ from massprop_drake.inputs.vehicle_checks import Problem
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, open_document
 
+_INDEX = re.compile(r"[0-9]{1,6}")
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector", "faults")
 # detectors that a filter goes with, the usual one first
 DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("hypotheses", "off"), "pose": ("thrust_factors", "off")}
@@ -56,9 +58,8 @@ class Scenario(ScenarioFields):
         """Loads a vehicle that is named, and fills in defaults that depend on the filter, and the filter itself."""
         if not isinstance(data, dict):
             return data
-        vehicle = data.get("vehicle", USUAL_VEHICLE)
-        if isinstance(vehicle, str):  # in a program; names in files are `resolve_scenario` beside those
-            data = {**data, "vehicle": load_vehicle(vehicle)}
+        if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
+            data = {**data, "vehicle": load_vehicle(data["vehicle"])}
         data = _update_detector_terms(_inline_model_text(data, None, Path()))
         chosen, given = filter_of(data), dict(data)
         kinds = {"plant": {"kind": "rigid"}, "estimation": {"filter": chosen}}
@@ -75,9 +76,10 @@ class Scenario(ScenarioFields):
 
     @model_validator(mode="after")
     def _sound(self) -> Scenario:
-        assert isinstance(self.vehicle, Vehicle)  # loaded where it is named
         problems = list(_foreign_to_filter(self)) or list(schedule_problems(self))
-        if problems := problems or check_against_vehicle(self, self.vehicle):
+        if not problems and isinstance(self.vehicle, Vehicle):  # an `Estimator` has its own beside the usual one
+            problems = check_against_vehicle(self, self.vehicle)
+        if problems:
             raise field_validation_error(problems)
         return self
 
@@ -307,3 +309,66 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
             if not any(one[: len(field)] == (*above, key) for one in given):
                 del value_at(data, above)[key]
     given.add(field)
+
+
+# ------------------------------------------------------------------- fields of nested data
+
+
+def value_at(data: Any, path: Sequence[str | int]) -> Any:
+    """Returns the value at a path in nested data; None where there is none."""
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
+    """Sets one field of nested data; missing blocks are made.
+
+    Args:
+        data: mappings and lists.
+        path: keys and indices; an index may be one past the end of its list.
+        value: to set.
+        where: what to call it in messages.
+
+    Raises:
+        InputError: when the path leads nowhere.
+    """
+    here = data
+    for part, following in pairwise(path):
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, [] if isinstance(following, int) else {})
+            continue
+        if isinstance(part, int) and isinstance(here, list) and part < len(here):
+            here = here[part]
+            continue
+        raise InputError(f"{where}: there is no {part!r} to set in")
+    last = path[-1]
+    if isinstance(last, str) and isinstance(here, dict):
+        here[last] = value
+    elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
+        here[last : last + 1] = [value]
+    else:
+        raise InputError(f"{where}: there is no {last!r} to set")
+
+
+def split_key(key: str, override: str) -> list[str | int]:
+    """Splits a dotted key such as sensors.errors[0].noise_std into its parts.
+
+    Raises:
+        InputError: when it is none; the message begins with --set and the override.
+    """
+    path: list[str | int] = []
+    for part in key.split("."):
+        name, *indices = part.split("[")
+        if name:
+            path.append(name)
+        for index in indices:
+            if not index.endswith("]") or not _INDEX.fullmatch(index[:-1]):
+                raise InputError(f"--set {override}: expected an index such as [0] in {key!r}")
+            path.append(int(index[:-1]))
+        if not name and not indices:
+            raise InputError(f"--set {override}: empty part in {key!r}")
+    return path

@@ -31,7 +31,7 @@ from massprop_drake.inputs.scheduled import (
     WheelPulse,
 )
 from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock
-from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 
 USUAL_VEHICLE = "orbiter"
 _LONGEST_NAME = 200  # characters; those of a folder's name are limited
@@ -104,9 +104,8 @@ class ScenarioFields(Model):
 
     @property
     def vehicle_data(self) -> Vehicle:
-        """Vehicle, with the parts that move inside."""
-        vehicle = self.vehicle
-        assert isinstance(vehicle, Vehicle)  # loaded where it is named
+        """Vehicle, loaded if the scenario only names it, with the parts that move inside."""
+        vehicle = self.vehicle if isinstance(self.vehicle, Vehicle) else load_vehicle(self.vehicle)
         if not self.moving:
             return vehicle
         return vehicle.model_copy(update={"moving": (*vehicle.moving, *self.moving)})

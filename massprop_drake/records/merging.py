@@ -75,7 +75,8 @@ class MergedTable(Table):
         self._owner = _column_owners(self._parts)
         _require_one_clock(self._parts)
         self.header = ["time_s", *self._owner]
-        self._time_s = _merge_times([part.time_s for part in self._parts])
+        times = np.unique(np.concatenate([part.time_s for part in self._parts]))
+        self._time_s = times[np.append(True, np.diff(times) > _SAME_S)]  # what is the same stands once
         span_s = float(self._time_s[-1] - self._time_s[0])
         self.rows_per_s = (self._time_s.size - 1) / span_s if span_s > 0.0 else 0.0
         self.ragged = Ragged()
@@ -206,12 +207,6 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
                 f"{other.source}: its clock is {abs(late):.6g} s {'ahead' if late > 0.0 else 'behind'}: {spans}; give "
                 "all files by one clock"
             )
-
-
-def _merge_times(every: Sequence[Array]) -> Array:
-    """Merges all times, ascending, those that are the same once."""
-    times = np.unique(np.concatenate(every))
-    return times[np.append(True, np.diff(times) > _SAME_S)]
 
 
 def _is_on_change(time_s: Array, commands: Array) -> bool:

@@ -91,10 +91,13 @@ class Reader:
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
         self.own_times = False
-        if isinstance(telemetry, (str, Path)):
-            self._table = _open_telemetry(telemetry, stream, rows_per_block)
-        else:
+        self._table: Table
+        if not isinstance(telemetry, (str, Path)):
             self._table = telemetry
+        elif stream is not None or str(telemetry) == "-":
+            self._table = CsvTable(stream or sys.stdin.buffer, "standard input", 1)
+        else:
+            self._table = open_table(Path(telemetry), rows_per_block=rows_per_block)
         self.source = self._table.source
         self.record.notes = list(self._table.notes)
         try:
@@ -521,12 +524,6 @@ def _count_rows_lacking(reading: Array) -> int:
 def _accumulate_steps(start: float, steps: Array) -> float:
     """Adds steps to a sum in their order, so that it rounds as row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
-
-
-def _open_telemetry(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
-    if stream is not None or str(telemetry) == "-":
-        return CsvTable(stream or sys.stdin.buffer, "standard input", 1)
-    return open_table(Path(telemetry), rows_per_block=rows_per_block)
 
 
 def _closest_name(word: str, valid: Iterable[str]) -> str:
