@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
@@ -248,24 +248,25 @@ def _repeat_per_axis(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+PerAxis = Annotated[NotNegative3, BeforeValidator(_repeat_per_axis)]
+
+
 class Disturbance(Model):
     """Uncommanded torque and force, body axes, that change slowly: drag, solar pressure, venting.
 
     Each component is a first-order Gauss-Markov process, estimated along with the mass properties.
     """
 
-    torque_std: NotNegative3 = described(
+    torque_std: PerAxis = described(
         (0.0, 0.0, 0.0),
         "1-sigma of the torque about the center of mass; one number: for each component",
         "ft-lbf | N-m",
         span=plausible.OUTSIDE_TORQUE,
     )
-    force_std: NotNegative3 = described(
+    force_std: PerAxis = described(
         (0.0, 0.0, 0.0), "1-sigma of the force, likewise", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     time_constant_s: Positive = described(..., "correlation time", "s", span=plausible.CORRELATION)
-
-    _axes = field_validator("torque_std", "force_std", mode="before")(_repeat_per_axis)
 
     @model_validator(mode="after")
     def _says_something(self) -> Disturbance:

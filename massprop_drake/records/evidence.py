@@ -81,7 +81,9 @@ class JetEvidence(NamedTuple):
         """True if more than the jets, and than the scatter while coasting, changes the reading."""
         there, both = np.isfinite(self.change), self._both
         coasting = np.abs(self.change[there & ~both])
-        scatter = _MEDIAN * float(np.median(coasting)) if coasting.size >= FEWEST else 0.0
+        scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
+        if coasting.size >= FEWEST:
+            scatter = _MEDIAN * float(np.median(coasting))
         left = (self.change - self.slope * self.meant)[both]
         return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
 

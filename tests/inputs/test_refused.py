@@ -304,7 +304,10 @@ def test_what_is_no_yaml_of_ours_is_refused(text: str, message: str) -> None:
     require(said, message)
 
 
-def test_tags_that_fit_are_read_and_numbers_are_written_as_yaml_has_them() -> None:
+def test_tags_that_fit_are_read_and_numbers_as_people_and_yaml_write_them() -> None:
+    numbers = {"1e-6": 1e-6, "2": 2, "+.5": 0.5, "1.": 1.0, "3E+02": 300.0}
+    for written, value in numbers.items():
+        assert Document(f"quantum: {written}\n", "toy.yaml").data == {"quantum": value}
     text = "a: !!float 1e-5\nb: !!str 5\nc: !!map {d: !!seq [!!int 1, !!null ~]}\ne: !!float 2\n"
     assert Document(text, "case.yaml").data == {"a": 1e-5, "b": "5", "c": {"d": [1, None]}, "e": 2.0}
     assert to_yaml({"a": float("nan"), "b": -float("inf")}) == "a: .nan\nb: -.inf\n"

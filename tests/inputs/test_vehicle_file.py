@@ -185,11 +185,6 @@ def test_what_follows_from_a_files_data(tmp_path: Path, toy_data: dict[str, Any]
     np.testing.assert_allclose(Vehicle.model_validate(toy_data).thrusts[0], [10.0, 0.0, 0.0], rtol=1e-15)
 
 
-@pytest.mark.parametrize(("text", "value"), [("1e-6", 1e-6), ("2", 2.0), ("+.5", 0.5), ("1.", 1.0), ("3E+02", 300.0)])
-def test_numbers_are_read_as_people_write_them(text: str, value: float) -> None:
-    assert Document(f"quantum: {text}\n", "toy.yaml").data == {"quantum": value}
-
-
 points = arrays.arrays(float, (6, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))
 
 
