@@ -16,7 +16,7 @@ from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import Array
 
 
-class Interval(Model):
+class ScheduledInterval(Model):
     """An interval from `start_s` to `end_s`, None: for ever, which must be later."""
 
     @model_validator(mode="after")
@@ -28,7 +28,7 @@ class Interval(Model):
         return self
 
 
-class HandControllerWindow(Interval):
+class HandControllerWindow(ScheduledInterval):
     """An interval in which a hand controller is held out of detent."""
 
     controller: Literal["rhc", "thc"] = described(
@@ -39,7 +39,7 @@ class HandControllerWindow(Interval):
     end_s: Positive = described(..., "returns to detent", "s", span=plausible.TIME)
 
 
-class JetPulse(Interval):
+class JetPulse(ScheduledInterval):
     """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
@@ -47,7 +47,7 @@ class JetPulse(Interval):
     end_s: Positive = described(..., "no longer commanded", "s", span=plausible.TIME)
 
 
-class WheelPulse(Interval):
+class WheelPulse(ScheduledInterval):
     """An interval in which the motor of a reaction wheel gives a torque."""
 
     wheel: Text = described(..., "name")
@@ -58,7 +58,7 @@ class WheelPulse(Interval):
     )
 
 
-class EngineBurn(Interval):
+class EngineBurn(ScheduledInterval):
     """An interval in which an engine burns at a level, or has its gimbal turned."""
 
     engine: Text = described(..., "name")
@@ -68,7 +68,7 @@ class EngineBurn(Interval):
     gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
 
-class EngineFailureBlock(Interval):
+class EngineFailureBlock(ScheduledInterval):
     """A failure of an engine."""
 
     engine: Text = described(..., "name")
@@ -79,7 +79,7 @@ class EngineFailureBlock(Interval):
     end_s: Positive | None = described(None, "first sample without it; null: never", "s", span=plausible.TIME)
 
 
-class _Timed(Interval):
+class _Timed(ScheduledInterval):
     """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")

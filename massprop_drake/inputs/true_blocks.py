@@ -23,7 +23,7 @@ from massprop_drake.inputs.model import (
     field_validation_error,
 )
 from massprop_drake.inputs.model_file import model_joints
-from massprop_drake.inputs.scheduled import Interval, find_overlaps
+from massprop_drake.inputs.scheduled import ScheduledInterval, find_overlaps
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.mass_properties import Spread
@@ -137,7 +137,7 @@ class JointStart(Model):
     held: Flag = described(False, "whether a drive holds it; joints of `moves` are held without this")
 
 
-class JointMove(Interval):
+class JointMove(ScheduledInterval):
     """A move of a joint by its drive, along a profile of least jerk."""
 
     joint: Text = described(..., "name of a joint of one degree of freedom")
