@@ -206,7 +206,7 @@ def first_update(jets: Sequence[int]) -> float:
 
 @lru_cache(maxsize=1)
 def _rotation() -> rotation_filter.RotationParams:
-    return params.rotation_params(load_scenario("sample_maneuver", ["rotation.jump=none"]))
+    return params.thesis_params(load_scenario("sample_maneuver", ["rotation.jump=none"])).rotation
 
 
 def momentum(_: int) -> dict[str, Array]:

@@ -86,7 +86,7 @@ def _increments(impulses: Array, random: np.random.Generator) -> Array:
 def _run(impulses: Array, measured: Array, name: str) -> tuple[Array, Array]:
     """Estimates and 1-sigma before the first sample and after each, shape (n + 1, 9), by a filter from zero."""
     settings = ["rotation.jump=none", "rotation.coupling=ignore", f"rotation.filter={name}"]
-    own = params.rotation_params(load_scenario("sample_maneuver", settings))
+    own = params.thesis_params(load_scenario("sample_maneuver", settings)).rotation
     states = [start()]
     for impulse, increment in zip(impulses, measured, strict=True):
         states.append(updated(states[-1], increment, impulse, own))

@@ -73,29 +73,22 @@ def nasty(rng: random.Random, before: Any = None) -> Any:
     return copy.deepcopy(rng.choice(WORDS if isinstance(before, str) else [*NUMBERS, *WORDS, *OTHERS]))
 
 
-def at(data: Any, path: Place) -> Any:
-    for part in path:
-        data = data[part]
-    return data
-
-
-def picked(data: Any, rng: random.Random) -> Place:
-    """A random place of a mapping; each level as likely as the many values of a large matrix."""
-    path: Place = ()
+def picked(data: Any, rng: random.Random) -> tuple[Any, Any, Any]:
+    """A random place of a mapping, each level as likely as the many values of a matrix: holder, key and value."""
+    holder = key = None
     here = data
-    while isinstance(here, (dict, list)) and here and (not path or rng.random() < 0.8):
-        key = rng.choice(list(here)) if isinstance(here, dict) else rng.randrange(len(here))
-        path, here = (*path, key), here[key]
-    return path
+    while isinstance(here, (dict, list)) and here and (holder is None or rng.random() < 0.8):
+        holder, key = here, rng.choice(list(here)) if isinstance(here, dict) else rng.randrange(len(here))
+        here = holder[key]
+    return holder, key, here
 
 
 def spoil_data(data: Any, rng: random.Random) -> None:
     """Damages nested data in place."""
-    path = picked(data, rng)
-    if not path:
-        return
-    here, last = at(data, path[:-1]), path[-1]
+    here, last, value = picked(data, rng)
     match rng.randrange(10):
+        case _ if here is None:
+            return
         case 0:
             del here[last]
         case 1 if isinstance(here, dict):
@@ -103,9 +96,9 @@ def spoil_data(data: Any, rng: random.Random) -> None:
         case 1:
             here.extend(copy.deepcopy(here[-1:]) * rng.choice([1, 2, 50]))
         case 2:
-            here[last] = copy.deepcopy(at(data, picked(data, rng)))
+            here[last] = copy.deepcopy(picked(data, rng)[2])
         case _:
-            here[last] = nasty(rng, here[last])
+            here[last] = nasty(rng, value)
 
 
 def spoil_text(text: str, rng: random.Random) -> bytes:
@@ -116,24 +109,29 @@ def spoil_text(text: str, rng: random.Random) -> bytes:
         head, colon, _ = lines[row].partition(":")
         lines[row] = f"{head}{colon} {rng.choice(TOKENS)}" if colon and rng.random() < 0.8 else rng.choice(TOKENS)
         text = "\n".join(lines)
-    data = text.encode(rng.choice(["utf-8"] * 8 + ["utf-8-sig", "utf-16", "latin-1"]), errors="replace")
+    data = encoded(text, rng)
     return spoil_bytes(data, rng) if rng.random() < 0.6 else data
+
+
+def encoded(text: str, rng: random.Random) -> bytes:
+    return text.encode(rng.choice(["utf-8"] * 9 + ["utf-8-sig", "utf-16", "latin-1"]), errors="replace")
 
 
 def spoil_bytes(content: bytes, rng: random.Random) -> bytes:
     """Damages bytes: some replaced, a stretch gone or twice, cut short."""
     data = bytearray(content)
     for _ in range(rng.choice([1, 1, 20]) if data else 0):
-        place = rng.randrange(len(data) or 1)
+        place, length = rng.randrange(len(data) or 1), rng.choice([1, 10, 1000])
+        odd = rng.choice([rng.randbytes(1), b"\0", b"\xff", b"\xc3", b"\r", b"\n", b"\x1b", b"\xef\xbb\xbf"])
         match rng.randrange(5):
             case 0:
-                data[place : place + 1] = rng.randbytes(1)
+                data[place : place + 1] = odd
             case 1:
-                del data[place : place + rng.choice([1, 10, 1000])]
+                del data[place : place + length]
             case 2:
-                data[place:place] = data[place : place + rng.choice([1, 10, 1000])]
+                data[place:place] = data[place : place + length]
             case 3:
-                data[place:place] = rng.choice([b"\0", b"\xff", b"\xc3", b"\r", b"\n", b"\x1b", b"\xef\xbb\xbf"])
+                data[place:place] = odd
             case _:
                 del data[place:]
     return bytes(data)
@@ -195,17 +193,21 @@ class Sound:
         full = simulate(load_scenario(folder / "sound.yaml"))
         full.save(folder / "run", pictures=False)
         self.scenarios = [loaded(text) for text in (SCENARIO, SCHEDULED, yaml_text(full.scenario))]
-        self.log = Log(load_vehicle(folder / "vehicle.yaml"), n_rows=40)
+        vehicle = load_vehicle(folder / "vehicle.yaml")
+        self.log = Log(vehicle, n_rows=40)
         self.log.write(folder / "log.csv")
-        Log(load_vehicle(folder / "vehicle.yaml"), n_rows=20).write(folder / "first.csv")
+        Log(vehicle, n_rows=20).write(folder / "first.csv")
         estimate(folder / "first.csv", load_scenario(folder / "run")).save(folder / "estimated", pictures=False)
 
 
 class Case(NamedTuple):
-    """Function to call, and the file that it is given to read."""
+    """Arguments of the command, and its standard input."""
 
     arguments: list[str]
     stdin: bytes = b""
+
+
+OUT = ["--out", "out", *QUIET]
 
 
 def write_spoilt(path: Path, data: Any, rng: random.Random) -> None:
@@ -223,15 +225,16 @@ def write_spoilt(path: Path, data: Any, rng: random.Random) -> None:
 
 def vehicle_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     write_spoilt(here / "vehicle.yaml", sound.vehicle, rng)
-    runs = [["run", f"{name}.yaml", "--out", "out", *QUIET] for name in ("sound", "scheduled")]
-    given = ["estimate", "log.csv", "--vehicle", "vehicle.yaml", "--out", "out", *QUIET]
-    return Case(rng.choice([["check", "vehicle.yaml"], *runs, given]))
+    runs = [["run", f"{name}.yaml", *OUT] for name in ("sound", "scheduled")]
+    return Case(
+        rng.choice([["check", "vehicle.yaml"], *runs, ["estimate", "log.csv", "--vehicle", "vehicle.yaml", *OUT]])
+    )
 
 
 def scenario_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     write_spoilt(here / "case.yaml", rng.choice(sound.scenarios), rng)
-    like = ["estimate", "log.csv", "--like", "case.yaml", "--out", "out", *QUIET]
-    return Case(rng.choice([["check", "case.yaml"], ["run", "case.yaml", "--out", "out", *QUIET], like]))
+    like = ["estimate", "log.csv", "--like", "case.yaml", *OUT]
+    return Case(rng.choice([["check", "case.yaml"], ["run", "case.yaml", *OUT], like]))
 
 
 def campaign_case(rng: random.Random, sound: Sound, here: Path) -> Case:
@@ -239,32 +242,22 @@ def campaign_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     return Case(rng.choice([["check", "campaign.yaml"], ["campaign", "plan", "campaign.yaml", "--out", "out"]]))
 
 
-def read_by(name: str, rng: random.Random) -> list[str]:
-    how = (
-        ["--vehicle", "vehicle.yaml"],
-        ["--like", "run"],
-        ["--like", "run", "--start", "zero"],
-        ["--resume-from", "run"],
-    )
-    estimates = [["estimate", name, *options, "--out", "out", *QUIET] for options in how]
-    return rng.choice([["check", name], ["check", name, "--vehicle", "vehicle.yaml"], *estimates])
-
-
 def csv_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     log = copy.deepcopy(sound.log)
     for _ in range(rng.choice([0, 1, 1, 2])):
-        spoil_table(log, rng)
-    content = log.text().replace(",", rng.choice([",", ",", ",", ";", "\t", "|"]))
-    data = content.encode(rng.choice(["utf-8"] * 10 + ["utf-8-sig", "utf-16", "latin-1"]), errors="replace")
+        spoil_table(log.header, log.rows, rng)
+    data = encoded(log.text().replace(",", rng.choice([",", ",", ",", ";", "\t", "|"])), rng)
     data = spoil_bytes(data, rng) if rng.random() < 0.3 else data
     if rng.random() < 0.3:
-        return Case(["estimate", "-", "--like", "run", "--out", "out", *QUIET], data)
+        return Case(["estimate", "-", "--like", "run", *OUT], data)
     (here / "log.csv").write_bytes(data)
-    return Case(read_by("log.csv", rng))
+    vehicle = ["--vehicle", "vehicle.yaml"]
+    how = (vehicle, ["--like", "run"], ["--like", "run", "--start", "zero"], ["--resume-from", "run"])
+    estimates = [["estimate", "log.csv", *options, *OUT] for options in how]
+    return Case(rng.choice([["check", "log.csv"], ["check", "log.csv", *vehicle], *estimates]))
 
 
-def spoil_table(log: Log, rng: random.Random) -> None:
-    rows, header = log.rows, log.header
+def spoil_table(header: list[str], rows: list[list[str]], rng: random.Random) -> None:
     row, column = rng.randrange(max(len(rows), 1)), rng.randrange(max(len(header), 1))
     match rng.randrange(8):
         case 0 if rows and column < len(rows[row]):
@@ -277,13 +270,10 @@ def spoil_table(log: Log, rng: random.Random) -> None:
             del rows[row][column:]
         case 4 if header:
             header[column] = rng.choice(HEADINGS)
-        case 5 if header:
-            for cells in [header, *rows]:
-                del cells[column : column + 1]
-        case 6:
-            text = rng.choice(CELLS)
-            for cells in rows:
-                cells[column : column + 1] = [text]
+        case 5 | 6:
+            texts = [] if rng.random() < 0.5 else [rng.choice(CELLS)]
+            for cells in rows if texts else [header, *rows]:
+                cells[column : column + 1] = texts
         case _:
             rows.reverse()
 
@@ -299,10 +289,9 @@ def folder_case(rng: random.Random, sound: Sound, here: Path) -> Case:
         path.write_text(json.dumps(data), encoding="utf-8")
     else:
         path.write_bytes(spoil_text(path.read_text(encoding="utf-8"), rng))
-    if path.name == "filter_state.json":
-        return Case(["estimate", "log.csv", "--resume-from", folder, "--out", "out", *QUIET])
-    if path.name == "scenario.yaml":
-        return Case(["estimate", "log.csv", "--like", folder, "--out", "out", *QUIET])
+    option = {"filter_state.json": "--resume-from", "scenario.yaml": "--like"}.get(path.name)
+    if option:
+        return Case(["estimate", "log.csv", option, folder, *OUT])
     return Case(["view", folder, *rng.choice([[], ["--out", "page.html"]])])
 
 
@@ -314,26 +303,21 @@ def spoil_archive(path: Path, rng: random.Random) -> None:
         members: dict[str, Any] = dict(archive)
     name = rng.choice([*members, "time_s", "estimate"])
     array = members.pop(name)
-    changed = {
-        "shorter": array[:-1] if array.ndim else array,
-        "an axis more": array[..., None],
-        "extreme": np.full(array.shape, rng.choice([np.nan, np.inf, 1e308, -1.0])),
-        "of another type": np.zeros(array.shape, dtype=rng.choice(["<U5", "complex128", "bool", "S3", ">f8"])),
-    }
-    if what := rng.choice(["", *changed]):
-        members[rng.choice([name, name, "../x", "[/red]"])] = changed[what]
+    changed = [
+        array[:-1] if array.ndim else array,
+        array[..., None],
+        np.full(array.shape, rng.choice([np.nan, np.inf, 1e308, -1.0])),
+        np.zeros(array.shape, dtype=rng.choice(["<U5", "complex128", "bool", "S3", ">f8"])),
+    ]
+    if rng.random() < 0.8:
+        members[rng.choice([name, name, "../x", "[/red]"])] = rng.choice(changed)
     np.savez(path, **members)
 
 
 Maker = Callable[[random.Random, Sound, Path], Case]
 KINDS: dict[str, Maker] = {
-    **{
-        "vehicle": vehicle_case,
-        "scenario": scenario_case,
-        "campaign": campaign_case,
-        "csv": csv_case,
-        "folder": folder_case,
-    }
+    **{"vehicle": vehicle_case, "scenario": scenario_case, "campaign": campaign_case, "csv": csv_case},
+    "folder": folder_case,
 }
 
 
@@ -356,8 +340,7 @@ def judged(make: Maker, number: int, sound: Sound, here: Path) -> Verdict:
     case = make(random.Random(f"{make.__name__} {number}"), sound, here)
     before = contents(here)
     status, said, fault = called(case, here)
-    fault = fault or fault_of(status, said, before, here)
-    return Verdict(status, fault, said, case.arguments)
+    return Verdict(status, fault or fault_of(status, said, before, here), said, case.arguments)
 
 
 def contents(here: Path) -> dict[str, int]:

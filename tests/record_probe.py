@@ -90,8 +90,11 @@ def as_map(text: str) -> RecordMap:
 
 
 def telemetry(path: Path, text: str, vehicle: Vehicle) -> dict[str, Array]:
-    """Columns of telemetry of a file by a map, by name, and the table as `table`."""
-    made = made_of(path, text, vehicle)
+    """Columns of telemetry of a file by a map, by name."""
+    return columns_of(made_of(path, text, vehicle))
+
+
+def columns_of(made: MappedTable) -> dict[str, Array]:
     values = np.vstack([block.values for block in made.blocks(list(range(len(made.header))))])
     return dict(zip(made.header, values.T, strict=True))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from malformed_probe import KINDS, QUIET, Case, Sound, judged
 
-CASES = 8 * int(os.environ.get("MASSPROP_FUZZ", "1"))  # of each kind
+CASES = 5 * int(os.environ.get("MASSPROP_FUZZ", "1"))  # of each kind
 
 
 @pytest.fixture(scope="module")
@@ -21,20 +21,18 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
     return Sound(tmp_path_factory.mktemp("sound"))
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["check", "vehicle.yaml", "sound.yaml", "scheduled.yaml", "campaign.yaml", "log.csv"],
-        ["run", "sound.yaml", "--out", "out", *QUIET],
-        ["run", "scheduled.yaml", "--out", "out", *QUIET],
-        ["estimate", "log.csv", "--like", "run", "--out", "out", *QUIET],
-        ["estimate", "log.csv", "--resume-from", "estimated", "--out", "out", *QUIET],
-        ["view", "estimated", "--out", "page.html"],
-    ],
-)
-def test_what_is_spoilt_below_is_sound(sound: Sound, tmp_path: Path, arguments: list[str]) -> None:
-    verdict = judged(lambda *_: Case(arguments), 0, sound, tmp_path)
-    assert (verdict.status, verdict.fault) == (0, ""), verdict.said
+def test_what_is_spoilt_below_is_sound(sound: Sound, tmp_path: Path) -> None:
+    for place, command in enumerate(
+        (
+            "check vehicle.yaml sound.yaml scheduled.yaml campaign.yaml log.csv",
+            "run scheduled.yaml --out out",
+            "estimate log.csv --resume-from estimated --out out",
+            "view run --out page.html",
+        )
+    ):
+        arguments = [*command.split(), *(QUIET if "--out out" in command else ())]
+        verdict = judged(lambda *_, given=arguments: Case(given), 0, sound, tmp_path / str(place))  # type: ignore[misc]
+        assert (verdict.status, verdict.fault) == (0, ""), verdict.said
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -18,12 +18,11 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.priors import Priors, log_failure_probability, log_jump_probability
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
 from massprop_drake.maths.maneuver.planning import ManeuverLimits
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
-
-Array = NDArray[np.float64]
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _MOMENTS = {"Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2)}
@@ -312,9 +311,5 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
 
 def declaration_log_odds(faults: FaultsBlock) -> float:
     """Computes the log odds at which a failed jet is declared; at least 3 to 1."""
-    return math.log(1.0 / min(declaration_error_probability(faults), 0.25) - 1.0)
-
-
-def declaration_error_probability(faults: FaultsBlock) -> float:
-    """Returns the probability of error with which a failed jet may be declared."""
-    return Priors.stated(faults).doubt(faults.jet_per_hour)
+    error = Priors.stated(faults).doubt(faults.jet_per_hour)  # probability with which one may be declared falsely
+    return math.log(1.0 / min(error, 0.25) - 1.0)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import true_params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
-from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
+from massprop_drake.inputs.kinds import bundled_files
 from massprop_drake.inputs.model import (
     Flag,
     Key,
@@ -27,14 +25,18 @@ from massprop_drake.inputs.model import (
     list_keys,
     validate_data,
 )
-from massprop_drake.inputs.overrides import set_at, split_key
-from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolve_scenario
+from massprop_drake.inputs.scenario import (
+    Scenario,
+    load_scenario,
+    replace_at,
+    resolve_scenario,
+    set_at,
+    split_key,
+)
 from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, open_document
 from massprop_drake.maths.mass_properties import draw_body
-
-Array = NDArray[np.float64]
 
 MASS_PROPERTIES = "plant.mass_properties"  # the one key with a distribution of its own
 MOST_CASES = 1_000_000
@@ -174,8 +176,7 @@ def bundled_campaigns() -> list[str]:
 
 def campaign_description(name: str) -> str:
     """Returns the line by which a bundled campaign describes itself."""
-    path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
-    document = Document(path.read_text(encoding="utf-8"), f"campaign '{name}'")
+    document, _ = open_document(name, "campaign")
     return validate_data(CampaignFile, document.data, document).description
 
 
@@ -189,17 +190,7 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Campai
     Raises:
         InputError: when there is none of that name, or its data are wrong; the message says where.
     """
-    name, folder = str(campaign), Path()
-    if name in bundled_campaigns():
-        path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
-        text, source = path.read_text(encoding="utf-8"), f"campaign '{name}'"
-    else:
-        file = Path(campaign)
-        if not exists(file):
-            require_known_name(name, "campaign")
-        text, source, folder = read_text(file), name, file.parent
-    document = Document(text, source)
-    require_kind(document.data, "campaign", source)
+    document, folder = open_document(campaign, "campaign")
     for override in overrides:
         _set_in_file(document.data, override)
     return campaign_from(document, folder)

@@ -13,8 +13,6 @@ from massprop_drake.maths.maneuver.actions import Craft
 from massprop_drake.maths.maneuver.onboard import FiringTest
 from massprop_drake.maths.maneuver.planning import Cost
 
-Array = NDArray[np.float64]
-
 MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the truth is not nominal; probability
 SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a preference
 

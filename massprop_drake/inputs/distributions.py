@@ -13,13 +13,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import suggestion
 from massprop_drake.inputs.model import Model, Positive, Real, Whole, described
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _MOST_POINTS = 1000  # of one quantity in a grid
 _FARTHEST = 8.0  # std from the mean that a bound of a normal distribution may cut off
@@ -38,16 +36,10 @@ class Distribution(Model):
         Returns:
             n plain values: floats, integers or whatever is chosen among.
         """
-        return self._at(u)
+        raise NotImplementedError
 
     def grid(self) -> list[Any] | None:
         """Lists all values of a full-factorial plan; None where the block does not say how many."""
-        return self._grid()
-
-    def _at(self, u: Array) -> list[Any]:
-        raise NotImplementedError
-
-    def _grid(self) -> list[Any] | None:
         return None
 
 
@@ -72,14 +64,16 @@ class _Between(Distribution):
         """Limits values to the bounds, which rounding may have passed."""
         return np.clip(values, self.low, self.high).tolist()
 
-    def _grid(self) -> list[Any] | None:
+    def grid(self) -> list[Any] | None:
+        """Lists all values."""
         return None if self.points is None else self.at(np.linspace(0.0, 1.0, self.points))
 
 
 class Uniform(_Between):
     """Every value between two bounds alike."""
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         return self._inside(self.low * (1.0 - u) + self.high * u)
 
 
@@ -88,7 +82,8 @@ class LogUniform(_Between):
 
     low: Positive = described(..., "lower bound, above zero")
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         return self._inside(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
 
 
@@ -103,7 +98,8 @@ class Triangular(_Between):
             raise ValueError(f"mode must lie between low and high, got {self.mode:g}")
         return self
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         width, rise, fall = self.high - self.low, self.mode - self.low, self.high - self.mode
         rising = self.low + np.sqrt(u) * (math.sqrt(width) * math.sqrt(rise))
         falling = self.high - np.sqrt(1.0 - u) * (math.sqrt(width) * math.sqrt(fall))
@@ -122,14 +118,16 @@ class Integers(_Between):
             raise ValueError(f"points: there are no {self.points} whole numbers from {self.low} to {self.high}")
         return self
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         count = self.high - self.low + 1
         return [self.low + min(int(part * count), count - 1) for part in u.tolist()]
 
-    def _grid(self) -> list[Any] | None:
+    def grid(self) -> list[Any] | None:
+        """Lists all values."""
         if self.points is None and self.high - self.low >= _MOST_POINTS:
             return None
-        return list(range(self.low, self.high + 1)) if self.points is None else super()._grid()
+        return list(range(self.low, self.high + 1)) if self.points is None else super().grid()
 
 
 class Normal(Distribution):
@@ -152,7 +150,8 @@ class Normal(Distribution):
     def _bounds(self) -> tuple[float, float]:
         return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to load)
 
         low, high = self._bounds()
@@ -172,7 +171,8 @@ class LogNormal(Distribution):
     median: Positive = described(..., "median")
     factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         with np.errstate(over="ignore"):  # likewise
             return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).at(u))).tolist()
 
@@ -202,12 +202,14 @@ class Choice(Distribution):
             raise ValueError("one weight at least must be above zero")
         return self
 
-    def _at(self, u: Array) -> list[Any]:
+    def at(self, u: Array) -> list[Any]:
+        """Computes the quantiles."""
         assert not isinstance(self.values, str), "jets are named by the vehicle"
         edges = np.cumsum(np.ones(len(self.values)) if self.weights is None else np.array(self.weights))
         return [self.values[place] for place in np.searchsorted(edges / edges[-1], u, side="right")]
 
-    def _grid(self) -> list[Any] | None:
+    def grid(self) -> list[Any] | None:
+        """Lists all values."""
         return list(self.values)
 
 

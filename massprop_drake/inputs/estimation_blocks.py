@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
@@ -17,11 +17,11 @@ from massprop_drake.inputs.model import (
     Probability,
     Real,
     RelativeSigma,
+    Share,
     Text,
     Whole,
     described,
     field_validation_error,
-    require_nonnegative,
 )
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
@@ -32,6 +32,7 @@ from massprop_drake.maths.mass_properties import initial_standard_deviation
 
 USUAL_FILTER: Literal["thesis", "joint", "pose"] = "joint"
 _PRIORS = Priors()
+_Sigma = NotNegative
 _Ten = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
 _TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
 
@@ -41,14 +42,16 @@ class ConvergenceLimits(Model):
 
     diagonal: Positive = described(0.02, "inverse inertia's diagonal, relative")
     mass_reciprocal: Positive = described(0.2, "mass reciprocal, relative")
-    center_of_mass: Real | None = described(None, "center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
+    center_of_mass: Positive | None = described(None, "center of mass; null: 3 % of the jets' RMS arm", "ft | m")
 
 
 class GivenStart(Model):
     """Mass properties known beforehand, with their uncertainty."""
 
     mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
-    standard_deviation: _Ten | None = described(None, "1-sigma of the ten parameters", _TEN_UNITS)
+    standard_deviation: tuple[_Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma] | None = (
+        described(None, "1-sigma of the ten parameters", _TEN_UNITS)
+    )
     covariance: tuple[_Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten] | None = described(
         None, "covariance instead; none between 1/m and the others", "products of those"
     )
@@ -57,8 +60,6 @@ class GivenStart(Model):
     def _one(self) -> GivenStart:
         if (self.standard_deviation is None) == (self.covariance is None):
             raise ValueError("give either standard_deviation or covariance")
-        if self.standard_deviation is not None and min(self.standard_deviation) < 0.0:
-            raise ValueError("standard_deviation: must be zero or positive")
         if self.covariance is not None:
             covariance = np.array(self.covariance)
             if not is_covariance(covariance):
@@ -79,10 +80,9 @@ class EstimationBlock(Model):
     )
     start: Literal["nominal", "zero", "given"] = described("nominal", "estimates at the start")
     given: GivenStart | None = described(None, "with start: given")
-    std_fraction: Real | None = described(
+    std_fraction: Positive | None = described(
         None,
         "1-sigma at the start relative to nominal; null: the vehicle's for nominal, 1 for zero",
-        gt=0.0,
         span=plausible.UNCERTAINTY,
     )
     floors: Flag = described(True, "whether products of inertia and center of mass have a least 1-sigma at the start")
@@ -95,12 +95,11 @@ class EstimationBlock(Model):
         0.0, "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered"
     )
     convergence: ConvergenceLimits = described(ConvergenceLimits(), "1-sigmas below which estimates may be acted on")
-    readings_per_s: Real | None = described(
+    readings_per_s: Positive | None = described(
         None,
         "with filter: joint, times a second at which anything is read, each a step of the filter; null: "
         "by `rate_hz` of sensors and rows of a record, else once a sample period",
         "1/s",
-        gt=0.0,
         span=plausible.FREQUENCY,
     )
 
@@ -144,15 +143,13 @@ class RotationBlock(Model):
     )
     jump_threshold: Positive = described(25.0, "NIS that is too large; 11.34 in the thesis")
     jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to the start", gt=0.0, le=100.0)
-    process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
+    process_noise_std: tuple[_Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma, _Sigma] = described(
         (0.0,) * 9, "1-sigma of the change per sample", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
     disturbance_std: NotNegative = described(
         0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", span=plausible.RATE_STEP
     )
     largest_turn: Positive = described(0.2, "largest turn in a sample that is used", "rad")
-
-    _not_negative = field_validator("process_noise_std")(require_nonnegative)
 
 
 class MassBlock(Model):
@@ -185,20 +182,15 @@ class JointBlock(Model):
         "none: instantaneous thrust; vehicle: first-order lag, its time constants estimated; null: as "
         "plant.thrust_transient",
     )
-    thrust_uncertainty: Real | None = described(
+    thrust_uncertainty: RelativeSigma | None = described(
         None,
         "1-sigma of each jet's constant thrust error, relative; 0 only where thrusts are exact; null: the vehicle's",
-        ge=0.0,
-        le=0.3,
     )
-    lag_uncertainty: Real | None = described(
-        None, "1-sigma of the time constants, relative, one error per kind of jet; null: the vehicle's", ge=0.0, le=1.0
+    lag_uncertainty: Share | None = described(
+        None, "1-sigma of the time constants, relative, one error per kind of jet; null: the vehicle's"
     )
-    tank_fraction: Real | None = described(
-        None,
-        "shift by used propellant, as the vehicle's key; 0 only where it shifts nothing; null: the vehicle's",
-        ge=0.0,
-        le=1.0,
+    tank_fraction: Share | None = described(
+        None, "shift by used propellant, as the vehicle's key; 0 only where it shifts nothing; null: the vehicle's"
     )
     rate_walk: NotNegative = described(
         0.0,
@@ -240,8 +232,8 @@ class CglrBlock(Model):
     magnitude_threshold: NotNegative = described(0.0, "least magnitude of an alarm", "lbf | N")
     mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much thrust")
     signature_uncertainty: Flag = described(True, "whether signatures are uncertain; not in the thesis")
-    unexplained_limit: Real | None = described(
-        20.5, "largest unexplained part of the innovations (0.1 % of chi-square, 5 degrees); null: any", gt=0.0
+    unexplained_limit: Positive | None = described(
+        20.5, "largest unexplained part of the innovations (0.1 % of chi-square, 5 degrees); null: any"
     )
     on_detection: Literal["correct", "correct_thesis", "reject"] = described(
         "correct", "use of a sample that shows a failure"
@@ -278,7 +270,7 @@ _NO_MODE = "name the fault modes that there may be; a jet that hardly ever fails
 class JetFaults(Model):
     """Faults of one jet, where they are not those of all jets."""
 
-    per_hour: Real | None = described(None, "failures of this jet; null: faults.jet_per_hour", "1/h", gt=0.0)
+    per_hour: Positive | None = described(None, "failures of this jet; null: faults.jet_per_hour", "1/h")
     modes: tuple[FaultMode, ...] | None = described(
         None, "its fault modes; null: faults.modes", min_length=1, reason=_NO_MODE
     )

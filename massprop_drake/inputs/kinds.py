@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,15 +32,24 @@ def bundled_files(kind: Kind) -> list[str]:
     Raises:
         InputError: when the package lacks them.
     """
+    every = _folder(kind).iterdir()
+    return sorted(item.name.removesuffix(".yaml") for item in every if item.name.endswith(".yaml"))
+
+
+def bundled_text(kind: Kind, name: str) -> str:
+    """Reads the text of a bundled file."""
+    return _folder(kind).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def _folder(kind: Kind) -> Traversable:
     package, *below = _PLACES[kind]
     try:
-        folder = resources.files(f"massprop_drake.{package}").joinpath(*below)
+        return resources.files(f"massprop_drake.{package}").joinpath(*below)
     except ModuleNotFoundError as error:
         raise InputError(
             f"massprop_drake is not whole: '{error.name}' is missing, as in a checkout without symbolic links that is "
             "not installed; install it by 'pip install -e .' in the repository"
         ) from None
-    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 
 def file_kind(data: Mapping[str, Any]) -> Kind:

@@ -44,17 +44,7 @@ def _plain_name(value: str) -> str:
 Name = Annotated[str, Field(strict=True, max_length=100), AfterValidator(_plain_name)]
 Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
-
-
-def require_nonnegative(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Checks that no number of several is negative, for a field's validator.
-
-    Raises:
-        ValueError: when one is.
-    """
-    if min(values) < 0.0:
-        raise ValueError("must be zero or positive")
-    return values
+NotNegative3 = tuple[NotNegative, NotNegative, NotNegative]
 
 
 class Model(BaseModel):
@@ -63,7 +53,7 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __eq__(self, other: object) -> bool:
-        # by its fields alone: arrays derived from them may be cached beside
+        # by its fields alone: arrays derived from them may be cached beside, which pydantic's would compare
         if type(self) is not type(other):
             return False
         return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
@@ -222,7 +212,8 @@ def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath)
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         expected = item["ctx"].get("expected_tags", "'kind'")
         found = f"kind {item['ctx']['tag']!r} is not one of" if "tag" in item["ctx"] else "missing kind; one of"
-        return f"{found} {_tags_at(model, path, data) or expected}"
+        accepted = ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
+        return f"{found} {accepted or expected}"
     message = item["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return message
@@ -250,7 +241,8 @@ def _why_required(model: type[Model], path: FieldPath, data: Any) -> str:
     """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
-    field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
+    holder = _choose_member(_models_at(model, path[:-1], data), _value_at(data, path[:-1]))
+    field = holder.model_fields.get(path[-1])
     extra = None if field is None else field.json_schema_extra
     reason = str(extra.get("reason", "")) if isinstance(extra, dict) else ""
     return f": {reason}" if reason else ""
@@ -260,11 +252,6 @@ def _value_at(data: Any, path: FieldPath) -> Any:
     for part in path:
         data = data[part]
     return data
-
-
-def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
-    """Returns the model that describes the data at a path."""
-    return _choose_member(_models_at(model, path, data), _value_at(data, path))
 
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
@@ -283,11 +270,6 @@ def _choose_member(members: list[type[Model]], data: Any, tags: tuple[str | int,
         named = (data["kind"],) if "kind" in data else tags
         return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
     return members[0]
-
-
-def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
-    """Returns the kinds that the union at a path accepts."""
-    return ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
 
 
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
@@ -323,9 +305,13 @@ def _means_same(key: str, *models: type[Model]) -> bool:
 
 def _bounds_text(field: FieldInfo) -> str:
     """Returns the bounds of a field's value as text; "-" if it has none."""
+    constraints = [*field.metadata]
+    if typing.get_origin(field.annotation) in (typing.Union, types.UnionType):  # as of `Positive | None`
+        parts = (part for member in typing.get_args(field.annotation) for part in getattr(member, "__metadata__", ()))
+        constraints += (one for part in parts for one in getattr(part, "metadata", ()))
     bounds = [
         text.format(getattr(part, name))
-        for part in field.metadata
+        for part in constraints
         for name, text in _BOUNDS.items()
         if getattr(part, name, None) is not None
     ]
@@ -424,17 +410,7 @@ def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
 
 
 def _format_default(value: Any) -> str:
-    if value is None:
-        return "null"
-    if value == "":
-        return "(empty)"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_format_default(item) for item in value) + "]"
-    if isinstance(value, dict):
-        return "{}"
-    return str(value)
+    return "(empty)" if value == "" else json.dumps(value).replace('"', "")
 
 
 def _type_name(annotation: Any) -> str:

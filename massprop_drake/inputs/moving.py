@@ -21,11 +21,20 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import Model, Name, Positive, Real, RelativeSigma, Share, Vector3, described
-from massprop_drake.inputs.vehicle_parts import require_unit_length
+from massprop_drake.inputs.model import (
+    Model,
+    Name,
+    NotNegative,
+    Positive,
+    Real,
+    RelativeSigma,
+    Share,
+    Vector3,
+    described,
+)
+from massprop_drake.inputs.vehicle_parts import UnitVector, require_unit_length
 from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _PLACED = 0.05  # of the jets' RMS arm: 1-sigma of a position, as of the middle of what sloshes in a tank
@@ -37,17 +46,14 @@ class _MovingPart(Model):
     """The fields common to all parts that move."""
 
     name: Name = described(..., "unique name")
-    frequency_hz: Positive = described(
-        ..., "natural frequency with the vehicle held still", "Hz", span=plausible.FREQUENCY
-    )
+    frequency_hz: Positive = described(..., "natural frequency with the vehicle held still", "Hz", span=plausible.SWING)
     damping: Real = described(..., "ratio to critical damping", ge=0.0, lt=1.0)
     frequency_uncertainty: RelativeSigma = described(0.05, "1-sigma of the frequency, relative, estimated; 0: known")
     damping_uncertainty: Share = described(0.5, "1-sigma of the damping, relative, likewise")
-    position_std: Real | None = described(
+    position_std: NotNegative | None = described(
         None,
         "1-sigma of each coordinate of its place, likewise; null: 5 % of the jets' RMS arm",
         "ft | m",
-        ge=0.0,
         span=plausible.POSITION,
     )
 
@@ -72,11 +78,10 @@ class Slosh(_MovingPart):
         span=plausible.POSITION,
     )
     mass_uncertainty: Share = described(0.05, "1-sigma of the mass, relative, likewise")
-    start_std: Real | None = described(
+    start_std: NotNegative | None = described(
         None,
         "1-sigma of its displacement at the start, each axis; null: as the weakest jet's thrust holds it",
         "ft | m",
-        ge=0.0,
         span=plausible.POSITION,
     )
 
@@ -117,8 +122,7 @@ class Slosh(_MovingPart):
 
     def swelling(self, center: Array) -> list[Array]:
         """Computes I_1 of each mode about a center of mass, shape (3, 3) each."""
-        arm = np.array(self.position) - center
-        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+        return _swelling(self.modes, np.array(self.position) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -136,14 +140,12 @@ class HingedPanel(_MovingPart):
 
     kind: Literal["panel"] = described(..., "kind of part")
     hinge: Vector3 = described(..., "point of the hinge line, vehicle frame", "ft | m", span=plausible.POSITION)
-    axis: Vector3 = described(..., "direction of the hinge, body axes, length 1")
+    axis: UnitVector = described(..., "direction of the hinge, body axes, length 1")
     mass: Positive = described(..., "mass of the panel", "slug | kg", span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Positive = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", span=plausible.INERTIA)
     inertia_uncertainty: Share = described(0.05, "1-sigma of the inertia, relative, likewise")
-    start_std: Real | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad", ge=0.0, le=1.0)
-
-    _unit = field_validator("axis")(require_unit_length)
+    start_std: Share | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad")
 
     @model_validator(mode="after")
     def _possible(self) -> HingedPanel:
@@ -172,8 +174,7 @@ class HingedPanel(_MovingPart):
 
     def swelling(self, center: Array) -> list[Array]:
         """Computes I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
-        arm = np.array(self.center_of_mass) - center
-        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+        return _swelling(self.modes, np.array(self.center_of_mass) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -195,8 +196,8 @@ class StatedMode(_MovingPart):
         (0.0, 0.0, 0.0), "participation in rotation about the vehicle origin", "slug^1/2-ft | kg^1/2-m"
     )
     participation_uncertainty: Share = described(0.05, "1-sigma of the participation, relative, likewise")
-    start_std: Real | None = described(
-        None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m", ge=0.0
+    start_std: NotNegative | None = described(
+        None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m"
     )
 
     @model_validator(mode="after")
@@ -226,6 +227,10 @@ class StatedMode(_MovingPart):
 
 
 MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="kind")]
+
+
+def _swelling(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
+    return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in modes]
 
 
 def _directions(axes: Sequence[str | Vector3]) -> Array:

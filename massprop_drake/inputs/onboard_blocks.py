@@ -30,19 +30,15 @@ class SensorErrors(Model):
     sensor: Text = described(..., "name of a gyro or accelerometer package")
     vibration: tuple[VibrationTone, ...] = described((), "vibration of the structure at the sensor")
     scale_factor: Vector3 = described((0.0, 0.0, 0.0), "per axis: reading = (1 + this) x truth", span=plausible.SCALE)
-    bandwidth_hz: Real | None = described(
-        None,
-        "corner of a first-order low-pass before sampling; null: unlimited",
-        "Hz",
-        gt=0.0,
-        span=plausible.BANDWIDTH,
+    bandwidth_hz: Positive | None = described(
+        None, "corner of a first-order low-pass before sampling; null: unlimited", "Hz", span=plausible.BANDWIDTH
     )
     bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias of rate or acceleration", "rad/s | ft/s^2 | m/s^2")
     bias_random_walk: NotNegative = described(
         0.0, "random walk of the bias, 1-sigma after 1 s", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)"
     )
-    noise_std: Real | None = described(None, "white noise, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
-    quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
+    noise_std: NotNegative | None = described(None, "white noise, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s")
+    quantum: NotNegative | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s")
     delay_samples: Whole = described(0, "delay of readings", ge=0, le=100)
 
 
@@ -101,12 +97,11 @@ class WheelControlBlock(Model):
         None, "share of its largest speed at which a wheel has jets unload all wheels; null: never", gt=0.0, le=1.0
     )
     unload_below: Real = described(0.2, "share below which unloading ends", ge=0.0, lt=1.0)
-    unload_rate: Real | None = described(
+    unload_rate: Positive | None = described(
         None,
         "largest rate change asked of jets at a time to unload; null: 1.5 times rate_deadband, below "
         "which nothing is asked",
         "rad/s",
-        gt=0.0,
         span=plausible.RATE,
     )
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.estimation_blocks import HypothesesBlock
-from massprop_drake.inputs.known_parts import engine_sigmas, engines, tanks, wheels
 from massprop_drake.inputs.moving import mode_params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle_fields import STANDARD_GRAVITY
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import (
     Accelerometer,
@@ -31,24 +31,25 @@ from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, KnownJets
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.filter import Instruments, Setup, ThrustModel
-from massprop_drake.maths.estimation.filters import joint, thesis
-from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import EVERY_PERIOD, AttitudeSensors, Rates
 from massprop_drake.maths.estimation.joint.modes import ModeParams
+from massprop_drake.maths.estimation.joint.tanks import TankParams
+from massprop_drake.maths.estimation.joint.wheels import WheelParams
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
+from massprop_drake.maths.linear_algebra import Array, normals
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation
+from massprop_drake.maths.vehicle.engine_thrust import NO_ENGINES, EngineParams
 from massprop_drake.maths.vehicle.mounting import mounting_errors
 from massprop_drake.maths.vehicle.on_times import level_onsets, most_pieces, pulse_shares
 from massprop_drake.maths.vehicle.reaction_jets import draw_thrust_factors
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
-Array = NDArray[np.float64]
 _WHOLE = 1e-6  # of a step: rounding of rates
 
 
@@ -216,19 +217,9 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
     )
 
 
-def joint_params(scenario: Scenario) -> JointFilterParams:
-    """Makes the parameters of the joint filter."""
-    return joint.make_params(filter_setup(scenario), scenario)
-
-
 def thesis_params(scenario: Scenario) -> ThesisParams:
     """Makes the parameters of the thesis's two filters."""
     return thesis.make_params(filter_setup(scenario), scenario)
-
-
-def rotation_params(scenario: Scenario) -> RotationParams:
-    """Makes the parameters of the rotation filter."""
-    return thesis_params(scenario).rotation
 
 
 def mass_params(scenario: Scenario) -> MassParams:
@@ -398,21 +389,16 @@ def unit_wrenches(vehicle: Vehicle) -> Array:
     return vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
 
 
-def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
-    """Returns the index of each jet's manifold, -1 where it has none."""
-    names = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
-    return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
-
-
 def known_jets(scenario: Scenario) -> KnownJets:
     """Makes the jet parameters that a detector knows."""
     vehicle = scenario.vehicle_data
+    manifolds = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
     return KnownJets(
         period_s=vehicle.sample_period_s,
         clusters=np.array([jet.cluster for jet in vehicle.jets]),
         unit_wrenches=unit_wrenches(vehicle),
         thrusts=np.array([jet.thrust for jet in vehicle.jets]),
-        manifolds=_manifolds(vehicle),
+        manifolds=np.array([-1 if jet.manifold is None else manifolds.index(jet.manifold) for jet in vehicle.jets]),
         limits=convergence_limits(scenario),
     )
 
@@ -436,3 +422,85 @@ def detector_params(scenario: Scenario) -> Any:
     if isinstance(options, HypothesesBlock):
         options = scenario.faults.of_each_jet(scenario.vehicle_data.designations)
     return method.params(known_jets(scenario), options, *of_filter)
+
+
+# ----------------------------------------------------------- wheels, engines and tanks as they are stated
+
+
+def wheels(vehicle: Vehicle) -> WheelParams:
+    """Makes the parameters of the reaction wheels, of exact inertia."""
+    axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
+    return WheelParams(
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        inertias=np.array([wheel.inertia for wheel in vehicle.wheels]),
+        sigma=0.0,
+        speed_std=np.array([wheel.speed_std for wheel in vehicle.wheels]),
+        most=np.array([wheel.most_acceleration for wheel in vehicle.wheels]),
+    )
+
+
+def engines(vehicle: Vehicle) -> EngineParams:
+    """Makes the parameters of the engines, without errors."""
+    stated = vehicle.engines
+    if not stated:
+        return NO_ENGINES
+    directions = np.array([engine.direction for engine in stated])
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    across = normals(directions)
+    axes = across.copy()
+    for place, engine in enumerate(stated):
+        if engine.gimbal is not None:
+            axes[place] = np.array(engine.gimbal.axes)
+            across[place] = normals(directions[[place]], axes[[place], 0])[0]
+    axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
+    levels = np.unique([0.0, 1.0, *(level for engine in stated for level, _ in engine.impulses)])
+    own = np.array([(one.level_rate, one.level_time_constant_s, 1.0, one.level_noise_std) for one in stated])
+    fixed = (1.0, 0.0, 0.0, 0.0)
+    of_gimbals = np.array(
+        [fixed if g is None else (g.rate, g.time_constant_s, g.stop, g.noise_std) for g in (e.gimbal for e in stated)]
+    )
+    rates, constants_s, stops, read_std = np.stack((own, of_gimbals, of_gimbals), axis=2).transpose(1, 0, 2)
+    return EngineParams(
+        positions=np.array([engine.position for engine in stated]),
+        directions=directions,
+        axes=axes,
+        normals=across,
+        thrusts=np.array([engine.thrust for engine in stated]),
+        levels=levels,
+        flows=np.stack([_flows(engine, levels, STANDARD_GRAVITY[vehicle.units]) for engine in stated]),
+        rates=rates.copy(),
+        constants_s=constants_s.copy(),
+        stops=stops.copy(),
+        read_std=read_std.copy(),
+        least=np.array([engine.least_level for engine in stated]),
+        measured=np.array([float(engine.telemetry == "measured") for engine in stated]),
+    )
+
+
+def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
+    """Computes an engine's propellant flow at some throttle levels, shape (k,)."""
+    given, impulses = np.array(engine.impulses).T
+    return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
+
+
+def engine_sigmas(vehicle: Vehicle) -> Array:
+    """Returns 1-sigma of each engine's errors: two each of thrust, direction and position, shape (6 n,)."""
+    return np.array(
+        [
+            sigma
+            for engine in vehicle.engines
+            for sigma in (engine.thrust_uncertainty, engine.direction_std, engine.position_std)
+            for _ in range(2)
+        ]
+    )
+
+
+def tanks(vehicle: Vehicle) -> TankParams:
+    """Makes the parameters of the tanks that jets empty, as they are stated."""
+    stated, geometry = vehicle.tanks, vehicle.tank_geometry
+
+    def each(key: str) -> Array:
+        return np.array([getattr(tank, key) for tank in stated], dtype=float)
+
+    sigmas = each("propellant_std"), each("flow_uncertainty")
+    return TankParams(*geometry, each("capacity"), each("propellant"), *sigmas)

@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.inputs.known_parts import engines, wheels
 from massprop_drake.inputs.params import (
     accelerometers,
     convergence_limits,
+    engines,
     gyros,
     sample_count,
     scheduled_jet_commands,
     selectable_jets,
     unit_wrenches,
+    wheels,
 )
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.gimbal_control import GimbalControl

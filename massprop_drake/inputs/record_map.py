@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from massprop_drake.inputs.model import (
     Count,
@@ -49,7 +49,15 @@ TimeUnit = Annotated[Text, _unit_validator("time")]
 AngleUnit = Annotated[Text, _unit_validator("angle")]
 LengthUnit = Annotated[Text, _unit_validator("length")]
 Signed = Literal["x", "y", "z", "-x", "-y", "-z"]
-Axes = tuple[Signed, Signed, Signed]
+
+
+def _require_each_axis_once(value: tuple[Signed, Signed, Signed]) -> tuple[Signed, Signed, Signed]:
+    if len({axis[-1] for axis in value}) < 3:
+        raise ValueError(f"must name each of x, y and z once, got [{', '.join(value)}]")
+    return value
+
+
+Axes = Annotated[tuple[Signed, Signed, Signed], AfterValidator(_require_each_axis_once)]
 
 _COLUMNS = "columns of the recorder's x, y, z; null: not logged"
 _AXES = "the recorder's axes that are the vehicle's x, y, z, such as [x, -y, -z] from forward-left-up"
@@ -120,12 +128,6 @@ class RecordTime(Model):
         return self
 
 
-def _require_each_axis_once(value: Axes | None) -> Axes | None:
-    if value is not None and len({axis[-1] for axis in value}) < 3:
-        raise ValueError(f"must name each of x, y and z once, got [{', '.join(value)}]")
-    return value
-
-
 def rotation_of(axes: Axes) -> np.ndarray:
     """Computes the matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
     matrix = np.zeros((3, 3))
@@ -156,8 +158,6 @@ class _Vector(_Sampled):
     axes: Axes = described(("x", "y", "z"), _AXES)
     rotation: Matrix3 | None = described(None, "matrix from the recorder's to the vehicle's axes, instead of `axes`")
     zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, subtracted")
-
-    _axes = field_validator("axes")(_require_each_axis_once)
 
     @model_validator(mode="after")
     def _turned(self) -> _Vector:
@@ -229,8 +229,6 @@ class _Attitude(_Read):
     )
     axes: Axes = described(("x", "y", "z"), "body axes, likewise")
     world_axes: Axes = described(("x", "y", "z"), "world axes, likewise, such as [y, x, -z] from east-north-up")
-
-    _axes = field_validator("axes", "world_axes")(_require_each_axis_once)
 
     @property
     def forms(self) -> list[str]:

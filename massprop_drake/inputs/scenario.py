@@ -1,62 +1,30 @@
-"""Scenarios: one case to simulate, and how to estimate in it; read from YAML and validated.
-
-Every variant of a method is a field here, never an edit of code. Angles are radians.
-"""
+"""Scenarios: one case to simulate, and how to estimate in it; read from YAML and validated."""
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Iterator, Mapping
-from importlib import resources
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from massprop_drake.errors import InputError, dotted
-from massprop_drake.inputs import plausible, renamed
-from massprop_drake.inputs.estimation_blocks import (
-    USUAL_FILTER,
-    DetectorBlock,
-    EstimationBlock,
-    FaultsBlock,
-    HypothesesBlock,
-    JointBlock,
-    MassBlock,
-    RotationBlock,
-)
-from massprop_drake.inputs.kinds import bundled_files, require_kind, require_known_name
-from massprop_drake.inputs.model import (
-    Flag,
-    Model,
-    Real,
-    Text,
-    Whole,
-    described,
-    field_validation_error,
-    keys_of_former_kind,
-    validate_data,
-)
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import renamed
+from massprop_drake.inputs.estimation_blocks import USUAL_FILTER, FaultsBlock
+from massprop_drake.inputs.kinds import bundled_files
+from massprop_drake.inputs.model import Model, field_validation_error, keys_of_former_kind, validate_data
 from massprop_drake.inputs.model_file import model_text
-from massprop_drake.inputs.moving import MovingPart
-from massprop_drake.inputs.onboard_blocks import AutopilotBlock, SensorsBlock
-from massprop_drake.inputs.overrides import set_at, split_key, value_at
-from massprop_drake.inputs.scenario_checks import check_against_vehicle
-from massprop_drake.inputs.scheduled import (
-    EngineBurn,
-    EngineFailureBlock,
-    Failure,
-    HandControllerWindow,
-    JetPulse,
-    MassJump,
-    WheelPulse,
-    find_overlaps,
-)
-from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock
+from massprop_drake.inputs.plausible import Finding
+from massprop_drake.inputs.scenario_checks import check_against_vehicle, scenario_findings, schedule_problems
+from massprop_drake.inputs.scenario_fields import USUAL_VEHICLE, ScenarioFields
+from massprop_drake.inputs.vehicle_checks import Problem
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
-from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, open_document
 
+_INDEX = re.compile(r"[0-9]{1,6}")
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector", "faults")
 # detectors that a filter goes with, the usual one first
 DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("hypotheses", "off"), "pose": ("thrust_factors", "off")}
@@ -71,24 +39,9 @@ _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
     "joint": (("joint",), ("faults",)),
 }
-_USUAL_VEHICLE = "orbiter"
-_LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
 
-class ExecutionBlock(Model):
-    """Computation of a case; the engine changes no bit of a result, compiled code the last ones."""
-
-    engine: Literal["diagram", "loop"] = described(
-        "diagram",
-        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a stepped "
-        "plant without wheels and engines",
-    )
-    compiled: Flag = described(
-        False, "whether kernels are compiled by numba, extra `fast`; results differ by rounding alone"
-    )
-
-
-class Scenario(Model):
+class Scenario(ScenarioFields):
     """One case: a vehicle, its commands and failures, and how its mass properties are estimated.
 
         Scenario(vehicle="servicer", duration_s=60.0, failures=[{"jet": "YP1", "kind": "stuck_on", "start_s": 30.0}])
@@ -99,61 +52,22 @@ class Scenario(Model):
         ValueError: naming each field that is wrong, or that does not go with the vehicle.
     """
 
-    name: Text = described(
-        "scenario",
-        "short name, also of the run's folder",
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$",
-        max_length=_LONGEST_NAME,
-    )
-    description: Text = described("", "one line")
-    vehicle: Text | Vehicle = described(
-        _USUAL_VEHICLE, "bundled vehicle, file relative to this one, or a vehicle's data"
-    )
-    moving: tuple[MovingPart, ...] = described(
-        (), "parts that move inside, as in a vehicle's file, besides those of the vehicle"
-    )
-    duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
-    seed: Whole = described(0, "seed of all random draws", ge=0, lt=2**63)
-    maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
-    jet_schedule: tuple[JetPulse, ...] = described((), "prescribed jet commands")
-    wheel_schedule: tuple[WheelPulse, ...] = described((), "prescribed torques of reaction wheels")
-    engine_schedule: tuple[EngineBurn, ...] = described((), "prescribed levels and gimbal angles of engines")
-    plant: Annotated[PlantBlock | MultibodyBlock, Field(discriminator="kind")] = described(
-        PlantBlock(), "the true vehicle"
-    )
-    sensors: SensorsBlock = described(SensorsBlock(), "packages in use, and their true errors")
-    autopilot: AutopilotBlock = described(AutopilotBlock(), "attitude hold and hand controllers, by jets or wheels")
-    estimation: EstimationBlock = described(EstimationBlock(), "the filter and its start")
-    rotation: RotationBlock = described(RotationBlock(), "filter for inverse inertia and center of mass")
-    mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
-    joint: JointBlock = described(JointBlock(), "the filter of `estimation.filter: joint`")
-    detector: DetectorBlock = described(
-        HypothesesBlock(),
-        "detection of failures: hypotheses or off with estimation.filter: joint; cglr, cusum or off with "
-        "thesis; thrust_factors or off with pose; the first unless named",
-    )
-    faults: FaultsBlock = described(FaultsBlock(), "priors of faults, with estimation.filter: joint")
-    failures: tuple[Failure, ...] = described((), "failures of jets")
-    engine_failures: tuple[EngineFailureBlock, ...] = described((), "failures of engines")
-    jumps: tuple[MassJump, ...] = described((), "payloads released or docked")
-    execution: ExecutionBlock = described(ExecutionBlock(), "how a run is computed")
-
     @model_validator(mode="before")
     @classmethod
     def _as_the_filter_has_it(cls, data: Any) -> Any:
-        """Fills in defaults that depend on the filter, and the filter itself."""
+        """Loads a vehicle that is named, and fills in defaults that depend on the filter, and the filter itself."""
         if not isinstance(data, dict):
             return data
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
             data = {**data, "vehicle": load_vehicle(data["vehicle"])}
         data = _update_detector_terms(_inline_model_text(data, None, Path()))
         chosen, given = filter_of(data), dict(data)
-        if isinstance(data.get("plant", {}), dict):
-            given["plant"] = {"kind": "rigid", **data.get("plant", {})}
-        if isinstance(data.get("estimation", {}), dict):
-            given["estimation"] = {"filter": chosen, **data.get("estimation", {})}
-        if isinstance(data.get("detector", {}), dict) and chosen in DETECTORS_OF:
-            given["detector"] = {"kind": DETECTORS_OF[chosen][0], **data.get("detector", {})}
+        kinds = {"plant": {"kind": "rigid"}, "estimation": {"filter": chosen}}
+        if chosen in DETECTORS_OF:
+            kinds["detector"] = {"kind": DETECTORS_OF[chosen][0]}
+        for block, usual in kinds.items():
+            if isinstance(data.get(block, {}), dict):
+                given[block] = {**usual, **data.get(block, {})}
         transient, joint = _block_value(data.get("plant"), "thrust_transient", "vehicle"), data.get("joint", {})
         own = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
         if own and transient in ("none", "vehicle"):
@@ -161,90 +75,29 @@ class Scenario(Model):
         return given
 
     @model_validator(mode="after")
-    def _of_one_filter(self) -> Scenario:
-        named, problems = self.estimation.filter, []
-        for path, other in _foreign_keys(self):
-            problem = (
-                f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out, or name the other"
-            )
-            problems.append((path, problem))
-        if self.detector.kind not in DETECTORS_OF[named]:
-            fitting = " or ".join(DETECTORS_OF[named])
-            problem = f"{self.detector.kind} does not go with estimation.filter: {named}; use {fitting}"
-            problems.append((("detector", "kind"), problem))
-        if problems:
-            raise field_validation_error(problems)
-        return self
-
-    @model_validator(mode="after")
-    def _windows(self) -> Scenario:
-        if self.maneuver and self.open_loop:
-            raise ValueError(
-                "a maneuver is flown by the autopilot, which does not fly: leave out either maneuver or jet_schedule, "
-                "or set autopilot.engaged: true, for both"
-            )
-        problems = [
-            *find_overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
-            *find_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
-            *find_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
-            *find_overlaps("wheel_schedule", [(p.wheel, p.start_s, p.end_s) for p in self.wheel_schedule]),
-            *find_overlaps("engine_schedule", [(p.engine, p.start_s, p.end_s) for p in self.engine_schedule]),
-            *find_overlaps(
-                "engine_failures",
-                [(f"{f.engine} {f.kind}", f.start_s, f.end_s or math.inf) for f in self.engine_failures],
-            ),
-        ]
-        if not problems and isinstance(self.vehicle, Vehicle):
+    def _sound(self) -> Scenario:
+        problems = list(_foreign_to_filter(self)) or list(schedule_problems(self))
+        if not problems and isinstance(self.vehicle, Vehicle):  # an `Estimator` has its own beside the usual one
             problems = check_against_vehicle(self, self.vehicle)
         if problems:
             raise field_validation_error(problems)
         return self
 
-    def __repr__(self) -> str:
-        vehicle = self.vehicle if isinstance(self.vehicle, str) else self.vehicle.name
-        counts = {"failures": len(self.failures), "jumps": len(self.jumps)}
-        happens = "".join(f", {count} {kind[: -1 if count == 1 else None]}" for kind, count in counts.items() if count)
-        return (
-            f"<Scenario '{self.name}': vehicle '{vehicle}', {self.duration_s:g} s, seed {self.seed}, "
-            f"filter {self.estimation.filter}, detector {self.detector.kind}{happens}>"
-        )
-
-    __str__ = __repr__
-
     @property
-    def vehicle_data(self) -> Vehicle:
-        """Vehicle, loaded if the scenario only names it, with the parts that move inside."""
-        vehicle = self.vehicle if isinstance(self.vehicle, Vehicle) else load_vehicle(self.vehicle)
-        if not self.moving:
-            return vehicle
-        return vehicle.model_copy(update={"moving": (*vehicle.moving, *self.moving)})
-
-    @property
-    def open_loop(self) -> bool:
-        """True if no autopilot flies."""
-        engaged = self.autopilot.engaged
-        return bool(self.jet_schedule) if engaged is None else not engaged
-
-    @property
-    def process_noise_std(self) -> tuple[float, ...]:
-        """1-sigma of the change of the ten parameters per sample, as the blocks of their filters say."""
-        return (*self.rotation.process_noise_std, self.mass.process_noise_std)
-
-    @property
-    def doubts(self) -> list[plausible.Finding]:
+    def doubts(self) -> list[Finding]:
         """Entries that may be meant, but are more likely a slip; of the vehicle, too."""
         vehicle = self.vehicle_data
-        own = [found for found in plausible.scenario_findings(self, vehicle) if not found.impossible]
+        own = [found for found in scenario_findings(self, vehicle) if not found.impossible]
         return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
 
     @property
-    def simulation_doubts(self) -> list[plausible.Finding]:
+    def simulation_doubts(self) -> list[Finding]:
         """Doubts that bear on a simulation: a run may be cut short before the last of its commands."""
         late = {(field, "start_s") for field in ("maneuver", "jet_schedule")}
         return [found for found in self.doubts if (found.path[0], found.path[-1]) not in late]
 
     @property
-    def estimation_doubts(self) -> list[plausible.Finding]:
+    def estimation_doubts(self) -> list[Finding]:
         """Doubts that bear on estimation from a record, too."""
         return [found for found in self.doubts if found.path[0] in _ESTIMATION]
 
@@ -260,7 +113,7 @@ def filter_of(data: Mapping[str, Any]) -> str:
         return str(named)
     if _needs_pose_filter(data.get("vehicle")):
         return "pose"
-    told = {name for name, paths in _KEYS_OF.items() if any(_has_path(data, path) for path in paths)}
+    told = {name for name, paths in _KEYS_OF.items() if any(value_at(data, path) is not None for path in paths)}
     kind = _block_value(data.get("detector"), "kind", "off")
     told |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
     return told.pop() if len(told) == 1 else USUAL_FILTER
@@ -275,34 +128,31 @@ def _needs_pose_filter(vehicle: Any) -> bool:
     return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 
-def _has_path(data: Any, path: tuple[str, ...]) -> bool:
-    for part in path:
-        if not isinstance(data, Mapping) or part not in data:
-            return False
-        data = data[part]
-    return True
-
-
 def _block_value(block: Any, key: str, otherwise: str | None) -> Any:
     """Returns the value of a key of a block, validated or not."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 
 
-def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
-    """Yields the keys that belong to another filter than the scenario's, and that filter."""
-    for other, paths in _KEYS_OF.items():
-        if other == scenario.estimation.filter:
-            continue
-        for path in paths:
-            here: Any = scenario
-            for part in path[:-1]:
-                here = getattr(here, part)
-            value, default = getattr(here, path[-1]), type(here).model_fields[path[-1]].default
-            if isinstance(value, Model):
-                keys = [key for key in type(value).model_fields if getattr(value, key) != getattr(default, key)]
-                yield from (((*path, key), other) for key in keys)
-            elif value != default:
-                yield path, other
+def _foreign_to_filter(scenario: Scenario) -> Iterator[Problem]:
+    """Finds keys and a detector that belong to another filter than the scenario's."""
+    named, detector = scenario.estimation.filter, scenario.detector.kind
+    for other, path in [(other, path) for other, paths in _KEYS_OF.items() if other != named for path in paths]:
+        here: Any = scenario
+        for part in path[:-1]:
+            here = getattr(here, part)
+        value, default = getattr(here, path[-1]), type(here).model_fields[path[-1]].default
+        places: list[FieldPath] = [path] if value != default else []
+        if isinstance(value, Model):
+            keys = [key for key in type(value).model_fields if getattr(value, key) != getattr(default, key)]
+            places = [(*path, key) for key in keys]
+        for place in places:
+            problem = (
+                f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out, or name the other"
+            )
+            yield place, problem
+    if detector not in DETECTORS_OF[named]:
+        fitting = " or ".join(DETECTORS_OF[named])
+        yield ("detector", "kind"), f"{detector} does not go with estimation.filter: {named}; use {fitting}"
 
 
 def bundled_scenarios() -> list[str]:
@@ -321,20 +171,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
     Raises:
         InputError: when there is none of that name, or its data are wrong; the message says where.
     """
-    name = str(scenario)
-    folder = Path()
-    if name in bundled_scenarios():
-        text = (resources.files("massprop_drake.scenarios") / f"{name}.yaml").read_text(encoding="utf-8")
-        document = Document(text, f"scenario '{name}'")
-    else:
-        path = Path(scenario)
-        if exists(path / "scenario.yaml"):
-            path = path / "scenario.yaml"
-        if not exists(path):
-            require_known_name(name, "scenario")
-        document = Document(read_text(path), str(path))
-        require_kind(document.data, "scenario", str(path))
-        folder = path.parent
+    document, folder = open_document(scenario, "scenario")
     given: set[FieldPath] = set()
     for override in overrides or []:
         if override.startswith("vehicle."):
@@ -345,7 +182,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
 def _spell_out_vehicle(document: Document, folder: Path) -> None:
     """Puts the data of a vehicle into a scenario that names it, so that a field of it can be set."""
-    named = document.data.get("vehicle", Scenario.model_fields["vehicle"].default)
+    named = document.data.get("vehicle", USUAL_VEHICLE)
     if isinstance(named, str):
         document.data["vehicle"] = _find_vehicle(named, folder, document).model_dump(mode="json")
 
@@ -362,17 +199,13 @@ def resolve_scenario(data: Any, document: Document | None = None, folder: Path |
         InputError: naming each field that is wrong.
     """
     data = _inline_model_text(data, document, folder or Path())
-    vehicle = data.get("vehicle", _USUAL_VEHICLE)
+    vehicle = data.get("vehicle", USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
         vehicle = _inline_vehicle(vehicle, document)
-    own = data if not isinstance(vehicle, (str, Vehicle)) else {key: data[key] for key in data if key != "vehicle"}
-    there = vehicle if isinstance(vehicle, Vehicle) else _vehicle_or_none(vehicle, folder)
-    scenario = validate_data(Scenario, _update_detector_terms(_with_required_filter(own, there), document), document)
-    vehicle = there or _find_vehicle(vehicle, folder or Path(), document)
-    problems = check_against_vehicle(scenario, vehicle)
-    if problems:
-        raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
-    return scenario.model_copy(update={"vehicle": vehicle})
+    elif isinstance(vehicle, str):
+        vehicle = _find_vehicle(vehicle, folder or Path(), document)
+    data = _update_detector_terms({**data, "vehicle": vehicle}, document)
+    return validate_data(Scenario, data, document, "scenario")
 
 
 def _inline_model_text(data: Any, document: Document | None, folder: Path) -> Any:
@@ -384,23 +217,8 @@ def _inline_model_text(data: Any, document: Document | None, folder: Path) -> An
     try:
         return {**data, "plant": {**plant, "model": model_text(model, folder)}}
     except InputError as error:
-        raise InputError(*(f"{_place(('plant', 'model'), document)}: {one}" for one in error.problems)) from None
-
-
-def _vehicle_or_none(vehicle: Any, folder: Path | None) -> Vehicle | None:
-    """Loads the vehicle of a name; None where there is none, which is reported when it is loaded for good."""
-    try:
-        return _find_vehicle(vehicle, folder or Path(), None) if isinstance(vehicle, str) else None
-    except InputError:
-        return None
-
-
-def _with_required_filter(data: Any, vehicle: Vehicle | None) -> Any:
-    """Returns data with the pose filter named, where the vehicle needs it and they name no filter."""
-    if vehicle is None or not vehicle.needs_pose_filter or not isinstance(data, dict):
-        return data
-    estimation = data.get("estimation", {})
-    return {**data, "estimation": {"filter": "pose", **estimation}} if isinstance(estimation, dict) else data
+        where = "scenario: plant.model" if document is None else document.where(("plant", "model"))
+        raise InputError(*(f"{where}: {one}" for one in error.problems)) from None
 
 
 def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
@@ -416,10 +234,6 @@ def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
     if said and document is not None and "slots" not in data["detector"]:
         document.move(("detector", "slots"), ("faults", "slots"))
     return data
-
-
-def _place(path: FieldPath, document: Document | None) -> str:
-    return f"scenario: {dotted(path)}" if document is None else document.where(path)
 
 
 def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
@@ -495,3 +309,66 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
             if not any(one[: len(field)] == (*above, key) for one in given):
                 del value_at(data, above)[key]
     given.add(field)
+
+
+# ------------------------------------------------------------------- fields of nested data
+
+
+def value_at(data: Any, path: Sequence[str | int]) -> Any:
+    """Returns the value at a path in nested data; None where there is none."""
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
+    """Sets one field of nested data; missing blocks are made.
+
+    Args:
+        data: mappings and lists.
+        path: keys and indices; an index may be one past the end of its list.
+        value: to set.
+        where: what to call it in messages.
+
+    Raises:
+        InputError: when the path leads nowhere.
+    """
+    here = data
+    for part, following in pairwise(path):
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, [] if isinstance(following, int) else {})
+            continue
+        if isinstance(part, int) and isinstance(here, list) and part < len(here):
+            here = here[part]
+            continue
+        raise InputError(f"{where}: there is no {part!r} to set in")
+    last = path[-1]
+    if isinstance(last, str) and isinstance(here, dict):
+        here[last] = value
+    elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
+        here[last : last + 1] = [value]
+    else:
+        raise InputError(f"{where}: there is no {last!r} to set")
+
+
+def split_key(key: str, override: str) -> list[str | int]:
+    """Splits a dotted key such as sensors.errors[0].noise_std into its parts.
+
+    Raises:
+        InputError: when it is none; the message begins with --set and the override.
+    """
+    path: list[str | int] = []
+    for part in key.split("."):
+        name, *indices = part.split("[")
+        if name:
+            path.append(name)
+        for index in indices:
+            if not index.endswith("]") or not _INDEX.fullmatch(index[:-1]):
+                raise InputError(f"--set {override}: expected an index such as [0] in {key!r}")
+            path.append(int(index[:-1]))
+        if not name and not indices:
+            raise InputError(f"--set {override}: empty part in {key!r}")
+    return path

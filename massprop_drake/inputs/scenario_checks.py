@@ -1,89 +1,122 @@
-"""Checks of a scenario against its vehicle."""
+"""Checks of a scenario: what overlaps, what does not go with its vehicle, and probable slips."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterator
 
 import numpy as np
 
 from massprop_drake.errors import moment, suggestion
-from massprop_drake.inputs import plausible
-from massprop_drake.inputs.estimation_blocks import FaultsBlock
+from massprop_drake.inputs.model import span_of
 from massprop_drake.inputs.moving import moving_parts_problem
-from massprop_drake.inputs.scheduled import jump_terms
+from massprop_drake.inputs.plausible import Finding, compare_with_span, finding_above, out_of_span
+from massprop_drake.inputs.scenario_fields import ScenarioFields
+from massprop_drake.inputs.scheduled import find_overlaps, jump_terms
 from massprop_drake.inputs.true_blocks import PlantBlock
+from massprop_drake.inputs.vehicle_checks import Problem, body_findings, sharpness_findings
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import FieldPath
-from massprop_drake.maths.mass_properties import attach_body, is_possible_inertia
+from massprop_drake.maths.mass_properties import attach_body, initial_standard_deviation, is_possible_inertia
 from massprop_drake.maths.vehicle.on_times import pulse_samples
 
-if TYPE_CHECKING:
-    from massprop_drake.inputs.scenario import Scenario
+_HALF_TURN = math.pi  # rad, in a sample
+_LEAKIEST, _LEAKY = 10.0, 1.0  # force of a leak over the jet's thrust
+_MOST_SAMPLES = 1e8
 
 
-def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
-    """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
-    outside = plausible.out_of_span(scenario, vehicle.units, skipped=("vehicle",))
-    problems = [(finding.path, finding.problem) for finding in outside]
-    if problems:  # nothing can be reckoned with such numbers
-        return problems
-
-    def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
-        names = list(valid)
-        if name not in names:
-            problem = f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, names)}"
-            problems.append((path, problem))
-
-    problems.extend(_filter_problems(scenario, vehicle))
-    problems.extend(_moving_part_problems(scenario, vehicle))
-    known = {
-        "jet": vehicle.designations,
-        "wheel": tuple(wheel.name for wheel in vehicle.wheels),
-        "engine": tuple(engine.name for engine in vehicle.engines),
-        "tank": tuple(tank.name for tank in vehicle.tanks),
+def schedule_problems(scenario: ScenarioFields) -> Iterator[Problem]:
+    """Finds commands and failures that overlap, and those that nobody flies."""
+    if scenario.maneuver and scenario.open_loop:
+        problem = (
+            "a maneuver is flown by the autopilot, which does not fly: leave out either maneuver or jet_schedule, "
+            "or set autopilot.engaged: true, for both"
+        )
+        yield (), problem
+    windows = {
+        "maneuver": [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in scenario.maneuver],
+        "failures": [(f.jet, f.start_s, f.end_s or math.inf) for f in scenario.failures],
+        "jet_schedule": [(p.jet, p.start_s, p.end_s) for p in scenario.jet_schedule],
+        "wheel_schedule": [(p.wheel, p.start_s, p.end_s) for p in scenario.wheel_schedule],
+        "engine_schedule": [(p.engine, p.start_s, p.end_s) for p in scenario.engine_schedule],
+        "engine_failures": [(f"{f.engine} {f.kind}", f.start_s, f.end_s or math.inf) for f in scenario.engine_failures],
     }
-    for what, name, path in _named_components(scenario):
-        require(what, name, known[what], *path)
-    problems.extend(_double_opening_problems(scenario, vehicle))
-    problems.extend(_gimbal_problems(scenario, vehicle))
-    problems.extend(_payload_problems(scenario, vehicle))
-    faulty: list[str] = []
-    for index, errors in enumerate(scenario.sensors.errors):
-        require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
-        if errors.sensor in faulty:
-            problem = f"'{errors.sensor}' has errors already; give one entry"
-            problems.append((("sensors", "errors", index, "sensor"), problem))
-        faulty.append(errors.sensor)
-    if scenario.sensors.gyro is not None:
-        require("gyro", scenario.sensors.gyro, (gyro.name for gyro in vehicle.gyros), "sensors", "gyro")
-    if scenario.sensors.accelerometer is not None:
-        packages = (package.name for package in vehicle.accelerometers)
-        require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
-    for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.open_loop else ()):
-        require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
-    for name in scenario.faults.jets:
-        require("jet", name, vehicle.designations, "faults", "jets", name)
-    problems.extend(_on_time_problems(scenario, vehicle))
-    problems.extend(_wheel_problems(scenario, vehicle))
-    problems.extend(_test_firing_problems(scenario))
-    problems.extend(_fault_rate_problems(scenario.faults, vehicle))
-    period = vehicle.sample_period_s
-    problems.extend(_plant_problems(scenario, vehicle))
-    if vehicle.motion == "planar" and isinstance(scenario.plant, PlantBlock) and scenario.plant.dispersion.axes_deg:
-        problem = f"vehicle '{vehicle.name}' moves in a plane, in which its axes do not tilt; leave it out"
-        problems.append((("plant", "dispersion", "axes_deg"), problem))
-    if scenario.duration_s < period:
-        problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
-    if not problems:
-        found = plausible.scenario_findings(scenario, vehicle)
-        problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
+    for field, entries in windows.items():
+        yield from find_overlaps(field, entries)
+
+
+def check_against_vehicle(scenario: ScenarioFields, vehicle: Vehicle) -> list[Problem]:
+    """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
+    outside = out_of_span(scenario, vehicle.units, skipped=("vehicle",))
+    if problems := [(finding.path, finding.problem) for finding in outside]:
+        return problems  # nothing can be reckoned with such numbers
+    checks = (
+        *(_filter_problems, _unknown_names, _moving_part_problems, _double_opening_problems, _gimbal_problems),
+        *(_payload_problems, _on_time_problems, _wheel_problems, _test_firing_problems, _fault_rate_problems),
+        *(_plant_problems, _impossible_runs),
+    )
+    for find in checks:
+        if find is not _impossible_runs or not problems:
+            problems += find(scenario, vehicle)
     return problems
 
 
-def _fault_rate_problems(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _impossible_runs(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
+    return ((found.path, found.problem) for found in scenario_findings(scenario, vehicle) if found.impossible)
+
+
+def _unknown_names(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
+    """Finds components that the vehicle lacks, and a sensor whose errors are stated twice."""
+    known = {
+        "jet": vehicle.designations,
+        "jet kind": vehicle.jet_kinds,
+        "sensor": vehicle.sensor_names(),
+        **{
+            kind: [one.name for one in getattr(vehicle, f"{kind}s")]
+            for kind in ("wheel", "engine", "tank", "gyro", "accelerometer")
+        },
+    }
+    for kind, name, path in _named_components(scenario):
+        if name not in known[kind]:
+            yield path, f"{name!r} is no {kind} of vehicle '{vehicle.name}'{suggestion(name, known[kind])}"
+    faulty = [errors.sensor for errors in scenario.sensors.errors]
+    for index, name in enumerate(faulty):
+        if name in faulty[:index]:
+            yield ("sensors", "errors", index, "sensor"), f"'{name}' has errors already; give one entry"
+
+
+def _named_components(scenario: ScenarioFields) -> Iterator[tuple[str, str, FieldPath]]:
+    """Yields the components that a scenario names: kind, name, and where."""
+    for field, kind in (
+        ("jet_schedule", "jet"),
+        ("failures", "jet"),
+        ("wheel_schedule", "wheel"),
+        ("engine_schedule", "engine"),
+        ("engine_failures", "engine"),
+    ):
+        for index, entry in enumerate(getattr(scenario, field)):
+            yield kind, getattr(entry, kind), (field, index, kind)
+    for index, errors in enumerate(scenario.sensors.errors):
+        yield "sensor", errors.sensor, ("sensors", "errors", index, "sensor")
+    for kind in ("gyro", "accelerometer"):
+        if (name := getattr(scenario.sensors, kind)) is not None:
+            yield kind, name, ("sensors", kind)
+    if not scenario.open_loop:
+        for index, name in enumerate(scenario.autopilot.jet_kinds or ()):
+            yield "jet kind", name, ("autopilot", "jet_kinds", index)
+    for path, kind in (
+        (("faults", "jets"), "jet"),
+        (("plant", "wheel_speeds"), "wheel"),
+        (("plant", "engine_errors"), "engine"),  # of a rigid plant alone, as the next
+        (("plant", "propellant"), "tank"),
+    ):
+        for name in getattr(getattr(scenario, path[0]), path[1], ()):
+            yield kind, name, (*path, name)
+
+
+def _fault_rate_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds rates by which more than one event is expected in a sample period."""
+    faults = scenario.faults
     period, components = vehicle.sample_period_s, 3 * (len(vehicle.gyros) + len(vehicle.accelerometers))
     own = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
     of_jets = sum(own) + (len(vehicle.jets) - len(own)) * faults.jet_per_hour
@@ -97,14 +130,12 @@ def _fault_rate_problems(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tupl
         )
         yield ("faults",), problem
     if faults.change_per_hour > most:
-        problem = (
-            f"{faults.change_per_hour:.3g} is {faults.change_per_hour / most:.3g} changes in a sample period of "
-            f"{period:g} s; at most one, {most:.3g} per hour"
-        )
+        rate, limit = f"{faults.change_per_hour:.3g}", f"at most one, {most:.3g} per hour"
+        problem = f"{rate} is {faults.change_per_hour / most:.3g} changes in a sample period of {period:g} s; {limit}"
         yield ("faults", "change_per_hour"), problem
 
 
-def _on_time_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _on_time_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds on-times to be flown with jets that do not take them, or whose clock is too coarse."""
     if scenario.open_loop or scenario.autopilot.jet_selection.output != "on_time":
         return
@@ -124,7 +155,7 @@ def _on_time_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[Fi
             yield path, problem
 
 
-def _test_firing_problems(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
+def _test_firing_problems(scenario: ScenarioFields, _vehicle: Vehicle) -> Iterator[Problem]:
     """Finds reasons for which an autopilot cannot fly test firings."""
     path: FieldPath = ("autopilot", "test_firing")
     if scenario.autopilot.test_firing is None:
@@ -135,7 +166,7 @@ def _test_firing_problems(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]
         yield path, "needs an autopilot; leave out autopilot.engaged: false"
 
 
-def _wheel_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _wheel_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds reasons for which wheels cannot turn the vehicle, and wheels that start faster than they can turn."""
     speeds = scenario.plant.wheel_speeds
     for wheel in vehicle.wheels:
@@ -151,17 +182,18 @@ def _wheel_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[Fiel
         yield ("wheel_schedule",), "does not go with autopilot.wheels, which turns the wheels; leave out one of the two"
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
     if np.linalg.matrix_rank(axes, tol=0.01) < 3:
-        problem = f"needs wheels about three axes, of which vehicle '{vehicle.name}' has {len(axes) or 'none'}"
-        yield path, problem
+        yield path, f"needs wheels about three axes, of which vehicle '{vehicle.name}' has {len(axes) or 'none'}"
     endless = [wheel.name for wheel in vehicle.wheels if wheel.speed_limit is None]
     if block.unload_above is not None and endless:
         problem = f"is a share of a wheel's speed_limit, which the vehicle does not give for '{endless[0]}'"
         yield (*path, "unload_above"), problem
 
 
-def _plant_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds entries that do not go with the kind of the plant, or with its time step."""
+def _plant_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
+    """Finds a run shorter than a sample, and entries that do not go with the plant's kind or step, or the vehicle."""
     period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
+    if scenario.duration_s < period:
+        yield ("duration_s",), f"must be at least one sample period, {period:g} s"
     covers = "loop does not cover a continuous plant, whose steps are Drake's; use diagram"
     if isinstance(scenario.plant, PlantBlock):
         step = scenario.plant.time_step
@@ -170,36 +202,30 @@ def _plant_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[Fiel
             yield ("plant", "time_step"), problem
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
-        yield from _true_tank_problems(scenario.plant, vehicle)
+        for tank in vehicle.tanks:
+            held = scenario.plant.propellant.get(tank.name, tank.propellant)
+            if not 0.0 <= held <= tank.capacity:
+                problem = f"must be between 0 and the tank's capacity, {tank.capacity:g}, got {held:g}"
+                yield ("plant", "propellant", tank.name), problem
+        if vehicle.motion == "planar" and scenario.plant.dispersion.axes_deg:
+            problem = f"vehicle '{vehicle.name}' moves in a plane, in which its axes do not tilt; leave it out"
+            yield ("plant", "dispersion", "axes_deg"), problem
         return
     if loop:
         yield ("execution", "engine"), covers
     if scenario.jumps:
         problem = "a multibody plant knows no payload that leaves or comes; leave them out, or use plant.kind: rigid"
         yield ("jumps",), problem
-    if vehicle.motion == "planar":
-        problem = f"multibody does not go with vehicle '{vehicle.name}', which moves in a plane; use rigid"
-        yield ("plant", "kind"), problem
-    if vehicle.engines:
-        problem = (
-            f"multibody does not go with vehicle '{vehicle.name}', whose engines are no part of a model; use rigid"
-        )
-        yield ("plant", "kind"), problem
-    if vehicle.tanks:
-        problem = f"multibody does not go with vehicle '{vehicle.name}', whose tanks no firing empties; use rigid"
-        yield ("plant", "kind"), problem
+    for applies, reason in (
+        (vehicle.motion == "planar", "which moves in a plane"),
+        (vehicle.engines, "whose engines are no part of a model"),
+        (vehicle.tanks, "whose tanks no firing empties"),
+    ):
+        if applies:
+            yield ("plant", "kind"), f"multibody does not go with vehicle '{vehicle.name}', {reason}; use rigid"
 
 
-def _true_tank_problems(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds more propellant in a true tank than it holds, or less than none."""
-    for tank in vehicle.tanks:
-        held = plant.propellant.get(tank.name, tank.propellant)
-        if not 0.0 <= held <= tank.capacity:
-            problem = f"must be between 0 and the tank's capacity, {tank.capacity:g}, got {held:g}"
-            yield ("plant", "propellant", tank.name), problem
-
-
-def _filter_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _filter_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds a filter that does not go with the vehicle's moving parts, wheels, engines, tanks or pose sensors."""
     named = scenario.estimation.filter
     if scenario.moving and named != "joint":
@@ -215,28 +241,7 @@ def _filter_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[Fie
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
 
 
-def _named_components(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine", "tank"], str, FieldPath]]:
-    """Yields the jets, wheels, engines and tanks that a scenario names, and where."""
-    for index, pulse in enumerate(scenario.jet_schedule):
-        yield "jet", pulse.jet, ("jet_schedule", index, "jet")
-    for index, failure in enumerate(scenario.failures):
-        yield "jet", failure.jet, ("failures", index, "jet")
-    for index, turn in enumerate(scenario.wheel_schedule):
-        yield "wheel", turn.wheel, ("wheel_schedule", index, "wheel")
-    for name in scenario.plant.wheel_speeds:
-        yield "wheel", name, ("plant", "wheel_speeds", name)
-    for index, burn in enumerate(scenario.engine_schedule):
-        yield "engine", burn.engine, ("engine_schedule", index, "engine")
-    for index, lost in enumerate(scenario.engine_failures):
-        yield "engine", lost.engine, ("engine_failures", index, "engine")
-    if isinstance(scenario.plant, PlantBlock):
-        for name in scenario.plant.engine_errors:
-            yield "engine", name, ("plant", "engine_errors", name)
-        for name in scenario.plant.propellant:
-            yield "tank", name, ("plant", "propellant", name)
-
-
-def _gimbal_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _gimbal_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds angles that the gimbal of an engine does not reach."""
     stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
     for index, burn in enumerate(scenario.engine_schedule):
@@ -246,7 +251,7 @@ def _gimbal_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[Fie
             yield ("engine_schedule", index, "gimbal"), f"{max(map(abs, burn.gimbal)):g} rad for {burn.engine}: {at}"
 
 
-def _double_opening_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _double_opening_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Finds pulses that open a jet a second time in a sample: a command holds one opening."""
     if not vehicle.has_on_times:
         return
@@ -265,7 +270,7 @@ def _double_opening_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[t
             before[pulse.jet, sample] = index
 
 
-def _moving_part_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+def _moving_part_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields problems of parts that move inside, with those of the vehicle."""
     nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
@@ -273,23 +278,147 @@ def _moving_part_problems(scenario: Scenario, vehicle: Vehicle) -> Iterator[tupl
         yield ("moving",), problem
 
 
-def _payload_problems(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
-    """Finds a payload whose arrival or departure would leave an impossible body."""
+def _payload_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
+    """Finds the first payload whose arrival or departure would leave an impossible body."""
     if not isinstance(scenario.plant, PlantBlock):
-        return []
+        return
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
-    order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
-    for index in order:
-        jump = scenario.jumps[index]
+    for index, jump in sorted(enumerate(scenario.jumps), key=lambda one: one[1].time_s):
         mass, position, inertia = jump_terms(jump)
         if body.mass + mass <= 0.0:
-            return [(("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left")]
+            yield ("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left"
+            return
         body = attach_body(body, mass, position, inertia)
         if not is_possible_inertia(body.inertia):
-            problem = "leaves an inertia that no rigid body has; check mass, position and inertia"
-            return [(("jumps", index), problem)]
-        for finding in plausible.body_findings(body, vehicle, ("jumps", index)):
+            yield ("jumps", index), "leaves an inertia that no rigid body has; check mass, position and inertia"
+            return
+        for finding in body_findings(body, vehicle, ("jumps", index)):
             if finding.impossible:
-                return [(finding.path, f"leaves a body of which this {finding.problem}")]
-    return []
+                yield finding.path, f"leaves a body of which this {finding.problem}"
+                return
+
+
+def scenario_findings(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds what is impossible or doubtful in a scenario; its vehicle is plausible, and each key within its span."""
+    alone = list(_errors_out_of_bounds(scenario, vehicle))
+    yield from alone
+    if not alone:
+        yield from _fast_rates(scenario, vehicle)
+        true = getattr(scenario.plant, "mass_properties", None)  # a multibody plant's stand in its model
+        if true is not None:
+            yield from body_findings(true.properties(), vehicle, ("plant", "mass_properties"))
+        yield from _strong_disturbances(scenario, vehicle)
+        yield from _strong_leaks(scenario, vehicle)
+        yield from _late_events(scenario)
+        yield from _short_pulses(scenario, vehicle)
+        yield from _large_process_noise(scenario, vehicle)
+        samples = scenario.duration_s / vehicle.sample_period_s
+        problem = f"is {samples:.3g} samples of {vehicle.sample_period_s:g} s; expected {_MOST_SAMPLES:g} at the most"
+        yield from finding_above(samples, _MOST_SAMPLES, _MOST_SAMPLES, ("duration_s",), problem)
+        disturbances = (scenario.rotation.disturbance_std, scenario.mass.disturbance_std)
+        with np.errstate(over="ignore", invalid="ignore"):  # what a file gives may be beyond all numbers
+            covariance = scenario.estimation.initial_covariance(vehicle) + np.diag(
+                np.square(scenario.process_noise_std)
+            )
+            found = list(sharpness_findings(vehicle, covariance, disturbances, ("estimation",)))
+        yield from found
+
+
+def _errors_out_of_bounds(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds true errors of a sensor outside the bounds that hold for those of the vehicle's file."""
+    sensors = {sensor.name: sensor for sensor in vehicle.sensors}
+    for index, errors in enumerate(scenario.sensors.errors):
+        span, unit = span_of(type(sensors[errors.sensor]).model_fields["noise_std"])
+        assert span is not None
+        for field in ("noise_std", "quantum", "bias", "bias_random_walk"):
+            bounds = span if field in ("noise_std", "quantum") else span._replace(least=0.0)
+            here = ("sensors", "errors", index, field)
+            yield from compare_with_span(getattr(errors, field), bounds, unit, vehicle.units, here)
+        for number, tone in enumerate(errors.vibration):
+            there = ("sensors", "errors", index, "vibration", number, "amplitude")
+            yield from compare_with_span(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, there)
+
+
+def _fast_rates(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds rates that turn the vehicle too far in a sample: beyond half a turn it seems to turn the other way."""
+    usable, period = scenario.rotation.largest_turn, vehicle.sample_period_s
+    for path, rate in (
+        (("plant", "initial_rate"), float(np.linalg.norm(scenario.plant.initial_rate))),
+        (("autopilot", "discrete_rate"), scenario.autopilot.discrete_rate),
+    ):
+        turn = rate * period
+        problem = (
+            f"turns the vehicle by {turn:.3g} rad in a sample of {period:g} s; up to {usable:g} "
+            "a sample is used, and beyond half a turn none could be"
+        )
+        yield from finding_above(turn, min(usable, _HALF_TURN), _HALF_TURN, path, problem)
+
+
+def _strong_disturbances(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds disturbances that are stronger than the vehicle's strongest jet."""
+    disturbance = scenario.plant.disturbance
+    torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
+    of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
+    for field, gives, unit in (("torque", torques, of_torque), ("force", vehicle.thrusts, vehicle.unit_names["force"])):
+        largest = float(np.linalg.norm(gives, axis=1).max())
+        mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))
+        size = float(np.hypot(np.linalg.norm(mean), np.linalg.norm(std)))
+        problem = f"with what changes in it is {size:.3g} {unit}, and the strongest jet gives {largest:.3g}"
+        yield from finding_above(size, largest, math.inf, ("plant", "disturbance", field), problem)
+
+
+def _strong_leaks(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds leaks above the jet's thrust: a leak is flow past a closed valve."""
+    for index, failure in enumerate(scenario.failures):
+        force = getattr(failure, "force", 0.0)
+        thrust = vehicle.jets[vehicle.jet_index(failure.jet)].thrust
+        problem = (
+            f"is {force / thrust:.3g} times the thrust of jet {failure.jet!r}, {thrust:g}; a leak gives a part of it"
+        )
+        yield from finding_above(force / thrust, _LEAKY, _LEAKIEST, ("failures", index, "force"), problem)
+
+
+def _late_events(scenario: ScenarioFields) -> Iterator[Finding]:
+    """Finds commands and events after the end of the run, which do nothing."""
+    end = scenario.duration_s
+    for field, key in (
+        ("maneuver", "start_s"),
+        ("jet_schedule", "start_s"),
+        ("failures", "start_s"),
+        ("jumps", "time_s"),
+    ):
+        starts = [getattr(entry, key) for entry in getattr(scenario, field)]
+        late = [index for index, start in enumerate(starts) if start >= end]
+        if late:
+            which = f"{len(late)} of {len(starts)} entries come" if len(starts) > 1 else "comes"
+            problem = f"{which} at or after the end of the run, {moment(end)} s, and do nothing"
+            yield Finding(
+                (field, late[0], key), problem if len(starts) > 1 else problem.replace(" do ", " does "), False
+            )
+
+
+def _short_pulses(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds pulses below a sample where jets switch with samples: they last for a whole one, or for none."""
+    period_s = vehicle.sample_period_s
+    short = [
+        index
+        for index, pulse in enumerate(scenario.jet_schedule)
+        if pulse.end_s - pulse.start_s < period_s * (1.0 - 1e-9)
+    ]
+    if short and not vehicle.has_on_times:
+        whose = f"{len(short)} of {len(scenario.jet_schedule)} pulses are" if len(short) > 1 else "is"
+        problem = (
+            f"{whose} shorter than a sample, {period_s:g} s, and its jets switch with samples: a pulse lasts "
+            "for a whole one or for none; jet_commands: {as: on_time} in the vehicle's file lets it last as it says"
+        )
+        yield Finding(("jet_schedule", short[0]), problem, False)
+
+
+def _large_process_noise(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
+    """Finds process noise that is not small beside the quantity that it is added to."""
+    sizes = initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor)
+    for index, (std, size) in enumerate(zip(scenario.process_noise_std, sizes, strict=True)):
+        path: FieldPath = ("rotation", "process_noise_std", index) if index < 9 else ("mass", "process_noise_std")
+        problem = f"is {std:g} in each sample, more than the parameter itself: nothing learned would last"
+        yield from finding_above(std, float(size), math.inf, path, problem)

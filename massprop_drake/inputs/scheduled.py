@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from massprop_drake.errors import moment
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import Matrix3, Model, NotNegative, Positive, Real, Share, Text, Vector3, described
-from massprop_drake.inputs.vehicle_parts import require_symmetric
+from massprop_drake.inputs.model import Model, NotNegative, Positive, Real, Share, Text, Vector3, described
+from massprop_drake.inputs.vehicle_parts import SymmetricMatrix3
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import Array
 
-_T = TypeVar("_T", bound=Any)
+
+class ScheduledInterval(Model):
+    """An interval from `start_s` to `end_s`, None: for ever, which must be later."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        timed: Any = self  # the fields have a meaning of their own in each class
+        if timed.end_s is not None and timed.end_s <= timed.start_s:
+            both = f"{moment(timed.start_s)} to {moment(timed.end_s)}"
+            raise ValueError(f"end_s must be later than start_s, got {both}")
+        return self
 
 
-def require_end_after_start(timed: _T) -> _T:
-    """Returns an interval unchanged; raises ValueError unless it ends after its beginning."""
-    start_s, end_s = timed.start_s, timed.end_s
-    if end_s is not None and end_s <= start_s:
-        raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
-    return timed
-
-
-class HandControllerWindow(Model):
+class HandControllerWindow(ScheduledInterval):
     """An interval in which a hand controller is held out of detent."""
 
     controller: Literal["rhc", "thc"] = described(
@@ -36,20 +38,16 @@ class HandControllerWindow(Model):
     start_s: NotNegative = described(..., "leaves detent", "s", span=plausible.TIME)
     end_s: Positive = described(..., "returns to detent", "s", span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(require_end_after_start)
 
-
-class JetPulse(Model):
+class JetPulse(ScheduledInterval):
     """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
     start_s: NotNegative = described(..., "first commanded", "s", span=plausible.TIME)
     end_s: Positive = described(..., "no longer commanded", "s", span=plausible.TIME)
 
-    _ordered = model_validator(mode="after")(require_end_after_start)
 
-
-class WheelPulse(Model):
+class WheelPulse(ScheduledInterval):
     """An interval in which the motor of a reaction wheel gives a torque."""
 
     wheel: Text = described(..., "name")
@@ -59,10 +57,8 @@ class WheelPulse(Model):
         ..., "torque on the wheel; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
 
-    _ordered = model_validator(mode="after")(require_end_after_start)
 
-
-class EngineBurn(Model):
+class EngineBurn(ScheduledInterval):
     """An interval in which an engine burns at a level, or has its gimbal turned."""
 
     engine: Text = described(..., "name")
@@ -71,10 +67,8 @@ class EngineBurn(Model):
     level: Share = described(1.0, "share of its thrust")
     gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
-    _ordered = model_validator(mode="after")(require_end_after_start)
 
-
-class EngineFailureBlock(Model):
+class EngineFailureBlock(ScheduledInterval):
     """A failure of an engine."""
 
     engine: Text = described(..., "name")
@@ -82,19 +76,15 @@ class EngineFailureBlock(Model):
         ..., "out: no thrust; others: the level or angle stays where it is"
     )
     start_s: NotNegative = described(..., "first sample with it", "s", span=plausible.TIME)
-    end_s: Real | None = described(None, "first sample without it; null: never", "s", gt=0.0, span=plausible.TIME)
-
-    _ordered = model_validator(mode="after")(require_end_after_start)
+    end_s: Positive | None = described(None, "first sample without it; null: never", "s", span=plausible.TIME)
 
 
-class _Timed(Model):
+class _Timed(ScheduledInterval):
     """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")
     start_s: NotNegative = described(..., "onset", "s", span=plausible.TIME)
-    end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0, span=plausible.TIME)
-
-    _ordered = model_validator(mode="after")(require_end_after_start)
+    end_s: Positive | None = described(None, "when the jet recovers; null: never", "s", span=plausible.TIME)
 
 
 class StuckOn(_Timed):
@@ -148,17 +138,12 @@ class MassJump(Model):
     time_s: NotNegative = described(..., "time; it happens at the first sample not before it", "s", span=plausible.TIME)
     mass: Positive = described(..., "mass of the payload", "slug | kg", span=plausible.PAYLOAD)
     position: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
-    inertia: Matrix3 | None = described(
+    inertia: SymmetricMatrix3 | None = described(
         None,
         "inertia about its own center of mass, body axes; null: a point mass",
         "slug-ft^2 | kg-m^2",
         span=plausible.INERTIA,
     )
-
-    @field_validator("inertia")
-    @classmethod
-    def _symmetric(cls, value: Matrix3 | None) -> Matrix3 | None:
-        return value if value is None else require_symmetric(value)
 
 
 def find_overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:

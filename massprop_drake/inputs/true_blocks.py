@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from pydantic import field_validator, model_validator
+from pydantic import model_validator
 
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
     Flag,
     Model,
     NotNegative,
+    NotNegative3,
     Positive,
     Real,
     RelativeSigma,
@@ -20,10 +21,9 @@ from massprop_drake.inputs.model import (
     Vector3,
     described,
     field_validation_error,
-    require_nonnegative,
 )
 from massprop_drake.inputs.model_file import model_joints
-from massprop_drake.inputs.scheduled import find_overlaps, require_end_after_start
+from massprop_drake.inputs.scheduled import ScheduledInterval, find_overlaps
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.mass_properties import Spread
@@ -44,20 +44,18 @@ class DisturbanceBlock(Model):
     torque: Vector3 = described(
         (0.0, 0.0, 0.0), "mean torque about the center of mass", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
-    torque_std: Vector3 = described(
+    torque_std: NotNegative3 = described(
         (0.0, 0.0, 0.0), "1-sigma of its changing part", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
     force: Vector3 = described(
         (0.0, 0.0, 0.0), "mean force at the center of mass", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
-    force_std: Vector3 = described(
+    force_std: NotNegative3 = described(
         (0.0, 0.0, 0.0), "1-sigma of its changing part", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     correlation_time_s: Positive = described(
         100.0, "correlation time of the changing part, which is held over a sample", "s", span=plausible.CORRELATION
     )
-
-    _not_negative = field_validator("torque_std", "force_std")(require_nonnegative)
 
 
 class _Plant(Model):
@@ -139,15 +137,13 @@ class JointStart(Model):
     held: Flag = described(False, "whether a drive holds it; joints of `moves` are held without this")
 
 
-class JointMove(Model):
+class JointMove(ScheduledInterval):
     """A move of a joint by its drive, along a profile of least jerk."""
 
     joint: Text = described(..., "name of a joint of one degree of freedom")
     start_s: NotNegative = described(..., "start of the move", "s", span=plausible.TIME)
     end_s: Positive = described(..., "end of the move", "s", span=plausible.TIME)
     position: Real = described(..., "position at the end", "rad | ft | m")
-
-    _ordered = model_validator(mode="after")(require_end_after_start)
 
 
 class MultibodyBlock(_Plant):

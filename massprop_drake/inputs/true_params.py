@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from massprop_drake.inputs.known_parts import engine_sigmas, engines, wheels
 from massprop_drake.inputs.onboard_blocks import SensorErrors
-from massprop_drake.inputs.params import plant_time_constants, thrust_factors
+from massprop_drake.inputs.params import engine_sigmas, engines, plant_time_constants, thrust_factors, wheels
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import Degraded, Drift, Failure, Intermittent, Leak, jump_terms
 from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock

@@ -122,7 +122,7 @@ def si_factor(text: str, *kinds: str) -> float:
     """
     unit = parse_unit(text)
     if unit.dimension not in {_KINDS[kind][0] for kind in kinds}:
-        of = quantity_kind(unit)
+        of = next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")
         wanted = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
         raise InputError(f"{text!r} is a unit of {of}; expected one of {wanted}")
     return unit.factor
@@ -131,8 +131,3 @@ def si_factor(text: str, *kinds: str) -> float:
 def is_unit_of(text: str, kind: str) -> bool:
     """Tests whether a unit is of a kind of quantity; raises InputError for no unit."""
     return parse_unit(text).dimension == _KINDS[kind][0]
-
-
-def quantity_kind(unit: Unit) -> str:
-    """Returns the kind of quantity that a unit measures, in a word."""
-    return next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")

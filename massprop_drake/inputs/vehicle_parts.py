@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, create_model, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
@@ -13,6 +13,7 @@ from massprop_drake.inputs.model import (
     Model,
     Name,
     NotNegative,
+    NotNegative3,
     Positive,
     Real,
     RelativeSigma,
@@ -22,7 +23,6 @@ from massprop_drake.inputs.model import (
     Whole,
     described,
     field_validation_error,
-    require_nonnegative,
 )
 from massprop_drake.maths.mass_properties import MassProperties, is_possible_inertia
 
@@ -39,12 +39,17 @@ def require_unit_length(value: Vector3) -> Vector3:
     return value
 
 
-def require_symmetric(value: Matrix3) -> Matrix3:
-    """Returns an inertia unchanged; raises ValueError if it is not symmetric."""
+UnitVector = Annotated[Vector3, AfterValidator(require_unit_length)]
+
+
+def _require_symmetric(value: Matrix3) -> Matrix3:
     inertia = np.array(value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
         raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
     return value
+
+
+SymmetricMatrix3 = Annotated[Matrix3, AfterValidator(_require_symmetric)]
 
 
 class MassPropertiesModel(Model):
@@ -52,7 +57,7 @@ class MassPropertiesModel(Model):
 
     mass: Positive = described(..., "mass", "slug | kg", span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
-    inertia: Matrix3 = described(
+    inertia: SymmetricMatrix3 = described(
         ...,
         "inertia matrix about the center of mass, body axes; products are its entries (negative integrals)",
         "slug-ft^2 | kg-m^2",
@@ -62,7 +67,7 @@ class MassPropertiesModel(Model):
     @field_validator("inertia")
     @classmethod
     def _possible(cls, value: Matrix3) -> Matrix3:
-        inertia = np.array(require_symmetric(value))
+        inertia = np.array(value)
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 1e-9 * moments[2]:
             raise ValueError(
@@ -156,19 +161,17 @@ class Jet(Model):
     cluster: Whole = described(..., "cluster of neighboring, nearly parallel jets", ge=1, le=_LARGEST_NUMBER)
     kind: Name = described(..., "one of jet_kinds")
     position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m", span=plausible.POSITION)
-    direction: Vector3 = described(..., "direction of the force on the vehicle, body axes, length 1 within 0.002")
+    direction: UnitVector = described(..., "direction of the force on the vehicle, body axes, length 1 within 0.002")
     thrust: Positive = described(
         ..., "force on the vehicle, plume impingement included", "lbf | N", span=plausible.FORCE
     )
     manifold: Name | None = described(None, "manifold that feeds it; null: none that can be closed")
-    mass_flow: Real | None = described(
-        None, "flow at full thrust; null: by its kind", "slug/s | kg/s", gt=0.0, span=plausible.FLOW
+    mass_flow: Positive | None = described(
+        None, "flow at full thrust; null: by its kind", "slug/s | kg/s", span=plausible.FLOW
     )
-    thrust_uncertainty: Real | None = described(
-        None, "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind", ge=0.0, le=0.3
+    thrust_uncertainty: RelativeSigma | None = described(
+        None, "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind"
     )
-
-    _unit = field_validator("direction")(require_unit_length)
 
 
 class Tank(Model):
@@ -179,7 +182,7 @@ class Tank(Model):
 
     name: Name = described(..., "unique name", min_length=1)
     outlet: Vector3 = described(..., "middle of the outlet end, vehicle frame", "ft | m", span=plausible.POSITION)
-    axis: Vector3 = described(..., "direction from there along the propellant, body axes, length 1")
+    axis: UnitVector = described(..., "direction from there along the propellant, body axes, length 1")
     length: Positive = described(..., "length of the full column", "ft | m", span=plausible.SIZE)
     radius: NotNegative = described(0.0, "radius of the column", "ft | m", span=plausible.POSITION)
     capacity: Positive = described(..., "propellant when full", "slug | kg", span=plausible.MASS)
@@ -193,8 +196,6 @@ class Tank(Model):
         "estimated; 0: known",
     )
     feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that it feeds", min_length=1)
-
-    _unit = field_validator("axis")(require_unit_length)
 
     @model_validator(mode="after")
     def _holds_it(self) -> Tank:
@@ -247,26 +248,25 @@ def _repeat_per_axis(value: Any) -> Any:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+PerAxis = Annotated[NotNegative3, BeforeValidator(_repeat_per_axis)]
+
+
 class Disturbance(Model):
     """Uncommanded torque and force, body axes, that change slowly: drag, solar pressure, venting.
 
     Each component is a first-order Gauss-Markov process, estimated along with the mass properties.
     """
 
-    torque_std: Vector3 = described(
+    torque_std: PerAxis = described(
         (0.0, 0.0, 0.0),
         "1-sigma of the torque about the center of mass; one number: for each component",
         "ft-lbf | N-m",
         span=plausible.OUTSIDE_TORQUE,
     )
-    force_std: Vector3 = described(
+    force_std: PerAxis = described(
         (0.0, 0.0, 0.0), "1-sigma of the force, likewise", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     time_constant_s: Positive = described(..., "correlation time", "s", span=plausible.CORRELATION)
-
-    _axes = field_validator("torque_std", "force_std", mode="before")(_repeat_per_axis)
-
-    _not_negative = field_validator("torque_std", "force_std")(require_nonnegative)
 
     @model_validator(mode="after")
     def _says_something(self) -> Disturbance:

@@ -22,7 +22,7 @@ from massprop_drake.inputs.model import (
     described,
     field_validation_error,
 )
-from massprop_drake.inputs.vehicle_parts import require_unit_length
+from massprop_drake.inputs.vehicle_parts import UnitVector
 
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "reading either way at which the sensor saturates, skipped by filters; null: unlimited"
@@ -49,8 +49,8 @@ class SensorPackage(Model):
     quantum: NotNegative = described(0.0, "step of a reading", "rad/s | ft/s | m/s")
     noise_std: NotNegative = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s")
     bias_std: NotNegative = described(0.0, "1-sigma of a constant bias", "rad/s | ft/s^2 | m/s^2")
-    range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
-    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
+    range: Positive | None = described(None, _RANGE, "rad/s | ft/s | m/s")
+    rate_hz: Positive | None = described(None, _EACH_SAMPLE, "1/s", span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
     def _noisy(self) -> SensorPackage:
@@ -80,7 +80,7 @@ class Gyro(SensorPackage):
 
     quantum: NotNegative = described(0.0, "step of a reading", "rad/s", span=plausible.RATE_STEP)
     noise_std: NotNegative = described(0.0, "white noise of a reading, 1-sigma", "rad/s", span=plausible.RATE_STEP)
-    range: Real | None = described(None, _RANGE, "rad/s", gt=0.0, span=plausible.RATE)
+    range: Positive | None = described(None, _RANGE, "rad/s", span=plausible.RATE)
 
 
 class Accelerometer(SensorPackage):
@@ -97,7 +97,7 @@ class Accelerometer(SensorPackage):
     noise_std: NotNegative = described(
         0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", span=plausible.VELOCITY_STEP
     )
-    range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0, span=plausible.VELOCITY)
+    range: Positive | None = described(None, _RANGE, "ft/s | m/s", span=plausible.VELOCITY)
 
 
 class PoseSensor(Model):
@@ -109,8 +109,8 @@ class PoseSensor(Model):
         "quaternion from body to fixed frame, _qw, _qx, _qy, _qz",
         pattern=_SENSOR_NAME,
     )
-    position_std: Real | None = described(
-        None, "white noise of each coordinate, 1-sigma; null: not measured", "ft | m", gt=0.0, span=plausible.POSITION
+    position_std: Positive | None = described(
+        None, "white noise of each coordinate, 1-sigma; null: not measured", "ft | m", span=plausible.POSITION
     )
     attitude_std: Real | None = described(
         None, "white noise about each axis, 1-sigma; null: not measured", "rad", gt=0.0, le=1.0
@@ -123,7 +123,7 @@ class PoseSensor(Model):
     point_std: NotNegative = described(
         0.0, "1-sigma of each coordinate, then estimated; 0: known", "ft | m", span=plausible.POSITION
     )
-    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
+    rate_hz: Positive | None = described(None, _EACH_SAMPLE, "1/s", span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
     def _measures(self) -> PoseSensor:
@@ -163,25 +163,20 @@ class Wheel(Model):
     """
 
     name: Name = described(..., "unique name, likewise; telemetry column <name>_speed, rad/s", pattern=_SENSOR_NAME)
-    axis: Vector3 = described(..., "axis of positive speed, body axes, length 1")
+    axis: UnitVector = described(..., "axis of positive speed, body axes, length 1")
     inertia: Positive = described(..., "inertia about its axis", "slug-ft^2 | kg-m^2", span=plausible.WHEEL)
     inertia_uncertainty: RelativeSigma = described(0.01, "1-sigma of the inertia, relative, estimated; 0: known")
     quantum: NotNegative = described(0.0, "step of a reading of its speed", "rad/s", span=plausible.SPEED_STEP)
     noise_std: NotNegative = described(0.01, "white noise of a reading, 1-sigma", "rad/s", span=plausible.SPEED_STEP)
-    torque: Real | None = described(
+    torque: Positive | None = described(
         None,
         "largest torque of its motor, used where readings are missing; null: 1000 rad/s in a second",
         "ft-lbf | N-m",
-        gt=0.0,
         span=plausible.OUTSIDE_TORQUE,
     )
-    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
+    rate_hz: Positive | None = described(None, _EACH_SAMPLE, "1/s", span=plausible.FREQUENCY)
 
-    speed_limit: Real | None = described(
-        None, "largest speed either way; null: any", "rad/s", gt=0.0, span=plausible.SPIN
-    )
-
-    _unit = field_validator("axis")(require_unit_length)
+    speed_limit: Positive | None = described(None, "largest speed either way; null: any", "rad/s", span=plausible.SPIN)
 
     @model_validator(mode="after")
     def _is_read(self) -> Wheel:
@@ -213,7 +208,7 @@ class Wheel(Model):
 class Gimbal(Model):
     """A gimbal that turns an engine about two axes."""
 
-    axes: tuple[Vector3, Vector3] = described(
+    axes: tuple[UnitVector, UnitVector] = described(
         ..., "axes at zero, body axes, length 1; the second turns along with the first"
     )
     stop: Real = described(..., "largest angle either way", "rad", gt=0.0, le=math.pi / 2.0)
@@ -226,8 +221,6 @@ class Gimbal(Model):
     @field_validator("axes")
     @classmethod
     def _apart(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
-        for axis in value:
-            require_unit_length(axis)
         if float(np.linalg.norm(np.cross(*value))) < _APART:
             raise ValueError("the two axes must not be parallel: a gimbal turns about both")
         return value
@@ -253,7 +246,7 @@ class RocketEngine(Model):
         pattern=_SENSOR_NAME,
     )
     position: Vector3 = described(..., "where its force acts, vehicle frame", "ft | m", span=plausible.POSITION)
-    direction: Vector3 = described(
+    direction: UnitVector = described(
         ..., "direction of the force on the vehicle with the gimbal at zero, body axes, length 1"
     )
     thrust: Positive = described(..., "force at level 1", "lbf | N", span=plausible.FORCE)
@@ -279,8 +272,6 @@ class RocketEngine(Model):
         "measured: values at a sample, linear in between; commanded: values from the sample on, followed "
         "by the time constants and rates above",
     )
-
-    _unit = field_validator("direction")(require_unit_length)
 
     @model_validator(mode="after")
     def _possible(self) -> RocketEngine:

@@ -29,7 +29,14 @@ from ruamel.yaml.tag import Tag
 
 from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
-from massprop_drake.inputs.kinds import describe_folder
+from massprop_drake.inputs.kinds import (
+    Kind,
+    bundled_files,
+    bundled_text,
+    describe_folder,
+    require_kind,
+    require_known_name,
+)
 
 FieldPath = tuple[str | int, ...]
 
@@ -229,6 +236,29 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # such as a NUL
         raise InputError(f"{str(path)!r}: no file can have this name") from None
+
+
+def open_document(given: str | Path, kind: Kind) -> tuple[Document, Path]:
+    """Opens a bundled file by its name, or another by its path; returns the folder that paths in it start from, too.
+
+    Args:
+        given: name or path, of a scenario also that of a run's folder.
+        kind: of the file.
+
+    Raises:
+        InputError: when there is none of that name, or it is of another kind.
+    """
+    name = str(given)
+    if name in bundled_files(kind):
+        return Document(bundled_text(kind, name), f"{kind} '{name}'"), Path()
+    path = Path(given)
+    if kind == "scenario" and exists(path / "scenario.yaml"):
+        path = path / "scenario.yaml"
+    if not exists(path):
+        require_known_name(name, kind)
+    document = Document(read_text(path), str(path))
+    require_kind(document.data, kind, str(path))
+    return document, path.parent
 
 
 # ---------------------------------------------------------------------------------------- writing

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.completeness import Loss, Ragged
 
-Array = NDArray[np.float64]
 LARGEST = 1e12  # number of any meaning, whatever its unit
 
 
@@ -28,46 +29,50 @@ class Block(NamedTuple):
     values: Array
 
 
-class Table(Protocol):
-    """The interface of a table opened for reading.
+class Table(ABC):
+    """A table opened for reading.
 
     Attributes:
         source: what to call it in messages.
         header: names of the columns, in order.
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
+        losses: of the table; all of them once it has been read.
+        notes: on how the table was made, a sentence each.
         own_times: whether there is a row whenever anything is read or commanded, and not one a sample.
     """
 
-    own_times: bool
+    own_times: bool = False
+    place: str = "row"
+    notes: Sequence[str] = ()
     source: str
     header: list[str]
-    place: str
     ragged: Ragged
+    losses: Sequence[Loss]
 
-    @property
-    def losses(self) -> Sequence[Loss]:
-        """Losses of the table; all of them once it has been read."""
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Notes on how the table was made, a sentence each."""
-
+    @abstractmethod
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, given by position, block by block."""
+        """Yields the values of the chosen columns, given by position, block by block.
 
-    def where(self, line: int, column: str) -> str:
+        Raises:
+            InputError: for a value that is no number, or means nothing.
+        """
+
+    def where(self, line: int, _column: str) -> str:
         """Returns the place of a row for messages, given its number in a block, and the column that is meant."""
+        return f"{self.source}, {self.place} {line}"
 
     @property
+    @abstractmethod
     def done(self) -> float:
         """The fraction of the table read so far, 0 to 1; 0 if its size is unknown."""
 
+    @abstractmethod
     def sha256(self) -> str:
         """Computes SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
 
-    def close(self) -> None:
-        """Closes the file."""
+    def close(self) -> None:  # noqa: B027 (most have nothing to close)
+        """Closes the file, if one is open."""
 
 
 def require_unique(header: list[str], where: str) -> None:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import AXES
 from massprop_drake.records.topics import Recording
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
 TOLERANCE = 1e-6  # of a commanded fraction

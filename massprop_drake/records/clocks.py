@@ -8,16 +8,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import si_factor
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.names import ColumnName, si_factor_or_none
 from massprop_drake.records.reader import JITTER
 from massprop_drake.records.stamps import parse_stamp
 from massprop_drake.records.topics import Topic
-
-Array = NDArray[np.float64]
 
 _RISES = 0.99  # share of rows in which a clock must go on
 _UNITS = ("s", "ms", "us", "ns")
@@ -100,10 +98,6 @@ def _steps_divide_period(steps: Array, period_s: float) -> bool:
     return abs(step * count - period_s) <= JITTER * period_s
 
 
-def _is_time_of_day(cells: Sequence[str]) -> bool:
-    return all(re.match(r"\s*(\d\d?:\d\d|$)", cell) for cell in cells)
-
-
 def _is_date(topic: Topic, name: ColumnName) -> bool:
     """Tests whether a column has dates without a time of day."""
     if not _is_text(topic, name):
@@ -137,7 +131,8 @@ def _read_time_column(
         if not cells or not any(cells) or any(parse_stamp(cell) is None for cell in cells):
             return []
         data = {"column": column}
-        date = next((one.column for one in names if _is_date(topic, one)), None) if _is_time_of_day(cells) else None
+        of_day = all(re.match(r"\s*(\d\d?:\d\d|$)", cell) for cell in cells)  # a time without a date
+        date = next((one.column for one in names if _is_date(topic, one)), None) if of_day else None
         if date is not None:
             data["date"] = date
         what = "stamps of date and time" if date is None else f"time of day, of the dates in column {date}"

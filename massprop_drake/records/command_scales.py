@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 _EXACT = 1e-6  # of full scale, to which values reach it exactly
 _LONGER = 0.05  # of the sample period, by which an on-time may exceed it where the clock jitters

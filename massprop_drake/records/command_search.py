@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records import mapping
 from massprop_drake.records.command_scales import CommandScale, Levels, drop_rare_commands, possible_scales, two_levels
-from massprop_drake.records.map_search import Array, MapSearch
+from massprop_drake.records.map_search import MapSearch
 from massprop_drake.records.names import JetColumns, jet_families, read_name, si_factor_or_none
 from massprop_drake.records.topics import Topic
 

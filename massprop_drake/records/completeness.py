@@ -141,3 +141,8 @@ def unreadable_message(path: object, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"{path}: no such file"
     return f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+def first_line(error: Exception) -> str:
+    """Returns the first line of an error's text, its type where it has none."""
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.reader import JITTER
 from massprop_drake.records.rows import Rows
-
-Array = NDArray[np.float64]
 
 
 class Thinning:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.channels import Channel, Mapped
 from massprop_drake.records.mapped_rows import mean_over
-
-Array = NDArray[np.float64]
 
 FEWEST = 20  # components of samples in which jets fire, from which anything is told
 ODDS = math.log(100.0)  # log of the odds from which one of two models is taken
@@ -65,15 +64,26 @@ class JetEvidence(NamedTuple):
     @property
     def explained(self) -> float:
         """Log likelihood of the changes by the jets, over that without them; NaN with too few samples."""
-        square = max(self.correlation, 0.0) ** 2 if not math.isnan(self.correlation) else math.nan
-        return -0.5 * self.samples * math.log(max(1.0 - square, 1e-12)) if not math.isnan(square) else math.nan
+        return self._log_likelihood(1.0)
+
+    @property
+    def opposed(self) -> float:
+        """Log likelihood of the changes by jets that push the other way, over that without them; NaN likewise."""
+        return self._log_likelihood(-1.0)
+
+    def _log_likelihood(self, sign: float) -> float:
+        if math.isnan(self.correlation):
+            return math.nan
+        return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, 1e-12))
 
     @property
     def is_poor(self) -> bool:
         """True if more than the jets, and than the scatter while coasting, changes the reading."""
         there, both = np.isfinite(self.change), self._both
         coasting = np.abs(self.change[there & ~both])
-        scatter = _MEDIAN * float(np.median(coasting)) if coasting.size >= FEWEST else 0.0
+        scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
+        if coasting.size >= FEWEST:
+            scatter = _MEDIAN * float(np.median(coasting))
         left = (self.change - self.slope * self.meant)[both]
         return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
 

@@ -17,7 +17,6 @@ _OFF = 2.5  # factor by which the true rates may differ from those predicted wit
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
 _RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
 _FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
-_AGAINST = -0.3  # correlation below which rates go against the jets
 
 
 class JetSearch(CommandSearch):
@@ -50,10 +49,6 @@ class JetSearch(CommandSearch):
                 "before"
             )
             self._look_for_a_lag(gyro, alike[0], alike[later])
-            if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
-                self._warn(
-                    f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
-                )
             self._tell_scale(gyro, alike[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
@@ -73,10 +68,20 @@ class JetSearch(CommandSearch):
                 f"from {rows} their own on, which neither interval next to a row is: give these a clock of their own, "
                 f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
             )
-        elif taken.is_poor and taken.explained > evidence.ODDS:
+        else:
+            self._warn_of_misfit(gyro, "rates", taken)
+
+    def _warn_of_misfit(self, name: str, what: str, taken: evidence.JetEvidence) -> None:
+        """Warns of readings that are likelier by jets that push the other way, or that the jets do not explain."""
+        if taken.opposed > evidence.ODDS:
             self._warn(
-                f"{gyro}: the rates follow the commands poorly, with a correlation of {taken.correlation:.2f}, and not "
-                "better with another lag: look at axes, signs, units and which jet is which"
+                f"{name}: the {what} go against what the jets should do, by a correlation of {taken.correlation:.2f}: "
+                "look at its axes, signs and `off`, `on`"
+            )
+        elif taken.is_poor:
+            self._warn(
+                f"{name}: the {what} follow the commands poorly, with a correlation of {taken.correlation:.2f}: look "
+                "at axes, signs, units and which jet is which, and whether these columns are its"
             )
 
     def _understood(self, acts: str) -> channels.Mapped | None:
@@ -132,26 +137,24 @@ class JetSearch(CommandSearch):
     def _tell_sums(self, name: str, by: channels.Mapped) -> None:
         """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
         entry = self.data["sensors"][name]
-        if entry["gives"] in ("mean", "instant") and name not in self._guessed:
-            return  # their unit is that of an acceleration
+        if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
+            self._warn_of_misfit(name, "readings", evidence.compare_with_jet_effects(by, name))
+            return
         sums, values = (evidence.compare_with_jet_effects(by, name, gives=gives) for gives in ("integral", "increment"))
+        gives, followed = entry["gives"], ""
         if sums.explained > values.explained + evidence.ODDS:
             gives, followed = "integral", "differences"
         elif values.explained > sums.explained + evidence.ODDS:
             gives, followed = self._of_values(name, by, values), "values"
-        elif (
-            entry["gives"] == "increment"
-            and not values.explained > evidence.ODDS
-            and evidence.keeps_its_level(by, name)
-        ):
-            entry["gives"] = "integral"
-            self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
-            return
-        else:
-            return
+        elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(by, name):
+            gives = "integral"
+        self._warn_of_misfit(name, "readings", sums if gives == "integral" else values)
         if gives == entry["gives"]:
             return
         entry["gives"] = gives
+        if not followed:
+            self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
+            return
         if name in self._guessed:
             entry["unit"] = f"{self._guessed[name]}^2" if gives == "mean" else self._guessed[name]
         called = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}

@@ -8,7 +8,6 @@ from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records import mapped_rows
@@ -16,7 +15,6 @@ from massprop_drake.records.clocks import TopicClock
 from massprop_drake.records.names import ColumnName, column_quantity, si_factor_or_none
 from massprop_drake.records.topics import Recording
 
-Array = NDArray[np.float64]
 _FOLDED = 4  # elements of an array that are listed as from the first to the last
 
 

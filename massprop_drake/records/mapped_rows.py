@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.attitude import propagate_attitude
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import AXES
 from massprop_drake.maths.vehicle.on_times import onsets
-from massprop_drake.records.blocks import Block, require_meaningful
+from massprop_drake.records.blocks import Block, Table, require_meaningful
 from massprop_drake.records.channels import (
     COMPONENTS,
     HOLE,
     SAME_S,
     TOLERANCE,
-    Array,
     Channel,
     HeldValues,
     Mapped,
@@ -34,20 +34,8 @@ FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral 
 _SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands
 
 
-class MappedTable:
-    """Rows of telemetry made by a map, as `records.reader.Reader` takes them.
-
-    Attributes:
-        source: name of the record.
-        header: names of the columns, as telemetry has them.
-        place: what rows are counted in.
-        ragged: rows that were left out.
-        notes: what is to be known, a sentence each.
-        losses: what could not be read of the record.
-        own_times: see `Table`.
-    """
-
-    own_times = False
+class MappedTable(Table):
+    """Rows of telemetry made by a map, as `records.reader.Reader` takes them."""
 
     def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
         self.source = record.recording.source
@@ -57,10 +45,6 @@ class MappedTable:
         self.ragged: Ragged = record.recording.ragged
         self.losses: Sequence[Loss] = record.recording.losses
         self._read = 0
-
-    def where(self, line: int, _column: str) -> str:
-        """Returns the place of a row."""
-        return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
@@ -79,9 +63,6 @@ class MappedTable:
     def sha256(self) -> str:
         """Returns SHA-256 of the file, hexadecimal."""
         return self._recording.sha256
-
-    def close(self) -> None:
-        """Does nothing: all has been read."""
 
 
 def row_places(record: Mapped) -> Places:

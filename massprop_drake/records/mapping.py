@@ -30,8 +30,9 @@ from massprop_drake.inputs.record_map import (
 )
 from massprop_drake.inputs.units import is_unit_of, si_factor
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.blocks import LARGEST
-from massprop_drake.records.channels import HOLE, SAME_S, TOLERANCE, Array, Channel, HeldValues, Mapped, Places
+from massprop_drake.records.channels import HOLE, SAME_S, TOLERANCE, Channel, HeldValues, Mapped, Places
 from massprop_drake.records.reader import JITTER
 from massprop_drake.records.topics import Recording, Topic
 

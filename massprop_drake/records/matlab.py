@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.completeness import Loss
+from massprop_drake.records.completeness import Loss, first_line
 from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, format_item, missing_extra
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -76,9 +76,9 @@ def _read_classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
             found |= loadmat(io.BytesIO(part), simplify_cells=True)
         except (MatReadError, zlib.error, *_DAMAGED) as error:
             if not begin:
-                raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
+                raise InputError(f"{path}: not a .mat file that can be read: {first_line(error)}") from None
             what = f"the variable that begins at byte {begin} is damaged, and left out"
-            losses.append(Loss("damaged", f"{path}: {what}: {_first_line(error)}"))
+            losses.append(Loss("damaged", f"{path}: {what}: {first_line(error)}"))
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
@@ -122,9 +122,9 @@ def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
                 try:
                     found[name] = _hdf_value(h5py, file, file[name])
                 except _DAMAGED as error:
-                    losses.append(Loss("damaged", f"{path}: {name} is damaged, and left out: {_first_line(error)}"))
+                    losses.append(Loss("damaged", f"{path}: {name} is damaged, and left out: {first_line(error)}"))
     except _DAMAGED as error:
-        reason = _first_line(error)
+        reason = first_line(error)
         if "truncated file" in reason:
             reason = "it is cut off, and HDF5 gives nothing of such a file"
         raise InputError(f"{path}: not a .mat file that can be read: {reason}") from None
@@ -147,7 +147,7 @@ def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
     values = np.asarray(item).T
     if item.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, values.ravel()))
-    return values.squeeze() if values.ndim > 1 and 1 in values.shape else values
+    return _squeeze(values)
 
 
 def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -247,7 +247,3 @@ def _cell_column(values: Any) -> Column:
     if all(one.size == 1 and _is_numeric(one) for one in cells):
         return np.array([float(one[0]) for one in cells])
     return np.array([" ".join(map(format_item, one)) for one in cells], object)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

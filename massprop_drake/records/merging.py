@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, counted, moment
 from massprop_drake.inputs import factors
-from massprop_drake.records.blocks import Block
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.records.blocks import Block, Table
 from massprop_drake.records.completeness import Loss, Ragged
 from massprop_drake.records.tables import open_table
-
-Array = NDArray[np.float64]
 
 _SAME_S = 1e-6  # times that are no farther apart are one
 _SHARED = 0.5  # share of the shorter record over which two of one clock run together
@@ -52,7 +51,7 @@ class _SourceFile(NamedTuple):
     interval_s: float
 
 
-class MergedTable:
+class MergedTable(Table):
     """Files of telemetry, each with its own times, as one `Table`; all that is read is held in memory.
 
     Args:
@@ -65,7 +64,7 @@ class MergedTable:
         InputError: for a file without times, a column that two files have, or clocks that disagree.
     """
 
-    place, own_times = "row", True
+    own_times = True
 
     def __init__(self, paths: Sequence[str | Path]):
         twice = [str(path) for number, path in enumerate(paths) if path in paths[:number]]
@@ -76,10 +75,12 @@ class MergedTable:
         self._owner = _column_owners(self._parts)
         _require_one_clock(self._parts)
         self.header = ["time_s", *self._owner]
-        self._time_s = _merge_times([part.time_s for part in self._parts])
+        times = np.unique(np.concatenate([part.time_s for part in self._parts]))
+        self._time_s = times[np.append(True, np.diff(times) > _SAME_S)]  # what is the same stands once
         span_s = float(self._time_s[-1] - self._time_s[0])
         self.rows_per_s = (self._time_s.size - 1) / span_s if span_s > 0.0 else 0.0
-        self.ragged, self.notes = Ragged(), list[str]()
+        self.ragged = Ragged()
+        self.notes: list[str] = []
         self.losses: list[Loss] = []
         self._digests: list[str] = []
         self._lines = np.zeros((len(self._parts), self._time_s.size), dtype=int)
@@ -99,9 +100,6 @@ class MergedTable:
     def sha256(self) -> str:
         """Computes SHA-256 of the SHA-256 of all files, hexadecimal; valid once all has been read."""
         return hashlib.sha256(" ".join(self._digests).encode()).hexdigest()
-
-    def close(self) -> None:
-        """Does nothing: files are closed as soon as they have been read."""
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, block by block."""
@@ -209,12 +207,6 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
                 f"{other.source}: its clock is {abs(late):.6g} s {'ahead' if late > 0.0 else 'behind'}: {spans}; give "
                 "all files by one clock"
             )
-
-
-def _merge_times(every: Sequence[Array]) -> Array:
-    """Merges all times, ascending, those that are the same once."""
-    times = np.unique(np.concatenate(every))
-    return times[np.append(True, np.diff(times) > _SAME_S)]
 
 
 def _is_on_change(time_s: Array, commands: Array) -> bool:

@@ -48,11 +48,16 @@ WORDS: Mapping[str, frozenset[str]] = {
     "position": frozenset({"p", "pos", "position", "r", "xyz", "translation"}),
 }
 WHEELS = frozenset({"wheel", "wheels", "rw", "rwa", "reactionwheel"})
-# beside those: no reading of the vehicle's own motion
+_OF_JETS = frozenset(  # words of jets and of nothing else, so that what they name is hardly a sensor's reading
+    {"jet", "jets", "thr", "thrs", "thruster", "thrusters", "thrust", "valve", "valves", "nozzle", "nozzles", "rcs"}
+    | {"actuator", "actuators", "servo", "pwm", "duty", "fire", "firing", "solenoid", "sol"}
+)
+# beside `WORDS`: no reading of the vehicle's own motion
 _NO_READINGS = frozenset(
     {"covariance", "cov", "std", "sigma", "variance", "bias", "error", "err", "innovation", "residual", "noise"}
     | {"cmd", "command", "commanded", "ref", "reference", "des", "desired", "target", "setpoint", "sp", "goal"}
     | WHEELS
+    | _OF_JETS
     | {"motor", "rotor", "mag", "magnetometer", "sun", "torque", "force", "momentum"}
     | {"temp", "temperature", "clipping", "flag", "status", "valid", "limit"}
 )
@@ -62,11 +67,9 @@ _TIME = frozenset(
     | {"elapsed", "datetime", "date", "gregorian", "julian", "sclk", "tick", "ticks", "tai", "gps", "secs", "unix"}
 )
 _FRACTIONS = frozenset({"fraction", "frac", "subsec", "subsecs", "subseconds", "fine", "nanos", "micros", "millis"})
-_JETS = frozenset(
-    {"jet", "jets", "thr", "thrs", "thruster", "thrusters", "thrust", "valve", "valves", "cmd", "cmds", "command"}
-    | {"commands", "u", "nozzle", "nozzles", "rcs", "actuator", "actuators", "motor", "motors", "control", "controls"}
-    | {"output", "outputs", "servo", "pwm", "duty", "fire", "firing", "solenoid", "sol", "data"}
-)
+_JETS = _OF_JETS | {
+    *("cmd", "cmds", "command", "commands", "u", "motor", "motors", "control", "controls", "output", "outputs", "data")
+}
 _ON = frozenset({"on", "ton", "duration", "width", "pulse", "ontime", "time", "open", "cmd", "out", "state"})
 _MASKS = _JETS | {"mask", "bits", "bitmask", "on", "bitfield", "word"}
 _NO_COMMANDS = frozenset(

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.errors import InputError, counted
-from massprop_drake.records.blocks import Array, Block, require_meaningful, require_unique
-from massprop_drake.records.completeness import Loss, Ragged
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.records.blocks import Block, Table, require_meaningful, require_unique
+from massprop_drake.records.completeness import Loss, Ragged, first_line
 
 _PARQUET = b"PAR1"  # first and last bytes
 
 
-class ParquetTable:
+class ParquetTable(Table):
     """A Parquet file, read by pyarrow.
 
     Args:
@@ -28,9 +29,6 @@ class ParquetTable:
     Raises:
         InputError: when pyarrow is not installed, or the file is no Parquet file.
     """
-
-    place, own_times = "row", False
-    notes: Sequence[str] = ()
 
     def __init__(self, path: Path, rows_per_block: int):
         self._arrow, self._file = open_parquet(path)
@@ -43,10 +41,6 @@ class ParquetTable:
         self.header = list(self._file.schema_arrow.names)
         self._rows = self._file.metadata.num_rows
         require_unique(self.header, str(path))
-
-    def where(self, line: int, _column: str) -> str:
-        """Returns the place of a row."""
-        return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
@@ -108,7 +102,7 @@ def open_parquet(path: Path) -> tuple[Any, Any]:
         file = parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, page_checksum_verification=True)
         file.schema_arrow.names  # noqa: B018 (a damaged schema is told here)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
-        reason = _first_line(error)
+        reason = first_line(error)
         with contextlib.suppress(OSError), path.open("rb") as bytes_of:
             begin, size = bytes_of.read(4), bytes_of.seek(0, os.SEEK_END)
             bytes_of.seek(max(size - 4, 0))
@@ -145,14 +139,10 @@ def parquet_batches(
         except (OSError, ValueError, pyarrow.ArrowException) as error:
             if isinstance(error, InputError):
                 raise
-            lost, reason = lost + begin - place, _first_line(error)
+            lost, reason = lost + begin - place, first_line(error)
             losses.append(Loss("damaged", f"{source}: rows {place + 1} to {begin} are damaged, and left out: {reason}"))
     if lost and lost == begin:
         raise InputError(f"{source}: none of its {counted(lost, 'row')} can be read: {reason}")
     if file.metadata.num_rows != begin:
         stated = counted(file.metadata.num_rows, "row")
         losses.append(Loss("damaged", f"{source}: says that it has {stated}, and has {begin}"))
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

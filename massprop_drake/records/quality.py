@@ -13,6 +13,7 @@ from massprop_drake.errors import moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import AXES
 from massprop_drake.records.quality_measures import (
     ANSWERED,
@@ -20,12 +21,12 @@ from massprop_drake.records.quality_measures import (
     STUCK,
     UNIT_LIMIT,
     Answer,
-    Array,
     Package,
     Ratio,
     Repeats,
     Standing,
     Stuck,
+    UnknownCommands,
     could_be_off_nominal,
     exceeds_doubt,
     impulses_at_extremes,
@@ -34,7 +35,6 @@ from massprop_drake.records.quality_measures import (
 )
 from massprop_drake.records.quality_warnings import LISTED, KnownOfRecord, warnings_of
 from massprop_drake.records.rows import Record, Rows
-from massprop_drake.records.unknown_commands import UnknownCommands
 
 _STUCK_SAMPLES = 5  # for which a reading must not change at all
 _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together, and the vehicle's rate, cause in a sample

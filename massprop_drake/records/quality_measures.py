@@ -1,7 +1,8 @@
-"""Measures of a record's readings: standing still, repeated, unanswered, and out of proportion."""
+"""Measures of a record: readings that stand still, repeat or are out of proportion, and unknown commands."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,16 +11,18 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import moment
 from massprop_drake.inputs import factors
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 
-Array = NDArray[np.float64]
 STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 FEWEST = 10  # samples that tell the unit
 UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
 _NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
 _AGAINST_S = 5.0  # for which jets may fire against one that has failed, and nothing changes
 ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
+_MOST_UNKNOWN = 100  # stretches of unknown commands that are kept
 _MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
 
 
@@ -253,3 +256,50 @@ def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
 def format_stretch(entry: dict[str, Any]) -> str:
     """Formats a stretch of time, such as "from 1 to 2 s"."""
     return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"
+
+
+class UnknownCommands:
+    """Collection of stretches with unknown commands, block by block.
+
+    Attributes:
+        count: number of stretches.
+        samples: number of samples that are in one.
+        until_s: end of the record.
+    """
+
+    def __init__(self, vehicle: Vehicle):
+        self._vehicle, self._stretches = vehicle, list[dict[str, Any]]()
+        self._within = False  # whether the last sample is in one
+        self.count, self.samples, self.until_s = 0, 0, -math.inf
+
+    def add(self, time_s: Array, unknown: NDArray[np.bool_], recorded: NDArray[np.bool_]) -> None:
+        """Notes the samples with unknown commands.
+
+        Args:
+            time_s: their ends, s, shape (n,).
+            unknown: whose command is not known, shape (n, n_jets).
+            recorded: rows that there are, shape (n,).
+        """
+        self.until_s = float(time_s[-1]) if time_s.size else self.until_s
+        some = unknown.any(axis=1) & recorded
+        within = np.append(self._within, some)
+        self._within = bool(within[-1])
+        for row in np.flatnonzero(some).tolist():
+            self._note(float(time_s[row]), np.flatnonzero(unknown[row]), begins=not within[row])
+
+    def _note(self, time_s: float, jets: NDArray[np.int_], *, begins: bool) -> None:
+        self.samples += 1
+        names = [self._vehicle.designations[jet] for jet in jets.tolist()]
+        if begins:
+            self.count += 1
+            if self.count <= _MOST_UNKNOWN:
+                from_s = time_s - self._vehicle.sample_period_s
+                self._stretches.append({"jets": names, "from_s": from_s, "to_s": time_s, "samples": 0})
+        if self.count <= _MOST_UNKNOWN:
+            last = self._stretches[-1]
+            more = [name for name in names if name not in last["jets"]]
+            last.update(jets=[*last["jets"], *more], to_s=time_s, samples=last["samples"] + 1)
+
+    def found(self) -> list[dict[str, Any]]:
+        """Returns the first stretches: jets, from when to when, s, and number of samples."""
+        return self._stretches

@@ -11,8 +11,9 @@ from massprop_drake.errors import counted, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_sensors import Accelerometer
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import SYMBOLS, fill_unit_template
-from massprop_drake.records.quality_measures import Array, Package, could_be_off_nominal, format_stretch, likely_cause
+from massprop_drake.records.quality_measures import Package, could_be_off_nominal, format_stretch, likely_cause
 
 LISTED = 5  # of each kind, in warnings
 _PERIOD_DIFFERS = 0.005  # of the sample period

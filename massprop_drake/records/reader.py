@@ -91,10 +91,13 @@ class Reader:
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
         self.own_times = False
-        if isinstance(telemetry, (str, Path)):
-            self._table = _open_telemetry(telemetry, stream, rows_per_block)
-        else:
+        self._table: Table
+        if not isinstance(telemetry, (str, Path)):
             self._table = telemetry
+        elif stream is not None or str(telemetry) == "-":
+            self._table = CsvTable(stream or sys.stdin.buffer, "standard input", 1)
+        else:
+            self._table = open_table(Path(telemetry), rows_per_block=rows_per_block)
         self.source = self._table.source
         self.record.notes = list(self._table.notes)
         try:
@@ -213,10 +216,6 @@ class Reader:
             name: _closest_name(name, known) for name in dict.fromkeys(header) if name and name not in used
         }
 
-    @property
-    def _own_sensor(self) -> str:
-        return "its gyro's three axes" if self._vehicle.gyros else "its sensors"
-
     def _missing_columns(self, required: list[str], present: set[str]) -> list[str]:
         missing = [name for name in required if name not in present]
         sensors = self._vehicle.tracked
@@ -226,10 +225,11 @@ class Reader:
             return []
         shown = ", ".join(missing[:_FEW]) + (f" and {len(missing) - _FEW} more" if len(missing) > _FEW else "")
         strange = present - set(telemetry_columns(self._vehicle))
+        own = "its gyro's three axes" if self._vehicle.gyros else "its sensors"
         hint = next((hint for hint in (suggest_column(name, strange) for name in missing) if hint), "")
         return [
             f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
-            f"'{self._vehicle.name}' needs time_s, {self._own_sensor} and a column for each jet"
+            f"'{self._vehicle.name}' needs time_s, {own} and a column for each jet"
             + ("; 'massprop map' proposes what another program's columns mean" if len(missing) > _FEW else "")
         ]
 
@@ -475,7 +475,8 @@ class Reader:
             places = self._sensor_places.get(name)
             reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
             if places is not None:
-                lacking = self._lacking(name, times[recorded], reading[recorded])
+                there = times[recorded], reading[recorded]
+                lacking = self._cadence[name].lacking(*there) if self.own_times else _count_rows_lacking(there[1])
                 record.missing[name] = record.missing.get(name, 0) + lacking
             if name in self._accelerations:
                 since_s = self._cadence[name].steps(times, reading, self._period_s) if self.own_times else steps
@@ -499,12 +500,6 @@ class Reader:
             tracked[:, self._tracked] = values[:, self._tracked_places]
         return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
 
-    def _lacking(self, name: str, times: Array, reading: Array) -> int:
-        """Counts the rows that lack a reading of a package, or the readings that lack in its own cadence."""
-        if not self.own_times:
-            return int(np.isnan(reading).any(axis=1).sum())
-        return self._cadence[name].lacking(times, reading)
-
     def _steps(self, times: Array) -> Array:
         """Computes the length of the sample that ends with each row, s, shape (n, 1): the period, or time passed."""
         if not self._any_time:
@@ -522,15 +517,13 @@ class Reader:
         return np.where(missing, np.nan, velocity)
 
 
+def _count_rows_lacking(reading: Array) -> int:
+    return int(np.isnan(reading).any(axis=1).sum())
+
+
 def _accumulate_steps(start: float, steps: Array) -> float:
     """Adds steps to a sum in their order, so that it rounds as row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
-
-
-def _open_telemetry(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
-    if stream is not None or str(telemetry) == "-":
-        return CsvTable(stream or sys.stdin.buffer, "standard input", 1)
-    return open_table(Path(telemetry), rows_per_block=rows_per_block)
 
 
 def _closest_name(word: str, valid: Iterable[str]) -> str:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, require_text
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.yaml import exists
-from massprop_drake.records.completeness import Loss
+from massprop_drake.records.bags import read_bag
+from massprop_drake.records.completeness import Loss, first_line
+from massprop_drake.records.matlab import read_mat
 from massprop_drake.records.parquet import open_parquet, parquet_batches
 from massprop_drake.records.tables import require_file
 from massprop_drake.records.text_files import CHUNK, read_text_file
@@ -25,6 +27,7 @@ from massprop_drake.records.topics import (
     split_lists,
     unwanted_columns,
 )
+from massprop_drake.records.ulog import read_ulog
 
 _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
@@ -116,8 +119,7 @@ def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recordi
             columns |= _arrow_column(pyarrow, name, table.column(name))
         notes = _convert_dates_to_seconds(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
-        first_line = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a Parquet file that can be read: {first_line}") from None
+        raise InputError(f"{path}: not a Parquet file that can be read: {first_line(error)}") from None
     lines = np.concatenate([*places, np.empty(0, np.int64)])[: table.num_rows]
     topic = Topic(str(path), columns, lines=lines, unread=unwanted_columns(every, names))
     return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path), losses=tuple(losses))
@@ -153,30 +155,12 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     return {}
 
 
-def _read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.matlab import read_mat as read  # noqa: PLC0415 (scipy is slow to load)
-
-    return read(path, by, rows)
-
-
-def _read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.ulog import read_ulog as read  # noqa: PLC0415
-
-    return read(path, by, rows)
-
-
-def _read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    from massprop_drake.records.bags import read_bag as read  # noqa: PLC0415
-
-    return read(path, by, rows)
-
-
 _READERS: dict[str, Callable[[Path, RecordMap | None, int | None], Recording]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt"), read_text_file),
     **dict.fromkeys((".parquet", ".pq"), _read_parquet),
-    ".mat": _read_mat,
-    **dict.fromkeys((".ulg", ".ulog"), _read_ulog),
-    **dict.fromkeys((".bag", ".mcap", ".db3", ""), _read_bag),
+    ".mat": read_mat,
+    **dict.fromkeys((".ulg", ".ulog"), read_ulog),
+    **dict.fromkeys((".bag", ".mcap", ".db3", ""), read_bag),
 }
 _FOREIGN = {
     ".mat": "a .mat file",

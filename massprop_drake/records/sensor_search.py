@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.inputs.units import si_factor
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records import mapping
 from massprop_drake.records.jet_search import JetSearch
-from massprop_drake.records.map_search import Array, compact_name
+from massprop_drake.records.map_search import compact_name
 from massprop_drake.records.names import WHEELS, WORDS, ColumnName, si_factor_or_none
 from massprop_drake.records.topics import Topic
 
@@ -61,7 +62,8 @@ class SensorSearch(JetSearch):
         """Adds speeds of the vehicle's wheels: columns of their names, or else all that are of wheels."""
         of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
         called = {compact_name("".join(one.words)): one for one in names}
-        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if self._numbered(of_wheels) else {}
+        every = len(of_wheels) == len(self.vehicle.wheels)
+        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if every else {}
         for name in list(self._free["wheel"]):
             column = called.get(compact_name(name)) or called.get(compact_name(f"{name}speed")) or by_order.get(name)
             if column is None:
@@ -85,10 +87,6 @@ class SensorSearch(JetSearch):
             self._free["engine"].remove(engine.name)
             self._add(engine.name, entry)
             self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
-
-    def _numbered(self, columns: Sequence[ColumnName]) -> bool:
-        """Tests whether there is a column for every wheel of the vehicle."""
-        return len(columns) == len(self.vehicle.wheels)
 
     def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
         """Orders groups of columns: those called as a package first, whole ones, readings before estimates."""

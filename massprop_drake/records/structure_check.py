@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records.completeness import completeness
+from massprop_drake.records.completeness import Loss, completeness
 from massprop_drake.records.reader import EXACT, JITTER, ROUNDING, Reader, suggest_column
 from massprop_drake.records.tables import open_table
 
@@ -38,19 +39,16 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
         pass
     record = reader.record
     return {
-        "rows": record.rows,
-        "first_s": record.first_s,
-        "last_s": record.last_s,
-        "period_s": record.period_s,
-        "gaps": record.gaps,
-        "jitter": record.jitter,
+        **{name: getattr(record, name) for name in ("rows", "first_s", "last_s", "period_s", "gaps", "jitter")},
         "late": record.duplicates + record.backward,
         "unknown": list(record.unknown),
-        "absent": record.absent,
-        "notes": record.notes,
-        "completeness": completeness(reader.losses),
-        "completeness_detail": [one.text for one in reader.losses],
+        **{name: getattr(record, name) for name in ("absent", "notes")},
+        **_lost(reader.losses),
     }
+
+
+def _lost(losses: Sequence[Loss]) -> dict[str, Any]:
+    return {"completeness": completeness(losses), "completeness_detail": [one.text for one in losses]}
 
 
 def _check_structure(path: Path) -> dict[str, Any]:
@@ -61,9 +59,7 @@ def _check_structure(path: Path) -> dict[str, Any]:
             raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
         time = table.header.index("time_s")
         wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]
-        parts = []
-        for block in table.blocks(wanted):
-            parts.append(block.values[:, 0])
+        parts = [block.values[:, 0] for block in table.blocks(wanted)]
     finally:
         table.close()
     times = np.concatenate([np.empty(0), *parts])
@@ -83,9 +79,6 @@ def _check_structure(path: Path) -> dict[str, Any]:
         "gaps": int(gaps.sum()),
         "jitter": int((off[~gaps] > EXACT * (period or 0.0)).sum()),
         "late": int((steps <= 0.0).sum()),
-        "unknown": [],
-        "absent": [],
-        "notes": [],
-        "completeness": completeness(table.losses),
-        "completeness_detail": [one.text for one in table.losses],
+        **{name: [] for name in ("unknown", "absent", "notes")},
+        **_lost(table.losses),
     }

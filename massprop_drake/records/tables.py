@@ -92,7 +92,7 @@ class _Watched(io.RawIOBase):
         return len(data)
 
 
-class CsvTable:
+class CsvTable(Table):
     """Comma-separated values with a line of column names, UTF-8, a byte-order mark allowed.
 
     Args:
@@ -105,8 +105,7 @@ class CsvTable:
         InputError: when the first line has no names, or one of them twice.
     """
 
-    place, own_times = "line", False
-    notes: Sequence[str] = ()
+    place = "line"
 
     def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
         self._binary = binary
@@ -122,17 +121,13 @@ class CsvTable:
         self._text = self._lines()
         self.header = self._read_header()
 
-    def where(self, line: int, _column: str) -> str:
-        """Returns the place of a row."""
-        return f"{self.source}, {self.place} {line}"
-
     @property
     def done(self) -> float:
         """Fraction of the file read so far."""
         return self._watched.count / self._size if self._size else 0.0
 
     @property
-    def losses(self) -> Sequence[Loss]:
+    def losses(self) -> Sequence[Loss]:  # type: ignore[override] # which grow as lines are read
         """Losses so far."""
         return [*self._zeros, *self.ragged.losses(self.source)]
 

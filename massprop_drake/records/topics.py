@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.record_map import CsvForm
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.completeness import MISSING, Loss, Ragged
 from massprop_drake.records.stamps import is_number, parse_stamp
 
-Array = NDArray[np.float64]
 Column = NDArray[Any]
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
 _MOST_COLUMNS = 4096  # of a table for which a map can be proposed: a budget of seconds

@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.completeness import Loss
+from massprop_drake.records.completeness import Loss, first_line
 from massprop_drake.records.topics import Column, Recording, Topic, digest, missing_extra, missing_topic
 
 _MAGIC, _HEADER = b"ULog\x01\x12\x35", 16  # first bytes, and length of the file's header
@@ -45,8 +45,7 @@ def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         with contextlib.redirect_stdout(said), path.open("rb") as file:
             log = ULog(file, wanted)
     except (ULogException, struct.error, *_DAMAGED) as error:
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a ULog that can be read: {first}") from None
+        raise InputError(f"{path}: not a ULog that can be read: {first_line(error)}") from None
     topics = {}
     for data in log.data_list:
         if "timestamp" not in data.data:

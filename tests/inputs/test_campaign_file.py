@@ -138,17 +138,15 @@ draw:
     - {kind: stuck_off, jet: {choice: all}, start_s: 3}
 """
     spec = load_campaign(written(tmp_path, text))
-    thrust = {jet.designation: jet.thrust for jet in orbiter.jets}
-    names = list(thrust)
-    first, second = drawn_at(0.0, spec)["failures"]
-    assert first == {"kind": "stuck_on", "jet": names[0], "start_s": 3}
-    assert second["jet"] == names[1]
-    first, second = drawn_at(0.5, spec)["failures"]
-    assert first == {"kind": "leak", "jet": names[22], "start_s": 3, "force": 200.5}
-    assert second["jet"] == names[23]
-    first, second = drawn_at(1.0 - 1e-9, spec)["failures"]
-    assert first == {"kind": "degraded", "jet": names[43], "start_s": 3, "fraction": 0.0}  # all that it has is lost
-    assert second["jet"] == names[0]
+    names = [jet.designation for jet in orbiter.jets]
+    for u, own, jets in (
+        (0.0, {"kind": "stuck_on"}, (0, 1)),
+        (0.5, {"kind": "leak", "force": 200.5}, (22, 23)),
+        (1.0 - 1e-9, {"kind": "degraded", "fraction": 0.0}, (43, 0)),  # all that it has is lost
+    ):
+        first, second = drawn_at(u, spec)["failures"]
+        assert first == {"jet": names[jets[0]], "start_s": 3, **own}
+        assert second["jet"] == names[jets[1]]
     # a drawn leak gives at most the thrust of its jet
     leak = "base: sample_maneuver\ncases: 2\ndraw: {failures: [{kind: leak, jet: L5D, start_s: 3, force: FORCE}]}\n"
     spec = load_campaign(written(tmp_path, leak.replace("FORCE", "{uniform: {low: 100, high: 400}}")))

@@ -56,7 +56,7 @@ bounds = st.floats(allow_nan=False, allow_infinity=False)
 unit = st.floats(0.0, 1.0, exclude_max=True)
 
 
-@settings(max_examples=100, derandomize=True, deadline=None, database=None)
+@settings(max_examples=50, derandomize=True, deadline=None, database=None)
 @given(kind=st.sampled_from(["uniform", "loguniform", "triangular", "normal"]), a=bounds, b=bounds, c=unit, u=unit)
 def test_nothing_is_drawn_beyond_the_bounds(kind: str, a: float, b: float, c: float, u: float) -> None:
     low, high = sorted((a, b))
@@ -85,14 +85,10 @@ def test_nothing_is_drawn_beyond_the_bounds(kind: str, a: float, b: float, c: fl
         ("integers", {"low": 1, "high": 9, "points": 3}, [1, 5, 9]),
     ],
 )
-def test_grids_take_points_with_their_bounds(tag: str, parameters: Any, expected: list[Any] | None) -> None:
+def test_grids_take_points_with_their_bounds(tag: str, parameters: Any, expected: list[Any]) -> None:
     grid = made(tag, parameters).grid()
-    if expected is None:
-        assert grid is None
-    else:
-        assert grid == pytest.approx(expected, rel=1e-12) if tag != "choice" else grid == expected
-        assert grid[0] == expected[0]
-        assert grid[-1] == expected[-1]
+    assert grid == pytest.approx(expected, rel=1e-12)
+    assert (grid[0], grid[-1]) == (expected[0], expected[-1])
 
 
 @pytest.mark.parametrize(

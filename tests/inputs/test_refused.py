@@ -60,13 +60,15 @@ FILES = [
     ("sensors: {gyro: acc1}\n", "line 1: sensors.gyro: 'acc1' is no gyro of vehicle 'orbiter'; valid are: gyro"),
     ("plant: {time_step: 0.05}\n", "plant.time_step: must be 0 (continuous) or the vehicle's sample period, 0.08 s"),
     ("duration_s: '50'\n", "line 1: duration_s: *valid number, got '50'"),
-    ("rotation:\n  process_noise_std: [0, 0, 0, 0, 0, 0, 0, 0, -1]\n", "line 2: rotation.process_noise_std: must be z"),
+    (
+        "rotation:\n  process_noise_std: [0, 0, 0, 0, 0, 0, 0, 0, -1]\n",
+        "line 2: rotation.process_noise_std[8]: *equal to 0, got -1",
+    ),
     ("rotation:\n  filtr: extended\n", "line 2: rotation.filtr: unknown key; did you mean 'filter'?"),
     ("vehicle: orbitr\n", "line 1: vehicle: 'orbitr' is neither a bundled vehicle nor a file; did you mean 'orbiter'?"),
     ("", ": the document is empty"),
     # failures and payloads
     (jumps(f"{DOCK}, inertia: [[9e8, 0, 0], [5, 1, 0], [0, 0, 1]]"), "line 3: jumps[0].inertia: must be symmetric"),
-    (failures("kind: degraded, jet: R4R, start_s: 50"), "line 3: failures[0].fraction: missing; this field is require"),
     ("duration_s: 0.05\n", "line 1: duration_s: must be at least one sample period, 0.08 s"),
     ("name: a\nseed: 1\nname: b\n", "line 3: name: the key appears twice, first in line 1"),
     (errors("sensor: gyro", "sensor: gyro"), "line 5: sensors.errors[1].sensor: 'gyro' has errors already"),
@@ -161,7 +163,7 @@ OVERRIDES = [
     ("cubesat_leak", f"vehicle.poses=[{MOCAP}]", "play no part in a fixed frame"),
     (FREE, "vehicle.jets[2].direction=[0, 0, 1]", "jets[2].direction: with motion: planar a jet along z moves nothing"),
     (FREE, f"vehicle.poses=[{MOCAP}, {{name: cam}}]", "sensor 'cam' measures nothing: give position_std, attitude_std"),
-    (FREE, f"vehicle.poses=[{MOCAP}, {MOCAP}]", "sensors: name 'mocap' appears twice; it must be unique"),
+    (FREE, f"vehicle.poses=[{MOCAP}, {MOCAP}]", "vehicle.poses[1].name: 'mocap' appears twice; it must be unique"),
     (FREE, "vehicle.disturbance={torque_std: 1, time_constant_s: 60}", "disturbance: is not estimated in a fixed fram"),
     (
         FREE,
@@ -230,7 +232,6 @@ VEHICLES = [
     ("jets.4.thrust", "10", "jets[4].thrust: *valid number, got '10'"),
     ("jets.1.mass_flow", 1e-12, "gives a specific impulse that cannot be"),
     ("gyros.0.quantum", 1e-11, "the covariance could lose its definiteness in rounding"),
-    ("gyros.0.range", 1e-7, "gyros[0].range: is 1e-07, for a quantum of 1e-06: hardly a reading lies within it"),
     ("uncertainty", 1e6, "uncertainty: 1e+06, is above 10: less is beyond any scale, more says nothing"),
     ("jets.1.direction", [0.0, 1.0, 0.5], "jets[1].direction: *length 1 within 0.002, got 1.118"),
     (INERTIA, diagonal(1.0, 1.0, 0.0), "mass_properties.inertia: *positive definite"),
@@ -238,7 +239,7 @@ VEHICLES = [
     (INERTIA, diagonal(0.05), "turns it by 2 rad more in the sample"),
     ("jets.2.position", [1.0, 0.0], "jets[2].position: *3 values, got 2"),
     ("jets.0.thrusts", 1.0, "jets[0].thrusts: unknown key; did you mean 'thrust'?"),
-    ("jets.4.designation", "J1", "jets: designation 'J1' appears twice"),
+    ("jets.4.designation", "J1", "jets[4].designation: 'J1' appears twice"),
     ("jets.4.kind", "primry", "jets[4].kind: *did you mean 'primary'?"),
     ("jets.1.thrust", 2e5, "jets[1].thrust: accelerates 100 kg at 2000 m/s^2, 203.9 times the weight on Earth"),
     ("jets.1.designation", "J\x1b[31m", "jets[1].designation: must be printable characters"),
@@ -291,7 +292,7 @@ def test_thousands_of_mistakes_are_told_in_a_hundred_lines() -> None:
         ("a: !!python/object:os.system 1\n", ": not valid YAML: "),
         ("? [a, b]\n: 1\n", ", line 1: a key must be a plain word"),
         ("a: &x\n  b: *x\n", ""),
-        ("a: " + 1000 * "[" + 1000 * "]" + "\n", ""),
+        ("a: " + 60 * "[" + 60 * "]" + "\n", ""),
         ("name: !!bool maybe\n", "tag tag:yaml.org,2002:bool says what the value is not"),
         ("name: " + 500_000 * "a " + "\n", "1000007 characters; no vehicle or scenario needs more"),
     ],
@@ -303,7 +304,10 @@ def test_what_is_no_yaml_of_ours_is_refused(text: str, message: str) -> None:
     require(said, message)
 
 
-def test_tags_that_fit_are_read_and_numbers_are_written_as_yaml_has_them() -> None:
+def test_tags_that_fit_are_read_and_numbers_as_people_and_yaml_write_them() -> None:
+    numbers = {"1e-6": 1e-6, "2": 2, "+.5": 0.5, "1.": 1.0, "3E+02": 300.0}
+    for written, value in numbers.items():
+        assert Document(f"quantum: {written}\n", "toy.yaml").data == {"quantum": value}
     text = "a: !!float 1e-5\nb: !!str 5\nc: !!map {d: !!seq [!!int 1, !!null ~]}\ne: !!float 2\n"
     assert Document(text, "case.yaml").data == {"a": 1e-5, "b": "5", "c": {"d": [1, None]}, "e": 2.0}
     assert to_yaml({"a": float("nan"), "b": -float("inf")}) == "a: .nan\nb: -.inf\n"

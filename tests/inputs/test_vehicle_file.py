@@ -40,18 +40,11 @@ def test_the_orbiter_has_the_jets_of_table_5_1(orbiter: Vehicle) -> None:
     ]
     columns = ("x_ft", "y_ft", "z_ft", "dir_x", "dir_y", "dir_z", "thrust_lbf")
     expected = [
-        (
-            int(row["jet"]),
-            row["designation"],
-            int(row["cluster"]),
-            row["kind"],
-            *(float(row[key]) for key in columns),
-            None,
-        )
+        (int(row["jet"]), row["designation"], int(row["cluster"]), row["kind"], *(float(row[key]) for key in columns))
         for row in table("table_5_1_rcs_jets.csv")
     ]
     assert len(stated) == 44
-    assert stated == expected
+    assert stated == [(*row, None) for row in expected]
 
 
 def test_the_orbiter_has_the_mass_properties_of_tables_5_2_and_5_3(orbiter: Vehicle) -> None:
@@ -135,8 +128,7 @@ def test_every_jet_is_where_and_what_its_source_says(vehicle: str) -> None:
 def test_a_bundled_vehicle_is_sound_and_reads_back_equal(tmp_path: Path, name: str) -> None:
     vehicle = load_vehicle(name)
     assert (vehicle.name, vehicle.doubts) == (name, [])
-    assert vehicle.description
-    assert vehicle.source
+    assert vehicle.description and vehicle.source  # noqa: PT018
     assert is_possible_inertia(vehicle.nominal.inertia)
     path = tmp_path / "again.yaml"
     path.write_text(yaml_text(vehicle), encoding="utf-8")
@@ -146,8 +138,9 @@ def test_a_bundled_vehicle_is_sound_and_reads_back_equal(tmp_path: Path, name: s
 
 @pytest.mark.parametrize("name", ["free_flyer", "lander", "small_satellite"])
 def test_estimates_of_a_bundled_vehicle_are_as_good_as_they_claim(name: str) -> None:
-    """Its maneuver, with a seed that played no part in choosing it; the truth is well off the nominal values."""
-    run = simulate(load_scenario(f"{name}_maneuver", ["seed=1983", "execution.engine=loop"]), look_back=False)
+    """Half its maneuver, with a seed that played no part in choosing it; the truth is well off the nominal values."""
+    settings = ["seed=1983", "execution.engine=loop", "duration_s=30"]
+    run = simulate(load_scenario(f"{name}_maneuver", settings), look_back=False)
     assert run["converged"][-1, 0] == 1.0
     assert (run["standard_deviation"][-1] < 0.5 * run["standard_deviation"][0]).all()  # all ten show
     error = run["estimate"][-1] - run["truth"][-1]
@@ -190,11 +183,6 @@ def test_what_follows_from_a_files_data(tmp_path: Path, toy_data: dict[str, Any]
     assert Vehicle.model_validate({**toy_data, "center_of_mass_std": 0.25}).center_of_mass_floor == 0.25
     toy_data["jets"][0]["direction"] = [1.0015, 0.0, 0.0]  # a printed direction is made a unit vector
     np.testing.assert_allclose(Vehicle.model_validate(toy_data).thrusts[0], [10.0, 0.0, 0.0], rtol=1e-15)
-
-
-@pytest.mark.parametrize(("text", "value"), [("1e-6", 1e-6), ("2", 2.0), ("+.5", 0.5), ("1.", 1.0), ("3E+02", 300.0)])
-def test_numbers_are_read_as_people_write_them(text: str, value: float) -> None:
-    assert Document(f"quantum: {text}\n", "toy.yaml").data == {"quantum": value}
 
 
 points = arrays.arrays(float, (6, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))

@@ -14,6 +14,7 @@ from pose_probe import again
 from record_probe import (
     ONE,
     as_map,
+    columns_of,
     flight,
     jet_columns,
     made_of,
@@ -31,7 +32,7 @@ from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.channels import Mapped
-from massprop_drake.records.mapped_rows import MappedTable, is_oversampled, make_table
+from massprop_drake.records.mapped_rows import is_oversampled, make_table
 from massprop_drake.records.mapping import apply_map
 from massprop_drake.records.recording import open_recording
 
@@ -59,11 +60,6 @@ def understood(path: Path, text: str) -> Mapped:
 
 def found_in(path: Path, text: str) -> dict[str, np.ndarray]:
     return telemetry(path, text, ONE.vehicle)
-
-
-def columns_of(made: MappedTable) -> dict[str, np.ndarray]:
-    values = np.vstack([block.values for block in made.blocks(list(range(len(made.header))))])
-    return dict(zip(made.header, values.T, strict=True))
 
 
 def test_units_and_axes(log: Callable[..., Path]) -> None:
@@ -371,7 +367,7 @@ def test_a_wrong_map_is_told_with_its_place(old: str, new: str, said: str) -> No
     assert said in refused(lambda: as_map(GOOD.replace(old, new)))
 
 
-FLYER, ROWS = load_vehicle("tracked_flyer"), 40
+FLYER, ROWS = load_vehicle("tracked_flyer"), 24
 CAMERAS = "{kind: pose, position: [px, py, pz], unit: mm, heading: h, angle_unit: deg}"
 
 

@@ -79,30 +79,27 @@ def commands_of(values: Array) -> dict[str, Array]:
 
 
 def test_a_proposal_is_estimated_from(tmp_path: Path) -> None:
-    short = flown(load_vehicle("free_flyer"), 2, rows=25)
+    short = flown(FLOWN.vehicle, 2, rows=25)
     path = log_of(tmp_path, short)
     by = validate_data(RecordMap, proposed(path).data)
     run = estimate(path, vehicle_scenario("log", "free_flyer", ["detector.kind=off"]), record_map=by)
     assert run.summary["data_quality"]["rows"] == 25
 
 
-@pytest.mark.parametrize(
-    ("column", "words", "axis", "unit"),
-    [
-        ("qw", ("q",), 0, ""),
-        ("wy [deg/s]", ("w",), 1, "deg/s"),
-        ("angularVelocity.z", ("angular", "velocity"), 2, ""),
-        ("acc[1]", ("acc",), 1, ""),
-        ("yaw_rate_radps", ("yaw", "rate"), -1, "rad/s"),
-        ("dvx_mm_s", ("dv",), 0, "mm/s"),
-        ("x_m", (), 0, "m"),
-        ("q", ("pqr",), 1, ""),
-        ("thruster_12", ("thruster", "12"), -1, ""),
-    ],
-)
-def test_names_are_read(column: str, words: tuple[str, ...], axis: int, unit: str) -> None:
-    found = read_name(column)
-    assert (found.words, found.axis, found.unit) == (words, axis, unit)
+def test_names_are_read() -> None:
+    for column, expected in {
+        "qw": (("q",), 0, ""),
+        "wy [deg/s]": (("w",), 1, "deg/s"),
+        "angularVelocity.z": (("angular", "velocity"), 2, ""),
+        "acc[1]": (("acc",), 1, ""),
+        "yaw_rate_radps": (("yaw", "rate"), -1, "rad/s"),
+        "dvx_mm_s": (("dv",), 0, "mm/s"),
+        "x_m": ((), 0, "m"),
+        "q": (("pqr",), 1, ""),
+        "thruster_12": (("thruster", "12"), -1, ""),
+    }.items():
+        found = read_name(column)
+        assert (found.words, found.axis, found.unit) == expected, column
 
 
 COMMANDS: dict[str, tuple[Callable[[Array], Array], dict[str, Any]]] = {
@@ -142,25 +139,16 @@ def test_masks_lists_and_on_times(form: Callable[[Flight], dict[str, Any]], tmp_
     require_found(log_of(tmp_path, ONE, **dict.fromkeys(commands_of(ONE.commands)), **form(ONE)), ONE)
 
 
-@pytest.mark.parametrize(
-    ("instead", "unit"),
-    [
-        # one full command among on-times
-        (
-            commands_of(np.where((np.arange(400)[:, None] == 300) & (np.arange(12) == 0), 1.0, 0.05 * FLOWN.commands)),
-            "s",
-        ),
-        # on-times up to 40 ms of 50 could be percent, too: the jets turn the vehicle twice as much as these would
-        (
-            commands_of(40.0 * FLOWN.commands)
-            | {f"w{axis}": 0.8 * FLOWN.rates[:, index] for index, axis in enumerate("xyz")},
-            "ms",
-        ),
-    ],
-)
-def test_units_of_commands_are_told_by_the_jets(instead: dict[str, Any], unit: str, tmp_path: Path) -> None:
-    found = proposed(log_of(tmp_path, **instead))
-    assert (found.data["commands"]["unit"], found.data["sensors"]["gyro"]["unit"]) == (unit, "rad/s")
+def test_units_of_commands_are_told_by_the_jets(tmp_path: Path) -> None:
+    row, jet = np.arange(400)[:, None], np.arange(12)
+    # on-times up to 40 ms of 50 could be percent, too: the jets turn the vehicle twice as much as these would
+    slower = {f"w{axis}": 0.8 * FLOWN.rates[:, index] for index, axis in enumerate("xyz")}
+    for instead, unit in (
+        (commands_of(np.where((row == 300) & (jet == 0), 1.0, 0.05 * FLOWN.commands)), "s"),  # one is a full command
+        (commands_of(40.0 * FLOWN.commands) | slower, "ms"),
+    ):
+        found = proposed(log_of(tmp_path, **instead))
+        assert (found.data["commands"]["unit"], found.data["sensors"]["gyro"]["unit"]) == (unit, "rad/s")
 
 
 @pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (-1, "1 row after")])
@@ -198,26 +186,18 @@ def test_clocks(name: str, tmp_path: Path) -> None:
     require_found(write_csv(tmp_path / "log.csv", CLOCKS[name](FLOWN.time_s) | columns | VELOCITIES))
 
 
-@pytest.mark.parametrize(
-    ("text", "seconds"),
-    [
-        ("2024-05-01T12:00:00.25Z", 0.25),
-        ("2024-05-01 14:00:00.000000001+02:00", 1e-9),
-        ("2024-05-01T12:00:00 UTC", 0.0),
-        ("2024-122T23:00:00+11:00", 0.0),
-        ("01 May 2024 12:00:03.000", 3.0),
-        *(
-            (text, None)
-            for text in ("12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024", "2024-05-01T12:00:00+1")
-        ),
-    ],
-)
-def test_stamps(text: str, seconds: float | None) -> None:
-    stamp = parse_stamp(text)
-    if seconds is None:
-        assert stamp is None
-    else:
-        assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
+def test_stamps() -> None:
+    noon = np.datetime64("2024-05-01T12:00:00", "ns")
+    for text, seconds in {
+        "2024-05-01T12:00:00.25Z": 0.25,
+        "2024-05-01 14:00:00.000000001+02:00": 1e-9,
+        "2024-05-01T12:00:00 UTC": 0.0,
+        "2024-122T23:00:00+11:00": 0.0,
+        "01 May 2024 12:00:03.000": 3.0,
+    }.items():
+        assert (parse_stamp(text) - noon) / np.timedelta64(1, "s") == pytest.approx(seconds), text
+    for text in ("12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024", "2024-05-01T12:00:00+1"):
+        assert parse_stamp(text) is None, text
 
 
 def test_what_jets_do_tells_increments_from_their_sums(tmp_path: Path) -> None:
@@ -337,7 +317,15 @@ def test_topics_of_a_recording(kind: str, tmp_path: Path) -> None:
 
 WARNED: dict[str, tuple[dict[str, Any], str]] = {
     "a jet less": ({"u12": None}, "there is none for jet T12"),
-    "signs": ({"wz": -FLOWN.rates[:, 2]}, "look at axes, signs, units and which jet is which"),
+    "signs": ({"wz": -FLOWN.rates[:, 2]}, "gyro: the rates follow the commands poorly, with a correlation of "),
+    "signs of velocities": (
+        {name: -values for name, values in VELOCITIES.items()},
+        "acc: the readings go against what the jets should do, by a correlation of -0.99",
+    ),
+    "what is no acceleration": (
+        {**dict.fromkeys(VELOCITIES), **{f"pump_a{index}": FLOWN.commands[:, 2 * index] for index in (1, 2, 3)}},
+        "acc: the readings follow the commands poorly, with a correlation of 0.",
+    ),
     "a cell of text": (
         {"u3": [*map(str, FLOWN.commands[:-1, 2]), "ERR"]},
         "line 401, column u3: 'ERR' is not a number",
@@ -370,6 +358,16 @@ WARNED: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_is_doubtful_in_a_log_is_told(name: str, tmp_path: Path) -> None:
     instead, words = WARNED[name]
     assert words in said(proposed(log_of(tmp_path, **instead)))
+
+
+@pytest.mark.parametrize("jets", [12, 3])
+def test_what_is_named_after_jets_is_no_reading(jets: int, tmp_path: Path) -> None:
+    """Valves a1, a2 and so on are no accelerations, with a column for each jet or not."""
+    valves = {f"thr_a{index + 1}": FLOWN.commands[:, index] for index in range(jets)}
+    own = dict.fromkeys(commands_of(FLOWN.commands)) if jets == 12 else {}
+    found = proposed(log_of(tmp_path, **dict.fromkeys(VELOCITIES), **own, **valves))
+    assert (list(found.data["sensors"]), found.lacking, found.warnings) == (["gyro"], [], [])
+    assert found.data["commands"]["columns"]["T1"] == ("thr_a1" if jets == 12 else "u1")
 
 
 def test_what_cannot_be_found_is_said(tmp_path: Path) -> None:

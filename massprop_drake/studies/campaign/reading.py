@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec
-from massprop_drake.inputs.overrides import split_key
+from massprop_drake.inputs.scenario import split_key
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, count_cases, sum_counts
 from massprop_drake.studies.campaign.plan import case_name
