@@ -27,7 +27,6 @@ from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.display.run import Run
-from massprop_drake.inputs import yaml
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.studies.threads import ONE_THREAD
@@ -45,21 +44,6 @@ gc.set_threshold(20_000, 20, 50)  # the usual 700 new objects between two collec
 # a process of the program parses its command line once, and few files; what the tests ask of one process
 # again and again is made once
 typer.main.get_command = cache(typer.main.get_command)
-
-
-def _read_once() -> None:
-    """Keeps what was read of a YAML text, wherever it was: only messages name its source, and errors are not kept."""
-    read, known = yaml._read.__wrapped__, {}
-
-    def kept(text: str, source: str, within: tuple[str | int, ...]) -> Any:
-        if (text, within) not in known:
-            known[text, within] = read(text, source, within)
-        return known[text, within]
-
-    yaml._read = kept
-
-
-_read_once()
 
 
 def pytest_sessionstart() -> None:
