@@ -197,6 +197,13 @@ reference = partial(Claim, source=Source.REFERENCE)  # a number of our reference
 erratum = partial(Claim, source=Source.ERRATA)
 
 
+def expected(
+    row: int, text: str, words: str, expect: Expectation, measure: Callable[[Any], float], unit: str = "", **others: Any
+) -> Claim:
+    """Makes a claim of a number that our reference expects; see `Claim`."""
+    return reference(row, text, f"(expected {words})", expect, measure, unit, **others)
+
+
 @dataclass(frozen=True)
 class Outcome:
     """A claim and what was measured of it.
