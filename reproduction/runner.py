@@ -18,16 +18,17 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.results.exchange import recover, stage
 from massprop_drake.studies.processes import defer_ctrl_c
-from reproduction.cases import Case
-from reproduction.claims import Phase, Signals
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:  # a process that runs cases loads no more than these need
+    from reproduction.cases import Case
+    from reproduction.claims import Phase, Signals
+
 
 WORKERS = 2
 _BATCH = 120  # runs of one pair of processes: with some versions of Drake memory grows with every run
