@@ -159,7 +159,7 @@ def test_the_card_is_flown_once_and_a_flight_alone_is_the_same(
 ) -> None:
     kinds = ("small_satellite", "thesis_off")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["card.py", "--kinds", *kinds, "--count", "1", "--numpy"])
+    monkeypatch.setattr(sys, "argv", ["card.py", "--kinds", *kinds, "--count", "1", "--numpy", "--workers", "1"])
     card.main()
     first = capsys.readouterr()
     assert "2 of 2 flights" in first.err

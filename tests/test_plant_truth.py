@@ -23,7 +23,7 @@ from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 Array = NDArray[np.float64]
 
-DURATION_S = 16.0  # of 200 samples
+DURATION_S = 9.6  # of 120 samples
 TOLERANCE = 1e-9  # rad/s, and rad: what the two kinds of plant and the truth must agree to over 50 s
 # With a lag the stepped plant's rates are within 7e-11 rad/s of the truth, which adds up over 50 s
 LAGGING_ANGLE = 1e-8  # rad
@@ -59,7 +59,7 @@ def pulses(commands: Array, vehicle: Vehicle) -> list[dict[str, Any]]:
 @pytest.fixture(scope="module")
 def commands(sample_run: Run) -> Array:
     """Jets commanded in the sample maneuver, a row per sample: from its last rotation into its translations."""
-    return sample_run["command"][250:450]
+    return sample_run["command"][280:400]
 
 
 @pytest.fixture(scope="module")
