@@ -12,7 +12,7 @@ from systems_probe import advance, feedthrough, give, inputs, output, outputs
 from massprop_drake.maths.estimation.filters.mass_filter import Compensation
 from massprop_drake.maths.estimation.filters.thesis import MASS_STATE
 from massprop_drake.systems import MassEstimator
-from massprop_drake.systems.estimation._readings import KnownPackage
+from massprop_drake.systems.estimation.mass_estimator import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_REPORT, TURNING
 
 PUSH = [0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 1.0]  # a linear impulse of 5 along x, usable, firing
