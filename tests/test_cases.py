@@ -239,7 +239,7 @@ def test_03_what_is_learned_is_that_of_the_commands_that_are_known(table: Table,
 def test_03_failures_are_found_where_commands_are_known(failure: dict[str, Any], known: Known, tmp_path: Path) -> None:
     """After the commands are there again, and between rows without."""
     maneuver = [*MANEUVER, *windows("thc -x", begin_s=12.6, hold_s=2.0)]
-    flight = {**SERVICER, "seed": 3, "maneuver": maneuver, "duration_s": 17.1, "failures": [failure]}
+    flight = {**SERVICER, "seed": 3, "maneuver": maneuver, "duration_s": 15.8, "failures": [failure]}
     columns = recorded(simulate(scenario(tmp_path, flight, *AS_FLOWN), look_back=False), tmp_path / "run")
     (found,) = standing(estimated(tmp_path, told_at(columns, known), flight))
     assert found["jet"] == failure["jet"]
@@ -285,7 +285,7 @@ def test_15_a_pulse_shorter_than_the_sample_period_lasts_as_long_as_it_says(tmp_
 
 def test_17_a_leak_is_named_at_another_sample_period() -> None:
     """The orbiter at a quarter of its rate."""
-    run = simulate(load_scenario("leak_named", [LOOP, "vehicle.sample_period_s=0.32"]))
+    run = simulate(load_scenario("leak_named", [LOOP, "vehicle.sample_period_s=0.32", "duration_s=51"]))
     assert [one["jet"] for one in standing(run)] == ["L4D"]
     assert run.summary["consistency"]["verdict"] == "consistent"
 
