@@ -225,14 +225,6 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
     }
 
 
-def _declared(one: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
-    """Returns a declaration, with the jets of a cluster where no more is known."""
-    found = {name: one[name] for name in (*_DECLARED, *_DECLARED_PAYLOAD)}
-    if one["isolated_to"] == "cluster":
-        found["jets"] = [jet.designation for jet in scenario.vehicle_data.jets if jet.cluster == one["cluster"]]
-    return found
-
-
 def _listed(values: Array) -> list[float | None]:
     """Converts numbers for JSON, None where unknown."""
     return [float(value) if np.isfinite(value) else None for value in values]

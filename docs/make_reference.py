@@ -227,22 +227,15 @@ def _default(key: Key) -> str:
 
 def ports() -> str:
     """A table of the ports whose elements have names, in Markdown."""
-    rows = [("port", "elements"), ("---", "---"), *((f"`{port}`", _elements_of(port)) for port in PORTS)]
+    rows = [("port", "elements"), ("---", "---")]
+    for port in PORTS:
+        shown: list[str] = []
+        for of_field in elements(port).values():
+            names = ["_".join("<jet>" if word == JETS else word for word in part if word) for part in of_field]
+            quoted = [f"`{name}`" for name in names]
+            shown += quoted if len(names) <= _MOST else [*quoted[:2], "...", quoted[-1]]
+        rows.append((f"`{port}`", ", ".join(shown)))
     return "\n".join("| " + " | ".join(cells) + " |" for cells in rows) + "\n"
-
-
-def _elements_of(port: str) -> str:
-    """The names of a port's elements, field by field."""
-    return ", ".join(_shortened([_named(part) for part in of_field]) for of_field in elements(port).values())
-
-
-def _named(part: Sequence[str]) -> str:
-    return "`" + "_".join("<jet>" if word == JETS else word for word in part if word) + "`"
-
-
-def _shortened(names: Sequence[str]) -> str:
-    """Names of a field; of many the first two and the last."""
-    return ", ".join(names if len(names) <= _MOST else [*names[:2], "...", names[-1]])
 
 
 def told(text: str, defaults: Mapping[str, str]) -> str:

@@ -8,6 +8,7 @@ whole sample. Arguments and margins without noise grow with the square of the fo
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 FORCES = np.arange(5.0, 51.0, 5.0)  # lbf, of section 5.3.2
 MARGIN = 6.0
 _SAMPLES = 40  # of each jet and force, per seed
-_NEVER = np.zeros(44, dtype=bool)
 
 
 class Setting(NamedTuple):
@@ -33,7 +33,14 @@ class Setting(NamedTuple):
     clusters: NDArray[np.int_]
     quanta: Array
 
+    def tests(self, residual: Array, commanded: tuple[int, ...] = ()) -> JetTests:
+        """Tests a residual, shape (6,), while some jets are on, by number; all others cannot lose thrust."""
+        off = np.ones(len(self.clusters), dtype=bool)
+        off[[number - 1 for number in commanded]] = False
+        return jet_tests(self.coefficients, residual, self.information, off, np.zeros_like(off))
 
+
+@lru_cache(maxsize=1)
 def setting() -> Setting:
     """Returns the setting of table 5-2 and section 5.1."""
     vehicle = orbiter()
@@ -55,19 +62,16 @@ def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple
         commanded: numbers of the jets that are on; all others cannot lose thrust.
     """
     here = setting()
-    off = np.ones(len(here.clusters), dtype=bool)
-    off[[number - 1 for number in commanded]] = False
-    tests = jet_tests(here.coefficients, force * here.coefficients[jet - 1], here.information, off, _NEVER)
+    tests = here.tests(force * here.coefficients[jet - 1], commanded)
     return tests, isolate(tests.likelihood, here.clusters)
 
 
 def separations(_: int) -> dict[str, Array]:
     """Computes argument and margins without noise per squared lbf and jet, all jets off, and 1-sigma of the force."""
     here = setting()
-    off = np.ones(len(here.clusters), dtype=bool)
     found = []
     for signature in here.coefficients:
-        tests = jet_tests(here.coefficients, signature, here.information, off, _NEVER)
+        tests = here.tests(signature)
         isolation = isolate(tests.likelihood, here.clusters)
         found.append((tests.likelihood[isolation.jet], isolation.cluster_margin, isolation.jet_margin))
     strength, cluster_margin, jet_margin = np.array(found).T
@@ -87,16 +91,13 @@ def soft_failures(seed: int) -> dict[str, Array]:
     """
     here = setting()
     random = np.random.default_rng([seed, 0])
-    off = np.ones(len(here.clusters), dtype=bool)
     names = ("cluster", "jet", "wrong_cluster", "wrong_jet", "best_jet", "jet_margin")
     counts = {name: np.zeros((len(here.clusters), len(FORCES))) for name in names}
     for jet, signature in enumerate(here.coefficients):
         for column, force in enumerate(FORCES):
-            exact = force * signature
             marks = random.uniform(size=(_SAMPLES, 6))
-            samples = here.quanta * np.floor(exact / here.quanta + marks)
-            for sample in samples:
-                likelihood = jet_tests(here.coefficients, sample, here.information, off, _NEVER).likelihood
+            for sample in here.quanta * np.floor(force * signature / here.quanta + marks):
+                likelihood = here.tests(sample).likelihood
                 isolation = isolate(likelihood, here.clusters)
                 alarm = isolation.cluster_margin > MARGIN
                 right = isolation.cluster == here.clusters[jet]
@@ -137,7 +138,6 @@ def at_rest(seed: int) -> dict[str, Array]:
 def _drawn(seed: list[int], count: int, mean: Array) -> Iterator[Array]:
     """Draws samples with Gaussian noise about a mean, all jets off, and yields the argument of every jet."""
     here = setting()
-    off = np.ones(len(here.clusters), dtype=bool)
     spread = 1.0 / np.sqrt(here.information.diagonal())
     for noise in spread * np.random.default_rng(seed).standard_normal((count, 6)):
-        yield jet_tests(here.coefficients, mean + noise, here.information, off, _NEVER).likelihood
+        yield here.tests(mean + noise).likelihood

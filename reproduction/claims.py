@@ -53,34 +53,6 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class AtMost:
-    """Expects values up to a limit."""
-
-    limit: float
-
-    def met(self, values: Array) -> NDArray[np.bool_]:
-        """Tells which values meet it."""
-        return values <= self.limit
-
-    def __str__(self) -> str:
-        return f"≤ {number(self.limit)}"
-
-
-@dataclass(frozen=True)
-class AtLeast:
-    """Expects values from a limit up."""
-
-    limit: float
-
-    def met(self, values: Array) -> NDArray[np.bool_]:
-        """Tells which values meet it."""
-        return values >= self.limit
-
-    def __str__(self) -> str:
-        return f"≥ {number(self.limit)}"
-
-
-@dataclass(frozen=True)
 class Between:
     """Expects values in a range, its ends included."""
 
@@ -92,7 +64,13 @@ class Between:
         return (values >= self.low) & (values <= self.high)
 
     def __str__(self) -> str:
-        return f"{number(self.low)} to {number(self.high)}"
+        if self.low == -math.inf:
+            return f"≤ {number(self.high)}"
+        return f"≥ {number(self.low)}" if self.high == math.inf else f"{number(self.low)} to {number(self.high)}"
+
+
+AtMost = partial(Between, -math.inf)  # a limit
+AtLeast = partial(Between, high=math.inf)
 
 
 @dataclass(frozen=True)
@@ -129,7 +107,7 @@ class Reading:
         words: how they are read, shown beside the bound.
     """
 
-    bound: AtMost | AtLeast | Between | Near
+    bound: Between | Near
     words: str
 
     def met(self, values: Array) -> NDArray[np.bool_]:
@@ -140,7 +118,7 @@ class Reading:
         return str(self.bound)
 
 
-Expectation = AtMost | AtLeast | Between | Near | Printed | Reading
+Expectation = Between | Near | Printed | Reading
 
 
 @dataclass(frozen=True)
@@ -195,6 +173,13 @@ class Claim:
 
 reference = partial(Claim, source=Source.REFERENCE)  # a number of our reference, its words in parentheses
 erratum = partial(Claim, source=Source.ERRATA)
+
+
+def expected(
+    row: int, text: str, words: str, expect: Expectation, measure: Callable[[Any], float], unit: str = "", **others: Any
+) -> Claim:
+    """Makes a claim of a number that our reference expects; see `Claim`."""
+    return reference(row, text, f"(expected {words})", expect, measure, unit, **others)
 
 
 @dataclass(frozen=True)

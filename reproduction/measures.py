@@ -49,15 +49,9 @@ def percent_error(run: Signals) -> Array:
     return 100.0 * (run["truth"] - run["estimate"]) / np.abs(run["truth"][0])
 
 
-def percent_at(run: Signals, time_s: float) -> Array:
-    """Computes the size of the errors at a time, %, shape (10,)."""
+def percent_at(run: Signals, time_s: float = np.inf) -> Array:
+    """Computes the size of the errors at a time, %, shape (10,); at the end without one."""
     result: Array = np.abs(percent_error(run)[at(run, time_s)])
-    return result
-
-
-def final_percent(run: Signals) -> Array:
-    """Computes the size of the errors at the end, %, shape (10,)."""
-    result: Array = np.abs(percent_error(run)[-1])
     return result
 
 
@@ -83,9 +77,14 @@ def share_above(case: str, limit: float, start_s: float, end_s: float = np.inf) 
     return lambda phase: float(np.mean(nis(phase[case], "rotation", start_s, end_s) > limit))
 
 
-def value(case: str, name: str, index: int = 0) -> Measure:
+def value(case: str, name: str, index: int | tuple[int, int] = 0) -> Measure:
     """Makes a measure: an element of a result."""
     return lambda phase: float(phase[case][name][index])
+
+
+def mean(measure: Measure) -> Pooled:
+    """Makes a pooled measure: the mean over the phases."""
+    return lambda phases: float(np.mean([measure(phase) for phase in phases]))
 
 
 def ratio(one: Callable[[Any], float], other: Callable[[Any], float]) -> Callable[[Any], float]:
@@ -96,6 +95,17 @@ def ratio(one: Callable[[Any], float], other: Callable[[Any], float]) -> Callabl
 def worst(case: str, elements: int | slice | list[int] = DIAGONAL, time_s: float = np.inf) -> Measure:
     """Makes a measure: the largest error of some elements at a time, %; at the end without one."""
     return lambda phase: float(np.max(percent_at(phase[case], time_s)[elements]))
+
+
+def sigma_percent(case: str, element: int, time_s: float = np.inf) -> Measure:
+    """Makes a measure: the filter's own 1-sigma at a time, %; at the end without one."""
+
+    def measure(phase: Phase) -> float:
+        run = phase[case]
+        sigma = run["standard_deviation"][at(run, time_s), element]
+        return float(100.0 * sigma / abs(run["truth"][0, element]))
+
+    return measure
 
 
 def apart_in_sigma(case: str, other: str, time_s: float) -> Measure:
@@ -124,17 +134,8 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def on_times_s(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
-    """Computes how long each firing that begins within a time lasts, s, shape (m,)."""
-    return _firings(run, start_s, end_s)[1]
-
-
-def on_starts_s(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
-    """Computes when these firings begin, in the same order, s, shape (m,)."""
-    return _firings(run, start_s, end_s)[0]
-
-
-def _firings(run: Signals, start_s: float, end_s: float) -> tuple[Array, Array]:
+def firings(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> tuple[Array, Array]:
+    """Finds when each firing that begins within a time begins, and how long it lasts, s, shape (m,) each."""
     command = run["command"] > 0.0
     starts, times = [], []
     for jet in np.flatnonzero(command.any(axis=0)):

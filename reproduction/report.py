@@ -113,15 +113,14 @@ _LEGEND = (
 )
 
 
-def markdown(results: Sequence[Reproduced], *, pictures: bool = True) -> str:
+def markdown(results: Sequence[Reproduced]) -> str:
     """Renders the results as Markdown, a section with a table per entry."""
     lines = [f"# {_TITLE}", "", summary_line(results) + ".", "", _LEGEND, ""]
     for result in results:
         lines += [f"## {label(result.entry)}: {result.entry.title}", ""]
-        lines += [f"![{result.entry.title}]({picture.as_posix()})" for picture in result.pictures if pictures]
-        lines += [""] if result.pictures and pictures else []
-        lines += table(result)
-        lines.append("")
+        lines += [f"![{result.entry.title}]({picture.as_posix()})" for picture in result.pictures]
+        lines += [""] if result.pictures else []
+        lines += [*table(result), ""]
     return "\n".join(lines)
 
 

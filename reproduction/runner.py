@@ -18,16 +18,17 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.results.exchange import recover, stage
 from massprop_drake.studies.processes import defer_ctrl_c
-from reproduction.cases import Case
-from reproduction.claims import Phase, Signals
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:  # a process that runs cases loads no more than these need
+    from reproduction.cases import Case
+    from reproduction.claims import Phase, Signals
+
 
 WORKERS = 2
 _BATCH = 120  # runs of one pair of processes: with some versions of Drake memory grows with every run
@@ -68,12 +69,10 @@ class Store:
         Raises:
             LookupError: when one has not been run.
         """
-        seeds = phase_count(cases)
+        seeds = _phase_count(cases)
         single = {label: self._need(case, 0) for label, case in cases.items() if case.seeds == 1}
         several = {label: case for label, case in cases.items() if case.seeds > 1}
-        return [
-            {**single, **{label: self._need(case, seed) for label, case in several.items()}} for seed in range(seeds)
-        ]
+        return [single | {label: self._need(case, seed) for label, case in several.items()} for seed in range(seeds)]
 
     def _need(self, case: Case, seed: int) -> Signals:
         found = self.get(case, seed)
@@ -89,7 +88,7 @@ class Store:
                 path.unlink(missing_ok=True)
 
 
-def phase_count(cases: Mapping[str, Case]) -> int:
+def _phase_count(cases: Mapping[str, Case]) -> int:
     """Counts the phases that all of some cases have, those of one seed being part of every phase."""
     return min((case.seeds for case in cases.values() if case.seeds > 1), default=1)
 
@@ -98,7 +97,7 @@ def needed(groups: Iterable[Mapping[str, Case]]) -> list[Case]:
     """Merges groups of cases: each case once, with as many seeds as the phases of its largest group."""
     found: dict[str, Case] = {}
     for cases in groups:
-        phases = phase_count(cases)
+        phases = _phase_count(cases)
         for case in cases.values():
             seeds = min(case.seeds, phases)
             if case.name not in found or found[case.name].seeds < seeds:

@@ -14,11 +14,7 @@ from massprop_drake.maths.linear_algebra import Array
 def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams) -> Array:
     """Returns the state's mean at the truth, shape (size,); velocities that accelerometers have gathered are zero.
 
-    Args:
-        properties: the ten parameters, shape (10,).
-        rate: rad/s, shape (3,).
-        errors: parameters from `Places.thrust` on, in units of their sigmas, shape (size - thrust,).
-        params: see `JointParams`.
+    `errors` are those of the parameters from `Places.thrust` on, in units of their sigmas.
     """
     mean = np.zeros(params.places.size)
     mean[:N_PROPERTIES], mean[RATE], mean[params.places.thrust :] = properties, rate, errors
@@ -26,34 +22,21 @@ def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams
 
 
 def start(sample: JointSample, mean: Array, params: JointParams) -> JointState:
-    """Returns the bound's state after the first sample.
-
-    Args:
-        sample: the first one; what of it is missing counts.
-        mean: the truth then, see `true_mean`.
-        params: see `JointParams`.
-    """
+    """Returns the bound's state after the first sample, of which counts what is missing; `mean` is the truth then."""
     begins = begin_from_readings(initial_joint_state(params)._replace(mean=mean), sample, params)
     return begins._replace(mean=mean, reference=mean[RATE].copy())
 
 
 def step(state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
-    """Computes the bound's state after one more sample.
+    """Computes the bound's state after one more sample, of whose readings counts which are missing.
 
-    Args:
-        state: after the last one; its mean is the truth then.
-        sample: of this interval; of its readings it only counts which are missing.
-        mean: the truth at its end, see `true_mean`.
-        used: the components that the estimator used, shape (m,).
-        params: see `JointParams`.
+    `mean` is the truth at its end, `used` the components that the estimator used, shape (m,).
     """
-    return update_bound(
-        state, predict_interval_end(state, sample, mean, params), sample.time_s, (used, params.variances), params
-    )[0]
+    end = predict_interval_end(state, sample, mean, params)
+    return update_bound(state, end, sample.time_s, (used, params.variances), params)[0]
 
 
 def deviation(state: JointState) -> Array:
     """Computes the least 1-sigma of the ten parameters, shape (10,)."""
     rows = state.root[:N_PROPERTIES]
-    result: Array = np.sqrt(np.sum(rows * rows, axis=1))
-    return result
+    return np.sqrt(np.sum(rows * rows, axis=1))

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tarfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,7 +27,6 @@ from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.display.run import Run
-from massprop_drake.inputs import yaml
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.studies.threads import ONE_THREAD
@@ -45,21 +44,6 @@ gc.set_threshold(20_000, 20, 50)  # the usual 700 new objects between two collec
 # a process of the program parses its command line once, and few files; what the tests ask of one process
 # again and again is made once
 typer.main.get_command = cache(typer.main.get_command)
-
-
-def _read_once() -> None:
-    """Keeps what was read of a YAML text, wherever it was: only messages name its source, and errors are not kept."""
-    read, known = yaml._read.__wrapped__, {}
-
-    def kept(text: str, source: str, within: tuple[str | int, ...]) -> Any:
-        if (text, within) not in known:
-            known[text, within] = read(text, source, within)
-        return known[text, within]
-
-    yaml._read = kept
-
-
-_read_once()
 
 
 def pytest_sessionstart() -> None:
@@ -91,29 +75,18 @@ def sample_run(sample_maneuver: Scenario) -> Run:
 
 
 @pytest.fixture(scope="session")
-def short_scenario() -> Scenario:
-    """The first 7 s of the sample maneuver: two rotations."""
-    return load_scenario("sample_maneuver", ["duration_s=7"])
-
-
-@pytest.fixture(scope="session")
-def short_run(short_scenario: Scenario) -> Run:
-    """A run of it; do not change its arrays."""
-    return simulate(short_scenario)
-
-
-SENSOR_ERRORS = """
-[{sensor: gyro, scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], bias_random_walk: 1.0e-7,
-  noise_std: 2.0e-6},
- {sensor: acc2, bandwidth_hz: 20.0, bias: [1.0e-3, 0, 0], noise_std: 0.01, delay_samples: 1}]
-"""
+def short_run() -> Run:
+    """The first 7 s of the sample maneuver, two rotations; do not change its arrays."""
+    return simulate(load_scenario("sample_maneuver", ["duration_s=7"]))
 
 
 @pytest.fixture(scope="session")
 def noisy_run() -> Run:
     """The sample maneuver's first 24 s with every sensor error on; do not change its arrays."""
-    errors = " ".join(SENSOR_ERRORS.split())
-    return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", f"sensors.errors={errors}"]))
+    gyro = "scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], bias_random_walk: 1.0e-7, noise_std: 2.0e-6"
+    accelerometer = "bandwidth_hz: 20.0, bias: [1.0e-3, 0, 0], noise_std: 0.01, delay_samples: 1"
+    errors = f"sensors.errors=[{{sensor: gyro, {gyro}}}, {{sensor: acc2, {accelerometer}}}]"
+    return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", errors]))
 
 
 TOY = """
@@ -321,31 +294,19 @@ class Page:
         self.page.context.close()
 
 
-@contextmanager
-def _opening(browser: Any) -> Iterator[Any]:
-    pages: list[Page] = []
-
-    def open_page(path: Path, before: str = "", ready: str = "body[data-ready=yes]") -> Page:
-        pages.append(Page(browser, path, before, ready))
-        return pages[-1]
-
-    yield open_page
-    for page in pages:
-        page.close()
-
-
-@pytest.fixture
-def opened(browser: Any) -> Iterator[Any]:
+def _opened(browser: Any) -> Iterator[Any]:
     """A function that opens a file in the browser.
 
     `before` is a script to run before the page's own; the page is ready when it has what `ready` selects.
     """
-    with _opening(browser) as open_page:
+    with ExitStack() as pages:
+
+        def open_page(path: Path, before: str = "", ready: str = "body[data-ready=yes]") -> Page:
+            return pages.enter_context(closing(Page(browser, path, before, ready)))
+
         yield open_page
 
 
-@pytest.fixture(scope="module")
-def opened_once(browser: Any) -> Iterator[Any]:
-    """The same for a page that all tests of a file look at; whoever changes it brings it back by `Page.as_opened`."""
-    with _opening(browser) as open_page:
-        yield open_page
+opened = pytest.fixture(_opened, name="opened")
+# of a page that all tests of a file look at; whoever changes it brings it back by `Page.as_opened`
+opened_once = pytest.fixture(_opened, scope="module", name="opened_once")

@@ -35,10 +35,8 @@ Change = Callable[[JointState], JointState]
 def make_params(*, quantum: float = 0.0, unstated: int = 0, **priors: float) -> Params:
     """Parameters of a vehicle with six jets, all faults possible.
 
-    Args:
-        quantum: of the gyros, rad/s, and ten times that of the accelerometers; 0: noise alone.
-        unstated: components of a disturbance that nobody states: six, or none.
-        priors: see `Priors`.
+    The quantum is that of the gyros, rad/s, ten times as large for accelerometers; 0: noise alone. `unstated` are
+    components of a disturbance that nobody states: six, or none.
     """
     cells, noise = np.repeat([quantum, 10.0 * quantum], 6), np.repeat(NOISE, 6) if quantum == 0.0 else np.full(12, 1e-5)
     joint = small_params(
@@ -148,11 +146,7 @@ def samples_of(
 ) -> tuple[list[JointSample], list[JointState]]:
     """Samples of a flight, and the truth after each.
 
-    Args:
-        params: see `JointParams`.
-        commands: shape (n, JETS).
-        changes: of the truth, before the interval of that index.
-        false: added to the readings of that index, shape (12,).
+    By index: changes of the truth before an interval, and what is added to the readings, shape (12,).
     """
     rng, truth = np.random.default_rng(7), known_vehicle(params)
     offset = np.where(params.cells > 0.0, rng.uniform(size=12) * params.cells, 0.0)

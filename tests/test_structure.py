@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -84,21 +84,8 @@ def _imports(tree: ast.AST, *, inside_functions: bool = True) -> set[str]:
     return found
 
 
-@cache
-def trees() -> dict[str, ast.Module]:
-    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
-
-
-@cache
-def imports() -> dict[str, set[str]]:
-    """Names that each module imports."""
-    return {name: _imports(tree) for name, tree in trees().items()}
-
-
-@cache
-def first_imports() -> dict[str, set[str]]:
-    """Names that each module imports before it can be used."""
-    return {name: _imports(tree, inside_functions=False) for name, tree in trees().items()}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
+IMPORTS = {name: _imports(tree) for name, tree in TREES.items()}
 
 
 def _own(imported: set[str]) -> set[str]:
@@ -109,7 +96,7 @@ def _own(imported: set[str]) -> set[str]:
 
 def _outside(name: str) -> set[str]:
     """Top-level names of what a module imports that is neither ours nor the standard library's."""
-    tops = {_top(imported) for imported in imports()[name]}
+    tops = {_top(imported) for imported in IMPORTS[name]}
     return tops - {PACKAGE, BESIDE, "__future__"} - set(sys.stdlib_module_names)
 
 
@@ -123,24 +110,7 @@ def _top(name: str) -> str:
 
 def _rooms(name: str) -> set[str]:
     """Rooms that a module imports from, but its own."""
-    return {_top(imported) for imported in _own(imports()[name])} - {_top(name)}
-
-
-@cache
-def _loaded(name: str) -> frozenset[str]:
-    """All that is loaded with a module, of the package and from outside, followed to the end."""
-    found: set[str] = set()
-    waiting = [name]
-    while waiting:
-        here = waiting.pop()
-        if here in found:
-            continue
-        found.add(here)
-        found |= {imported for imported in first_imports()[here] if not imported.startswith(PACKAGE)}
-        for own in _own(first_imports()[here]):
-            parts = own.split(".")
-            waiting += [".".join(parts[:length]) for length in range(1, len(parts) + 1)]  # its packages, too
-    return frozenset(found)
+    return {_top(imported) for imported in _own(IMPORTS[name])} - {_top(name)}
 
 
 def test_the_modules_are_found() -> None:
@@ -148,7 +118,7 @@ def test_the_modules_are_found() -> None:
     assert {_top(name) for name in MODULES if name} >= set(FLOOR)
     assert min(len(_of(room)) for room in ("maths", "systems", "diagrams")) > 5
     assert "numpy" in _outside("maths.attitude")
-    assert "diagrams.estimation" in _own(imports()["diagrams.closed_loop"])
+    assert "diagrams.estimation" in _own(IMPORTS["diagrams.closed_loop"])
     loose = {path.stem for path in (REPOSITORY / PACKAGE).glob("*.py")}
     assert loose == {"__init__", "__main__", "errors"}
 
@@ -181,10 +151,10 @@ def test_rooms_know_what_they_may() -> None:
         assert [name for name in _of(room) if not _rooms(name) <= known] == []
     assert _outside("runners.estimator") <= {"numpy"}
     assert not _rooms("runners.estimator") & {"systems", "diagrams", "display", "cli"}
-    assert not _own(imports()["runners.estimator"]) & {"display.run", "runners.simulate"}
+    assert not _own(IMPORTS["runners.estimator"]) & {"display.run", "runners.simulate"}
     for name in set(_of("display")) - {"display.graphs"}:  # what is shown of a run does not run it
         assert not _rooms(name) & {"runners", "systems", "diagrams", "cli"}, name
-        assert "display.run" not in _own(imports()[name]), name
+        assert "display.run" not in _own(IMPORTS[name]), name
 
 
 @pytest.mark.parametrize("package", USERS)
@@ -202,16 +172,10 @@ def test_only_the_entries_know_the_command_line() -> None:
 
 def test_pydrake_is_imported_module_by_module() -> None:
     # pydrake.all takes a third of a second and 60 MB
-    assert [name for name, imported in imports().items() if imported & {"pydrake", "pydrake.all"}] == []
+    assert [name for name, imported in IMPORTS.items() if imported & {"pydrake", "pydrake.all"}] == []
 
 
 def test_what_needs_no_drake_loads_none() -> None:
-    for name in (name for room in WITHOUT_DRAKE for name in _of(room)):
-        outside = {_top(imported) for imported in _loaded(name) if imported not in MODULES}
-        assert not outside & {"pydrake", "matplotlib"}, name
-
-
-def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
     names = [f"{PACKAGE}.{name}" for room in WITHOUT_DRAKE for name in _of(room) if name not in WITH_NUMBA]
     program = (
         "import sys, importlib\n"
@@ -223,18 +187,8 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
 
 
 def test_no_imports_go_in_circles() -> None:
-    graph = {name: _run_first(name, imported) for name, imported in first_imports().items()}
-    done: set[str] = set()
-
-    def visit(name: str, trail: tuple[str, ...]) -> None:
-        assert name not in trail, " -> ".join((*trail[trail.index(name) :], name))
-        if name not in done:
-            for other in sorted(graph[name]):
-                visit(other, (*trail, name))
-            done.add(name)
-
-    for name in graph:
-        visit(name, ())
+    first = {name: _imports(tree, inside_functions=False) for name, tree in TREES.items()}
+    TopologicalSorter({name: _run_first(name, imported) for name, imported in first.items()}).prepare()
 
 
 def _run_first(name: str, imported: set[str]) -> set[str]:
@@ -261,7 +215,7 @@ def test_packed_vectors_are_read_by_their_layouts() -> None:
     bare = [
         f"{name}, line {node.lineno}: {ast.unparse(node)}"
         for name in (*_of("systems"), *_of("diagrams"), *_of("runners"))
-        for node in ast.walk(trees()[name])
+        for node in ast.walk(TREES[name])
         if isinstance(node, ast.Subscript) and _bare(node.slice)
         if not (isinstance(node.value, ast.Attribute) and node.value.attr == "shape")
     ]

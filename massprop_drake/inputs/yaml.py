@@ -111,7 +111,10 @@ class Document:
 
     def __init__(self, text: str, source: str, within: FieldPath = ()):
         self.source = source
-        data, self._lines, old = _read(text, source, within)
+        try:
+            data, self._lines, old = _read(text, within)
+        except InputError as error:
+            raise InputError(f"{source}{error}") from None
         if old:
             renamed.warn(f"{source}: {', '.join(f'{key} is now {new}' for key, new in old.items())}", 3)
         self.data: dict[str, Any] = deepcopy(data)
@@ -129,36 +132,36 @@ class Document:
         return f"{self.source}: {dotted(path)}" if path else self.source
 
 
-@lru_cache(maxsize=32)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
-def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
-    """Reads the data, the line of each part, and the present name of each old key."""
+@lru_cache(maxsize=128)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
+def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
+    """Reads the data, the line of each part, and the present name of each old key; errors go on after the source."""
     if len(text) > _LONGEST:
-        raise InputError(f"{source}: has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
+        raise InputError(f": has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
     reader = YAML(typ="safe", pure=True)
     reader.Resolver, reader.Composer = _Resolver, _Composer
     reader.max_depth = _DEEPEST
     try:
         node = reader.compose(text)
     except MaxDepthExceededError:
-        raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
+        raise InputError(": nested too deeply; no file of ours needs more than a few levels") from None
     except YAMLError as error:
-        raise InputError(f"{source}: not valid YAML: {_error_text(error)}") from None
+        raise InputError(f": not valid YAML: {_error_text(error)}") from None
     if not isinstance(node, MappingNode):
         what = "is empty" if node is None else "is no mapping"
-        raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
-    walk = _Walk(source, within)
+        raise InputError(f": the document {what}; expected keys with values, such as 'name: ...'")
+    walk = _Walk(within)
     walk.through(node, ())
     try:
         return reader.constructor.construct_document(node), walk.lines, walk.renamed
     except (YAMLError, ValueError) as error:
-        raise InputError(f"{source}: not valid YAML: {_error_text(error)}") from None
+        raise InputError(f": not valid YAML: {_error_text(error)}") from None
 
 
 class _Walk:
     """Walk that notes the line of each part of a document, renames old keys and refuses a key that comes twice."""
 
-    def __init__(self, source: str, within: FieldPath):
-        self._source, self._within = source, within
+    def __init__(self, within: FieldPath):
+        self._within = within
         self.lines: dict[FieldPath, int] = {}
         self.renamed: dict[str, str] = {}
 
@@ -169,7 +172,7 @@ class _Walk:
             for key, value in node.value:
                 line = key.start_mark.line + 1
                 if not isinstance(key, ScalarNode):
-                    raise InputError(f"{self._source}, line {line}: a key must be a plain word")
+                    raise InputError(f", line {line}: a key must be a plain word")
                 place = (*self._within, *path[1:]) if self._within else path
                 now = renamed.present_key_name((*place, key.value))
                 if now is not None:
@@ -177,7 +180,7 @@ class _Walk:
                 field = (*path, key.value)
                 if field in self.lines:
                     raise InputError(
-                        f"{self._source}, line {line}: {dotted(field)}: the key appears twice, "
+                        f", line {line}: {dotted(field)}: the key appears twice, "
                         f"first in line {self.lines[field]}; keep one of them"
                     )
                 self.lines[field] = line

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from reproduction import analytic
-from reproduction.cases import Calculation
+from reproduction import analytic, flights, words
+from reproduction.cases import Calculation, Case, Flight
 from reproduction.claims import (
     Array,
     AtLeast,
@@ -23,125 +25,54 @@ from reproduction.claims import (
     Printed,
     Reading,
     Signals,
+    expected,
     reference,
 )
 from reproduction.drawing import COLORS, TRUTH_COLOR, panels
 from reproduction.entry import Entry
-from reproduction.flights import LEAK, STUCK_OFF, STUCK_ON, STUCK_ON_JUMP, STUCK_ON_RESET, VERNIER
-from reproduction.measures import DIAGONAL, during, longest_row, orbiter, ratio, rms, worst
-from reproduction.words import COMPARABLE, CONSIDERABLE, MARGINAL, MUCH_MORE, NEARLY_ALL, TREMENDOUS, TYPICALLY, orders
+from reproduction.measures import DIAGONAL, during, longest_row, mean, orbiter, ratio, rms, worst
 
 _ONSET_S = 50.0
-_MARGIN = 6.0
+_MARGIN = analytic.MARGIN
+_CLUSTERS = np.array([jet.cluster for jet in orbiter().jets])
+
+Samples = NDArray[np.bool_]
 
 
-def _clusters() -> NDArray[np.int_]:
-    return np.array([jet.cluster for jet in orbiter().jets])
-
-
-def tested(run: Signals) -> NDArray[np.bool_]:
-    """Samples tested after the onset of the failure."""
-    result: NDArray[np.bool_] = (run["tested"][:, 0] != 0.0) & (run["time_s"] > _ONSET_S + 1e-6)
+def _tested(run: Signals) -> Samples:
+    """Selects the samples tested after the onset of the failure."""
+    result: Samples = (run["tested"][:, 0] != 0.0) & (run["time_s"] > _ONSET_S + 1e-6)
     return result
 
 
-def showing(run: Signals, jet: int) -> NDArray[np.bool_]:
-    """Tested samples over whose interval a jet was commanded."""
+def _showing(run: Signals, jet: int) -> Samples:
+    """Selects the tested samples over whose interval a jet was commanded."""
     on = run["command"][:, jet - 1] > 0.0
-    before = np.concatenate([[False], on[:-1]])  # a row's command acts from its time on
-    result: NDArray[np.bool_] = tested(run) & before
+    result: Samples = _tested(run) & np.concatenate([[False], on[:-1]])  # a row's command acts from its time on
     return result
 
 
-def _column(run: Signals, name: str, samples: NDArray[np.bool_]) -> Array:
+def _column(run: Signals, name: str, samples: Samples) -> Array:
     result: Array = run[name][samples, 0]
     return result
 
 
-def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
-    """Makes a measure: orders of magnitude from the largest argument of the 5 s before to the first sample's after."""
-
-    def measure(phase: Phase) -> float:
-        run = phase["flight"]
-        before = (run["tested"][:, 0] != 0.0) & (run["time_s"] < _ONSET_S + 1e-6)
-        first = int(np.flatnonzero(which(run))[0])
-        return float(np.log10(run["likelihood"][first, jet - 1] / run["likelihood"][before].max()))
-
-    return measure
-
-
-def _median_argument(run: Signals, jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> float:
-    return float(np.median(run["likelihood"][which(run), jet - 1]))
-
-
-def _orders_below(jet: int) -> Measure:
-    """Makes a measure: orders of magnitude of a jet's median argument below that of jet 29, stuck on."""
-    return lambda phase: float(
-        np.log10(_median_argument(phase["hard"], 29, tested) / _median_argument(phase["flight"], jet, tested))
-    )
-
-
-def _first(name: str, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
-    """Makes a measure: a margin at the first sample that shows the failure; NaN: none does."""
-    return lambda phase: float(np.append(_column(phase["flight"], name, which(phase["flight"])), np.nan)[0])
-
-
-def _least_margin(phase: Phase) -> float:
+def _named(phase: Phase) -> Samples:
+    """Selects, of the tested samples, those whose alarm names a jet."""
     run = phase["flight"]
-    return float(min(_column(run, name, tested(run)).min() for name in ("cluster_margin", "jet_margin")))
+    result: Samples = _column(run, "jet_isolated", _tested(run)) != 0.0
+    return result
 
 
-def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
-    """Makes a measure: share of samples whose alarm names the right jet."""
-
-    def measure(phase: Phase) -> float:
-        run = phase["flight"]
-        samples = which(run)
-        named = (_column(run, "jet_isolated", samples) != 0.0) & (_column(run, "suspected_jet", samples) == jet - 1)
-        return float(named.mean())
-
-    return measure
+def _share_named(phase: Phase) -> float:
+    """Share of the tested samples whose alarm names a jet."""
+    return float(_named(phase).mean())
 
 
-def _right_cluster(jet: int) -> Measure:
-    """Makes a measure: share of tested samples whose alarm names the right cluster."""
-
-    def measure(phase: Phase) -> float:
-        run = phase["flight"]
-        samples = tested(run)
-        alarm = _column(run, "alarm", samples) != 0.0
-        right = _column(run, "suspected_cluster", samples) == _clusters()[jet - 1]
-        return float((alarm & right).mean())
-
-    return measure
-
-
-def _cluster_eight_on(run: Signals) -> NDArray[np.bool_]:
-    jets = np.flatnonzero(_clusters() == 8) + 1
-    return np.any([showing(run, int(jet)) for jet in jets], axis=0)
-
-
-def _margins_apart(phase: Phase) -> float:
-    """Median of the margin between clusters over that within, while the opposing cluster is off."""
-    run = phase["flight"]
-    samples = tested(run) & ~_cluster_eight_on(run)
-    return float(np.median(_column(run, "cluster_margin", samples)) / np.median(_column(run, "jet_margin", samples)))
-
-
-def _dip(phase: Phase) -> float:
-    """Median margin between clusters while the opposing cluster fires over that while it does not."""
-    run = phase["flight"]
-    opposed = _cluster_eight_on(run)
-    if not opposed.any():
-        return float("nan")
-    margins = [np.median(_column(run, "cluster_margin", which)) for which in (opposed, tested(run) & ~opposed)]
-    return float(margins[0] / margins[1])
-
-
-def _force_error(
-    jet: int, force: float, which: Callable[[Signals], NDArray[np.bool_]], size: Callable[[Array], float]
-) -> Measure:
-    return lambda phase: size(phase["flight"]["failure_magnitude"][which(phase["flight"]), jet - 1] - force)
+def _first_named(phase: Phase) -> float:
+    """Number of the first tested sample whose alarm names a jet; infinity: none does."""
+    found = np.flatnonzero(_named(phase))
+    return float(found[0] + 1) if found.size else np.inf
 
 
 def _largest(values: Array) -> float:
@@ -153,378 +84,235 @@ def _within(values: Array) -> float:
     return float(np.mean(np.abs(values) <= 1.0))
 
 
-def _best_force_within(jet: int, force: float) -> Measure:
-    """Makes a measure: share of tested samples whose likeliest jet of the failed cluster has the force within 1 lbf."""
+def _onset(panel: Axes, label: str) -> None:
+    """Names a panel's vertical axis and marks the onset."""
+    panel.set_ylabel(label)
+    panel.axvline(_ONSET_S, color=TRUTH_COLOR, linewidth=0.8, linestyle=":")
 
-    def measure(phase: Phase) -> float:
+
+def _shown(run: Signals) -> Samples:
+    """Selects the tested samples that pictures show."""
+    return (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Failed jet of three figures, with measures of a phase of its flight.
+
+    Attributes:
+        flight: with the failure.
+        jet: number in table 5-1.
+        force, given: on top of its commands, by table 5-1 and as the thesis gives it, lbf.
+        title: words for it.
+        of_cluster: whether its cluster is what the thesis shows.
+    """
+
+    flight: Flight
+    jet: int
+    force: float
+    given: float
+    title: str
+    of_cluster: bool = False
+
+    @property
+    def inside(self) -> Samples:
+        """The jets of its cluster, shape (44,)."""
+        result: Samples = _CLUSTERS[self.jet - 1] == _CLUSTERS
+        return result
+
+    def shows(self, run: Signals) -> Samples:
+        """Selects the tested samples that show the failure: missing thrust alone while the jet is commanded."""
+        return _tested(run) if self.force > 0.0 else _showing(run, self.jet)
+
+    def rise(self, phase: Phase) -> float:
+        """Orders of magnitude from the largest argument of the 5 s before to the first sample's after."""
         run = phase["flight"]
-        found = run["failure_magnitude"][tested(run), _best_in_cluster(run, jet)]
-        return _within(found - force)
+        before = (run["tested"][:, 0] != 0.0) & (run["time_s"] < _ONSET_S + 1e-6)
+        first = int(np.flatnonzero(self.shows(run))[0])
+        return float(np.log10(run["likelihood"][first, self.jet - 1] / run["likelihood"][before].max()))
 
-    return measure
+    def median(self, run: Signals) -> float:
+        """Median argument of the jet at the samples that show the failure."""
+        return float(np.median(run["likelihood"][self.shows(run), self.jet - 1]))
+
+    def orders_below(self, phase: Phase) -> float:
+        """Orders of magnitude of its median argument below that of jet 29, stuck on."""
+        return float(np.log10(_ON.median(phase["hard"]) / self.median(phase["flight"])))
+
+    def first(self, name: str) -> Measure:
+        """Makes a measure: a margin at the first sample that shows the failure; NaN: none does."""
+        return lambda phase: float(np.append(_column(phase["flight"], name, self.shows(phase["flight"])), np.nan)[0])
+
+    def right(self, phase: Phase) -> float:
+        """Share of samples that show the failure whose alarm names the jet."""
+        run = phase["flight"]
+        samples = self.shows(run)
+        named = _column(run, "jet_isolated", samples) != 0.0
+        return float((named & (_column(run, "suspected_jet", samples) == self.jet - 1)).mean())
+
+    def right_cluster(self, phase: Phase) -> float:
+        """Share of tested samples whose alarm names the cluster."""
+        run = phase["flight"]
+        samples = _tested(run)
+        right = _column(run, "suspected_cluster", samples) == _CLUSTERS[self.jet - 1]
+        return float(((_column(run, "alarm", samples) != 0.0) & right).mean())
+
+    def likeliest(self, run: Signals) -> Array:
+        """Index of the likeliest jet of the cluster, for the tested samples."""
+        result: Array = np.where(self.inside, run["likelihood"][_tested(run)], -1.0).argmax(axis=1)
+        return result
+
+    def likeliest_is_right(self, phase: Phase) -> float:
+        """Share of tested samples whose likeliest jet of the cluster is the failed one."""
+        return float(np.mean(self.likeliest(phase["flight"]) == self.jet - 1))
+
+    def force_error(self, size: Callable[[Array], float]) -> Measure:
+        """Makes a measure: size of the errors of the force at the samples that show the failure, lbf."""
+        return lambda phase: size(
+            phase["flight"]["failure_magnitude"][self.shows(phase["flight"]), self.jet - 1] - self.given
+        )
+
+    def likeliest_within(self, phase: Phase) -> float:
+        """Share of tested samples whose likeliest jet of the cluster has the force within 1 lbf."""
+        run = phase["flight"]
+        return _within(run["failure_magnitude"][_tested(run), self.likeliest(run)] - self.given)
+
+    def exact(self, what: str, *commanded: int) -> Measure:
+        """Makes a measure: argument, margin or 1-sigma without noise, at table 5-2's truth.
+
+        Args:
+            what: argument, cluster, jet or std.
+            commanded: numbers of the jets that are on; without, the failed one where thrust is missing.
+        """
+
+        def measure(_: Phase) -> float:
+            on = commanded or ((self.jet,) if self.force < 0.0 else ())
+            tests, isolation = analytic.noise_free(self.jet, self.force, on)
+            values = {
+                "argument": tests.likelihood[self.jet - 1],
+                "cluster": isolation.cluster_margin,
+                "jet": isolation.jet_margin,
+                "std": np.sqrt(tests.variance[self.jet - 1]),
+            }
+            return float(values[what])
+
+        return measure
+
+    def arguments(self, figure: str, *claims: Claim, **others: Case) -> Entry:
+        """Makes the figure of the argument of the failed jet, or its cluster, and of the largest elsewhere."""
+        title = f"{'Cluster likelihood' if self.of_cluster else 'Likelihood'} argument, {self.title}"
+
+        def draw(phases: Phases) -> Figure:
+            picture, (panel,) = panels(1, f"{title} (figure {figure})", windows=False, height=2.6)
+            run = phases[0]["flight"]
+            shown, likelihood = _shown(run), run["likelihood"]
+            own = likelihood[:, self.inside].max(axis=1) if self.of_cluster else likelihood[:, self.jet - 1]
+            name = f"cluster {_CLUSTERS[self.jet - 1]}" if self.of_cluster else f"jet {self.jet}"
+            elsewhere = likelihood[:, ~self.inside].max(axis=1)
+            for values, color, label in (
+                (elsewhere, COLORS[1], "largest of the other clusters"),
+                (own, COLORS[0], name),
+            ):
+                panel.plot(run["time_s"][shown], np.maximum(values[shown], 0.05), ".", color=color, ms=4, label=label)
+            panel.set_yscale("log")
+            _onset(panel, "likelihood argument")
+            panel.legend(fontsize=8)
+            return picture
+
+        return self._entry(figure, title, claims, draw, **others)
+
+    def margins(self, figure: str, *claims: Claim, **others: Case) -> Entry:
+        """Makes the figure of both margins."""
+
+        def draw(phases: Phases) -> Figure:
+            title = f"Largest minus next-largest argument, {self.title} (figure {figure})"
+            picture, axes = panels(2, title, windows=False)
+            run = phases[0]["flight"]
+            shown = _shown(run)
+            names = {"jet_margin": "(a) within the cluster", "cluster_margin": "(b) between clusters"}
+            for panel, (name, label), color in zip(axes, names.items(), COLORS, strict=False):
+                panel.plot(run["time_s"][shown], np.maximum(run[name][shown, 0], 0.05), ".", color=color, ms=4)
+                panel.axhline(_MARGIN, color=TRUTH_COLOR, linewidth=0.8, linestyle="--")
+                panel.set_yscale("log")
+                _onset(panel, label)
+            return picture
+
+        return self._entry(figure, f"Margins, {self.title}", claims, draw, **others)
+
+    def magnitudes(self, figure: str, *claims: Claim) -> Entry:
+        """Makes the figure of the estimated force of the failed jet and, if soft, of its cluster's likeliest."""
+
+        def draw(phases: Phases) -> Figure:
+            title = f"Estimated failure force, {self.title} (figure {figure})"
+            picture, axes = panels(1 + self.of_cluster, title, windows=False, height=2.2)
+            run = phases[0]["flight"]
+            shown, inside = _shown(run), np.flatnonzero(self.inside)
+            likeliest = inside[run["likelihood"][:, inside].argmax(axis=1)]
+            forces = run["failure_magnitude"]
+            both = (forces[:, self.jet - 1], forces[np.arange(len(likeliest)), likeliest])
+            labels = (f"jet {self.jet}, lbf", "likeliest in cluster, lbf")
+            for panel, values, label, color in zip(axes, both, labels, COLORS, strict=False):
+                panel.plot(run["time_s"][shown], values[shown], ".", color=color, ms=4)
+                panel.axhline(self.given, color=TRUTH_COLOR, linewidth=0.8)
+                _onset(panel, label)
+            return picture
+
+        return self._entry(figure, f"Failure magnitude, {self.title}", claims, draw)
+
+    def _entry(
+        self, figure: str, title: str, claims: tuple[Claim, ...], draw: Callable[[Phases], Figure], **others: Case
+    ) -> Entry:
+        name = f"fig_{figure.replace('-', '_')}"
+        return Entry(name, title, {"flight": self.flight, **others}, claims, {name: draw})
 
 
-def _share_named(phase: Phase) -> float:
-    """Share of the tested samples whose alarm names a jet."""
-    return float(_named(phase["flight"]).mean())
+_ON = Failed(flights.STUCK_ON, 29, 868.819, 868.819, "jet 29 stuck on")
+_OFF = Failed(flights.STUCK_OFF, 11, -874.185, -874.185, "jet 11 stuck off")
+_VERNIER = Failed(flights.VERNIER, 39, 24.483, 24.483, "vernier 39 stuck on", of_cluster=True)
+_LEAK = Failed(flights.LEAK, 24, 0.015 * 691.018, 10.4, "jet 24 leaking 1.5 %", of_cluster=True)
 
 
-def _named(run: Signals) -> NDArray[np.bool_]:
-    """Selects, of the tested samples, those whose alarm names a jet."""
-    result: NDArray[np.bool_] = _column(run, "jet_isolated", tested(run)) != 0.0
-    return result
+def _least_margin(phase: Phase) -> float:
+    run = phase["flight"]
+    return float(min(_column(run, name, _tested(run)).min() for name in ("cluster_margin", "jet_margin")))
 
 
-def _first_named(phase: Phase) -> float:
-    """Number of the first tested sample whose alarm names a jet; infinity: none does."""
-    found = np.flatnonzero(_named(phase["flight"]))
-    return float(found[0] + 1) if found.size else np.inf
+def _cluster_eight_on(run: Signals) -> Samples:
+    return np.any([_showing(run, int(jet)) for jet in np.flatnonzero(_CLUSTERS == 8) + 1], axis=0)
 
 
-def _best_in_cluster(run: Signals, jet: int) -> Array:
-    """Index of the likeliest jet of the failed cluster, for the tested samples."""
-    inside = _clusters() == _clusters()[jet - 1]
-    result: Array = np.where(inside, run["likelihood"][tested(run)], -1.0).argmax(axis=1)
-    return result
+def _margins_apart(phase: Phase) -> float:
+    """Median of the margin between clusters over that within, while the opposing cluster is off."""
+    run = phase["flight"]
+    samples = _tested(run) & ~_cluster_eight_on(run)
+    return float(np.median(_column(run, "cluster_margin", samples)) / np.median(_column(run, "jet_margin", samples)))
 
 
-def _best_is_right(jet: int) -> Measure:
-    return lambda phase: float(np.mean(_best_in_cluster(phase["flight"], jet) == jet - 1))
+def _dip(phase: Phase) -> float:
+    """Median margin between clusters while the opposing cluster fires over that while it does not; NaN: it never."""
+    run = phase["flight"]
+    opposed = _cluster_eight_on(run)
+    if not opposed.any():
+        return float("nan")
+    margins = [np.median(_column(run, "cluster_margin", which)) for which in (opposed, _tested(run) & ~opposed)]
+    return float(margins[0] / margins[1])
+
+
+def _force_while_off(phase: Phase) -> float:
+    """RMS force of jet 11 while it is not commanded, lbf."""
+    run = phase["flight"]
+    return rms(run["failure_magnitude"][_tested(run) & ~_OFF.shows(run), _OFF.jet - 1])
 
 
 def _first_at_lower_threshold(phase: Phase) -> float:
     """Number of the jet that the largest margin within the cluster belongs to."""
     run = phase["flight"]
-    margins = _column(run, "jet_margin", tested(run))
-    return float(_best_in_cluster(run, 24)[int(margins.argmax())] + 1)
+    return float(_LEAK.likeliest(run)[int(_column(run, "jet_margin", _tested(run)).argmax())] + 1)
 
 
-# ------------------------------------------------------------------------------------------- oracle
-
-
-def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -> Measure:
-    """Makes a measure: argument or margin of a failure without noise, at table 5-2's truth."""
-
-    def measure(_: Phase) -> float:
-        tests, isolation = analytic.noise_free(jet, force, commanded)
-        values = {
-            "argument": tests.likelihood[jet - 1],
-            "cluster": isolation.cluster_margin,
-            "jet": isolation.jet_margin,
-            "std": np.sqrt(tests.variance[jet - 1]),
-        }
-        return float(values[what])
-
-    return measure
-
-
-# ----------------------------------------------------------------------------------------- pictures
-
-
-def _history(title: str, jet: int, *, of_cluster: bool) -> Callable[[Phases], Figure]:
-    """Makes a picture of the argument of the failed jet, or its cluster, and of the largest elsewhere."""
-
-    def draw(phases: Phases) -> Figure:
-        figure, (panel,) = panels(1, title, windows=False, height=2.6)
-        run = phases[0]["flight"]
-        shown = (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
-        inside = _clusters() == _clusters()[jet - 1]
-        own = run["likelihood"][:, inside].max(axis=1) if of_cluster else run["likelihood"][:, jet - 1]
-        other = run["likelihood"][:, ~inside].max(axis=1)
-        for values, color, label in (
-            (other, COLORS[1], "largest of the other clusters"),
-            (own, COLORS[0], f"cluster {_clusters()[jet - 1]}" if of_cluster else f"jet {jet}"),
-        ):
-            panel.plot(run["time_s"][shown], np.maximum(values[shown], 0.05), ".", color=color, ms=4, label=label)
-        panel.set_yscale("log")
-        panel.set_ylabel("likelihood argument")
-        panel.axvline(_ONSET_S, color=TRUTH_COLOR, linewidth=0.8, linestyle=":")
-        panel.legend(fontsize=8)
-        return figure
-
-    return draw
-
-
-def _margins(title: str) -> Callable[[Phases], Figure]:
-    """Makes a picture of both margins."""
-
-    def draw(phases: Phases) -> Figure:
-        figure, axes = panels(2, title, windows=False)
-        run = phases[0]["flight"]
-        shown = (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
-        for panel, name, label, color in zip(
-            axes,
-            ("jet_margin", "cluster_margin"),
-            ("(a) within the cluster", "(b) between clusters"),
-            COLORS,
-            strict=False,
-        ):
-            panel.plot(run["time_s"][shown], np.maximum(run[name][shown, 0], 0.05), ".", color=color, ms=4)
-            panel.axhline(_MARGIN, color=TRUTH_COLOR, linewidth=0.8, linestyle="--")
-            panel.axvline(_ONSET_S, color=TRUTH_COLOR, linewidth=0.8, linestyle=":")
-            panel.set_yscale("log")
-            panel.set_ylabel(label)
-        return figure
-
-    return draw
-
-
-def _magnitudes(title: str, jet: int, force: float, *, best: bool) -> Callable[[Phases], Figure]:
-    """Makes a picture of the estimated force of the failed jet and, with best, of its cluster's likeliest."""
-
-    def draw(phases: Phases) -> Figure:
-        figure, axes = panels(1 + best, title, windows=False, height=2.2)
-        run = phases[0]["flight"]
-        shown = (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
-        inside = np.flatnonzero(_clusters() == _clusters()[jet - 1])
-        likeliest = inside[run["likelihood"][:, inside].argmax(axis=1)]
-        forces = [run["failure_magnitude"][:, jet - 1], run["failure_magnitude"][np.arange(len(likeliest)), likeliest]]
-        labels = [f"jet {jet}, lbf", "likeliest in cluster, lbf"]
-        for panel, values, label, color in zip(axes, forces, labels, COLORS, strict=False):
-            panel.plot(run["time_s"][shown], values[shown], ".", color=color, ms=4)
-            panel.axhline(force, color=TRUTH_COLOR, linewidth=0.8)
-            panel.axvline(_ONSET_S, color=TRUTH_COLOR, linewidth=0.8, linestyle=":")
-            panel.set_ylabel(label)
-        return figure
-
-    return draw
-
-
-def _jet_11(run: Signals) -> NDArray[np.bool_]:
-    return showing(run, 11)
-
-
-def _jet_11_off(run: Signals) -> NDArray[np.bool_]:
-    return tested(run) & ~showing(run, 11)
-
-
-_ON, _OFF = 868.819, -874.185  # lbf, table 5-1
-_VERNIER_FORCE, _LEAK_FORCE = 24.483, 10.4
-
-# fmt: off
-_STUCK_ON = (
-    Entry("fig_5_16", "Likelihood argument, jet 29 stuck on", {"flight": STUCK_ON}, (
-            Claim(1, "orders of magnitude by which the argument rises at the first sample tested",
-                "at the first sample instant after the failure it increases by five orders of magnitude", orders(5),
-                _orders(29, tested)),
-            reference(1, "argument without noise", "(expected 8.07e5)", Near(8.07e5, 0.5e3),
-                _exact(29, _ON, "argument")),
-        ),
-        {"fig_5_16": _history("Likelihood argument, jet 29 stuck on (figure 5-16)", 29, of_cluster=False)},
-    ),
-    Entry("fig_5_17", "Margins, jet 29 stuck on", {"flight": STUCK_ON}, (
-            Claim(2, "margin (b) at the first sample", "cluster isolated at the first sample", AtLeast(_MARGIN),
-                _first("cluster_margin", tested)),
-            Claim(2, "margin (a) at the first sample", "jet isolated at the first sample", AtLeast(_MARGIN),
-                _first("jet_margin", tested)),
-            reference(2, "margin (a) without noise", "(expected 289, next jet 30)", Near(289, 0.5),
-                _exact(29, _ON, "jet")),
-            reference(2, "margin (b) without noise", "(expected 17 800, next cluster 7)", Near(17800, 50),
-                _exact(29, _ON, "cluster")),
-            Claim(3, "margin (b) over margin (a), medians while the opposing cluster is off",
-                "isolation between clusters is normally much more significant than within", MUCH_MORE, _margins_apart),
-            Claim(4, "median margin (b) while cluster 8 fires over that while it does not",
-                "abrupt negative spikes of (b) when the opposing jet is fired",
-                Reading(AtMost(1.0 / 3.0), "abrupt: to a third"), _dip),
-            reference(4, "margin (b) without noise while jet 17 fires", "(expected 32.8, next cluster 8)",
-                Near(32.8, 0.05), _exact(29, _ON, "cluster", (17,))),
-            Claim(5, "least of both margins from 50 to 58 s",
-                "always greater than ten throughout the period of the failure", AtLeast(10.0), _least_margin),
-            Claim(5, "share of tested samples that name jet 29", "isolation always right", AtLeast(1.0),
-                _right(29, tested)),
-        ),
-        {"fig_5_17": _margins("Largest minus next-largest argument, jet 29 stuck on (figure 5-17)")},
-    ),
-    Entry("fig_5_18", "Failure magnitude, jet 29 stuck on", {"flight": STUCK_ON}, (
-            reference(6, "RMS error of the force", "(RMS within 1 lbf)", AtMost(1.0),
-                _force_error(29, _ON, tested, rms), "lbf"),
-            Claim(6, "largest error of the force", "variations less than 1 lbf over the entire observed period",
-                AtMost(1.0), _force_error(29, _ON, tested, _largest), "lbf",
-                because=Because(
-                    "one sample's own 1-sigma is {:.2f} lbf by (4-25) with the sensors of section 5.1; of {:.0f} "
-                    "tested samples {:.0%} are within 1 lbf",
-                    (_exact(29, _ON, "std"), lambda phase: float(np.count_nonzero(tested(phase["flight"]))),
-                     _force_error(29, _ON, tested, _within)))),
-            reference(6, "1-sigma of the force", "(expected 0.97)", Near(0.97, 0.005), _exact(29, _ON, "std"), "lbf"),
-        ),
-        {"fig_5_18": _magnitudes("Estimated failure force, jet 29 stuck on (figure 5-18)", 29, _ON, best=False)},
-    ),
-)
-
-_STUCK_OFF = (
-    Entry("fig_5_19", "Likelihood argument, jet 11 stuck off", {"flight": STUCK_OFF, "hard": STUCK_ON}, (
-            Claim(
-                1,
-                "median argument while jet 11 is commanded, over that of jet 29 stuck on",
-                "the size of the arguments was comparable to that of the stuck-on case",
-                COMPARABLE,
-                lambda phase: (
-                    _median_argument(phase["flight"], 11, _jet_11) / _median_argument(phase["hard"], 29, tested)
-                ),
-            ),
-            reference(1, "argument without noise", "(expected 1.08e6)", Near(1.08e6, 0.5e4),
-                _exact(11, _OFF, "argument", (11,))),
-        ),
-        {"fig_5_19": _history("Likelihood argument, jet 11 stuck off (figure 5-19)", 11, of_cluster=False)},
-    ),
-    Entry("fig_5_20", "Margins, jet 11 stuck off", {"flight": STUCK_OFF}, (
-            Claim(2, "margin (b) at the first sample that shows it",
-                "detection and isolation at the first sample after the failure", AtLeast(_MARGIN),
-                _first("cluster_margin", _jet_11)),
-            Claim(2, "margin (a) at the first sample that shows it", "isolation at the first sample", AtLeast(_MARGIN),
-                _first("jet_margin", _jet_11)),
-            Claim(2, "share of samples with jet 11 commanded that name it", "isolation right", AtLeast(1.0),
-                _right(11, _jet_11)),
-            reference(2, "margin (b) without noise", "(expected 1 940, next cluster 2)", Near(1940, 5),
-                _exact(11, _OFF, "cluster", (11,))),
-            reference(2, "margin (a) without noise, jet 12 also on", "(expected 2.0e4)", Near(2.0e4, 0.05e4),
-                _exact(11, _OFF, "jet", (11, 12))),
-            reference(2, "margin (a) without noise, jet 12 off", "(expected about 1e6)", Near(1e6, 0.1e6),
-                _exact(11, _OFF, "jet", (11,))),
-        ),
-        {"fig_5_20": _margins("Largest minus next-largest argument, jet 11 stuck off (figure 5-20)")},
-    ),
-    Entry("fig_5_21", "Failure magnitude, jet 11 stuck off", {"flight": STUCK_OFF}, (
-            Claim(3, "largest error of the force while commanded", "again accurate to less than 1 lbf", AtMost(1.0),
-                _force_error(11, _OFF, _jet_11, _largest), "lbf"),
-            reference(3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)),
-                "lbf"),
-            Claim(4, "RMS of the force while not commanded",
-                "the magnitude estimates likewise jumped as the commands changed",
-                Reading(AtMost(1.0), "jumps: to nothing, within 1 lbf"), _force_error(11, 0.0, _jet_11_off, rms),
-                "lbf"),
-        ),
-        {"fig_5_21": _magnitudes("Estimated failure force, jet 11 stuck off (figure 5-21)", 11, _OFF, best=False)},
-    ),
-)
-
-_VERNIER = (
-    Entry("fig_5_22", "Cluster likelihood argument, vernier 39 stuck on", {"flight": VERNIER, "hard": STUCK_ON}, (
-            Claim(
-                2,
-                "orders of magnitude of the median argument below that of jet 29",
-                "three to four orders of magnitude smaller than those of the hard failures",
-                orders(3, 4),
-                _orders_below(39),
-                because=Because(
-                    "without noise table 5-1 and (4-28) give {:.2f} orders: {:.2f} by the forces, less since a pound "
-                    "of the vernier shows more",
-                    (
-                        lambda phase: float(
-                            np.log10(_exact(29, _ON, "argument")(phase) / _exact(39, _VERNIER_FORCE, "argument")(phase))
-                        ),
-                        lambda _: float(2.0 * np.log10(_ON / _VERNIER_FORCE)),
-                    ),
-                ),
-            ),
-            reference(2, "the same without noise", "(expected ratio 1.4e-3)", Near(1.4e-3, 0.5e-4),
-                lambda phase: _exact(39, _VERNIER_FORCE, "argument")(phase) / _exact(29, _ON, "argument")(phase)),
-            reference(1, "argument without noise", "(expected 1 121)", Near(1121, 0.5),
-                _exact(39, _VERNIER_FORCE, "argument")),
-        ),
-        {"fig_5_22": _history("Cluster likelihood argument, vernier 39 stuck on (figure 5-22)", 39, of_cluster=True)},
-    ),
-    Entry("fig_5_23", "Margins, vernier 39 stuck on",
-        {"flight": VERNIER, "gaussian": Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20)}, (
-            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
-                AtLeast(_MARGIN), _first("cluster_margin", tested)),
-            Claim(1, "share of tested samples that name cluster 4", "isolation to the cluster was also significant",
-                NEARLY_ALL, _right_cluster(39)),
-            reference(1, "margin (b) without noise", "(expected 582, next cluster 2)", Near(582, 0.5),
-                _exact(39, _VERNIER_FORCE, "cluster")),
-            Claim(3, "number of the first sample that names the jet",
-                "isolation to the particular jet occurred after four time instants", Printed(4.0), _first_named,
-                because=Because(
-                    "which sample is the first is a matter of chance: {:.0%} of the samples name the jet here, and of "
-                    "independent samples with Gaussian noise {:.0%}, of which {:.0%} of the runs would wait for the "
-                    "fourth or longer",
-                    (_share_named, lambda phase: float(phase["gaussian"]["named"].mean()),
-                     lambda phase: float((1.0 - phase["gaussian"]["named"].mean()) ** 3)))),
-            Claim(3, "longest row of samples that name the jet",
-                "no two isolations ever occurred consecutively thereafter", AtMost(1.0),
-                lambda phase: float(longest_row(_named(phase["flight"]))),
-                because=Because(
-                    "{:.0%} of the samples name the jet, so among {:.0f} tested ones two in a row are the rule; with "
-                    "Gaussian noise of equal variance it is {:.0%}",
-                    (_share_named, lambda phase: float(_named(phase["flight"]).size),
-                     lambda phase: float(phase["gaussian"]["named"].mean())))),
-            Claim(3, "share of tested samples that name the jet", "isolation to the jet is marginal", MARGINAL,
-                _share_named),
-            reference(3, "the same of independent samples with Gaussian noise", "(expected 0.17)", Near(0.17, 0.02),
-                lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])), pooled=True),
-            reference(3, "mean margin (a) without noise", "(expected 2.8, next jet 9)", Near(2.8, 0.05),
-                _exact(39, _VERNIER_FORCE, "jet")),
-            reference(3, "share of samples whose likeliest jet is the right one", "(best-jet choice right 80 %)",
-                Near(0.80, 0.05), _best_is_right(39),
-                because=Because(
-                    "quantized sensors at rest repeat few values: {:.0%} here, {:.0%} with Gaussian noise of equal "
-                    "variance", (_best_is_right(39), lambda phase: float(phase["gaussian"]["best"].mean())))),
-            reference(3, "the same of independent samples with Gaussian noise", "(expected 0.80)", Near(0.80, 0.02),
-                lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])), pooled=True),
-        ),
-        {"fig_5_23": _margins("Largest minus next-largest argument, vernier 39 stuck on (figure 5-23)")},
-    ),
-    Entry("fig_5_24", "Failure magnitude, vernier 39 stuck on", {"flight": VERNIER}, (
-            Claim(4, "share of tested samples whose force is within 1 lbf, (a) failed jet",
-                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
-                _force_error(39, _VERNIER_FORCE, tested, _within)),
-            Claim(4, "the same, (b) jet that maximizes the argument in the cluster",
-                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
-                _best_force_within(39, _VERNIER_FORCE)),
-            reference(4, "1-sigma of the force", "(expected 0.73)", Near(0.73, 0.005),
-                _exact(39, _VERNIER_FORCE, "std"), "lbf"),
-        ),
-        {
-            "fig_5_24": _magnitudes(
-                "Estimated failure force, vernier 39 stuck on (figure 5-24)", 39, _VERNIER_FORCE, best=True
-            )
-        },
-    ),
-)
-
-_LEAK = (
-    Entry("fig_5_25", "Cluster likelihood argument, jet 24 leaking 1.5 %", {"flight": LEAK, "hard": STUCK_ON}, (
-            Claim(1, "orders of magnitude of the median argument below that of jet 29",
-                "three to four orders of magnitude smaller than those of the hard failures", orders(3, 4),
-                _orders_below(24)),
-            reference(1, "argument without noise", "(expected 260)", Near(260, 0.5),
-                _exact(24, 0.015 * 691.018, "argument")),
-        ),
-        {"fig_5_25": _history("Cluster likelihood argument, jet 24 leaking (figure 5-25)", 24, of_cluster=True)},
-    ),
-    Entry("fig_5_26", "Margins, jet 24 leaking 1.5 %", {"flight": LEAK}, (
-            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
-                AtLeast(_MARGIN), _first("cluster_margin", tested)),
-            Claim(1, "share of tested samples that name cluster 10", "isolation to the cluster was also significant",
-                NEARLY_ALL, _right_cluster(24)),
-            reference(1, "margin (b) without noise", "(expected 81, next cluster 8)", Near(81, 0.5),
-                _exact(24, 0.015 * 691.018, "cluster")),
-            Claim(2, "samples that name a jet", "no isolation to the jet in the whole run", AtMost(0.0),
-                lambda phase: float(_named(phase["flight"]).sum())),
-            reference(2, "mean margin (a) without noise", "(expected 0.04, next jet 25)", Near(0.04, 0.005),
-                _exact(24, 0.015 * 691.018, "jet")),
-            Claim(2, "number of the jet with the largest margin (a)",
-                "a lower threshold would first have isolated jet 42, incorrectly", Near(42.0, 0.0),
-                _first_at_lower_threshold),
-            reference(2, "share of samples whose likeliest jet is a wrong one of the cluster",
-                "(jets 24, 25, 26 and 42 compete)", AtLeast(0.25), lambda phase: 1.0 - _best_is_right(24)(phase)),
-        ),
-        {"fig_5_26": _margins("Largest minus next-largest argument, jet 24 leaking (figure 5-26)")},
-    ),
-    Entry("fig_5_27", "Failure magnitude, jet 24 leaking 1.5 %", {"flight": LEAK}, (
-            Claim(3, "share of tested samples whose force is within 1 lbf, (a) leaking jet",
-                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
-                _force_error(24, _LEAK_FORCE, tested, _within)),
-            Claim(3, "the same, (b) jet that maximizes the argument in the cluster",
-                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
-                _best_force_within(24, _LEAK_FORCE)),
-            reference(3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"),
-                "lbf"),
-        ),
-        {"fig_5_27": _magnitudes("Estimated failure force, jet 24 leaking (figure 5-27)", 24, _LEAK_FORCE, best=True)},
-    ),
-)
-# fmt: on
+def _gaussian(what: str) -> Measure:
+    """Makes a measure: share of independent samples of the vernier with Gaussian noise."""
+    return lambda phase: float(phase["gaussian"][what].mean())
 
 
 def _grown(case: str, time_s: float) -> Measure:
@@ -533,24 +321,177 @@ def _grown(case: str, time_s: float) -> Measure:
 
 
 # fmt: off
-_TEXT = (
+ENTRIES = (
     Entry("section_5_3", "Identification of jet failures, the text",
-        {"flight": STUCK_ON, "reset": STUCK_ON_RESET, "jump": STUCK_ON_JUMP}, (
+        {"flight": flights.STUCK_ON, "reset": flights.STUCK_ON_RESET, "jump": flights.STUCK_ON_JUMP}, (
             Claim(1, "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps, over that before",
                 "an erroneous decision that a mass-property jump has occurred quickly leads to state divergence",
-                TREMENDOUS, _grown("jump", 52.0)),
+                words.TREMENDOUS, _grown("jump", 52.0)),
             Claim(2, "largest error of the diagonal 8 s after, jet logic reset after two alarms, over that before",
                 "a reset would also prevent divergence of the mass-property states",
                 Reading(AtMost(2.0), "no divergence: at most doubled"), _grown("reset", 58.0)),
             Claim(2, "the same without a reset", "divergence due to an improper correction of the residuals",
-                CONSIDERABLE, _grown("flight", 58.0),
+                words.CONSIDERABLE, _grown("flight", 58.0),
                 because=Because(
                     "no correction is improper here: {:.0%} of the tested samples name the right jet, and the error is "
                     "{:.4f} % before and {:.4f} % after",
-                    (_right(29, tested), worst("flight", DIAGONAL, _ONSET_S), worst("flight", DIAGONAL, 58.0)))),
+                    (_ON.right, worst("flight", DIAGONAL, _ONSET_S), worst("flight", DIAGONAL, 58.0)))),
         ),
+    ),
+
+    _ON.arguments("5-16",
+        Claim(1, "orders of magnitude by which the argument rises at the first sample tested",
+            "at the first sample instant after the failure it increases by five orders of magnitude", words.orders(5),
+            _ON.rise),
+        expected(1, "argument without noise", "8.07e5", Near(8.07e5, 0.5e3), _ON.exact("argument")),
+    ),
+    _ON.margins("5-17",
+        Claim(2, "margin (b) at the first sample", "cluster isolated at the first sample", AtLeast(_MARGIN),
+            _ON.first("cluster_margin")),
+        Claim(2, "margin (a) at the first sample", "jet isolated at the first sample", AtLeast(_MARGIN),
+            _ON.first("jet_margin")),
+        expected(2, "margin (a) without noise", "289, next jet 30", Near(289, 0.5), _ON.exact("jet")),
+        expected(2, "margin (b) without noise", "17 800, next cluster 7", Near(17800, 50), _ON.exact("cluster")),
+        Claim(3, "margin (b) over margin (a), medians while the opposing cluster is off",
+            "isolation between clusters is normally much more significant than within", words.MUCH_MORE,
+            _margins_apart),
+        Claim(4, "median margin (b) while cluster 8 fires over that while it does not",
+            "abrupt negative spikes of (b) when the opposing jet is fired",
+            Reading(AtMost(1.0 / 3.0), "abrupt: to a third"), _dip),
+        expected(4, "margin (b) without noise while jet 17 fires", "32.8, next cluster 8", Near(32.8, 0.05),
+            _ON.exact("cluster", 17)),
+        Claim(5, "least of both margins from 50 to 58 s",
+            "always greater than ten throughout the period of the failure", AtLeast(10.0), _least_margin),
+        Claim(5, "share of tested samples that name jet 29", "isolation always right", AtLeast(1.0), _ON.right),
+    ),
+    _ON.magnitudes("5-18",
+        reference(6, "RMS error of the force", "(RMS within 1 lbf)", AtMost(1.0), _ON.force_error(rms), "lbf"),
+        Claim(6, "largest error of the force", "variations less than 1 lbf over the entire observed period",
+            AtMost(1.0), _ON.force_error(_largest), "lbf",
+            because=Because(
+                "one sample's own 1-sigma is {:.2f} lbf by (4-25) with the sensors of section 5.1; of {:.0f} "
+                "tested samples {:.0%} are within 1 lbf",
+                (_ON.exact("std"), lambda phase: float(np.count_nonzero(_tested(phase["flight"]))),
+                 _ON.force_error(_within)))),
+        expected(6, "1-sigma of the force", "0.97", Near(0.97, 0.005), _ON.exact("std"), "lbf"),
+    ),
+
+    _OFF.arguments("5-19",
+        Claim(1, "median argument while jet 11 is commanded, over that of jet 29 stuck on",
+            "the size of the arguments was comparable to that of the stuck-on case", words.COMPARABLE,
+            lambda phase: _OFF.median(phase["flight"]) / _ON.median(phase["hard"])),
+        expected(1, "argument without noise", "1.08e6", Near(1.08e6, 0.5e4), _OFF.exact("argument")),
+        hard=flights.STUCK_ON,
+    ),
+    _OFF.margins("5-20",
+        Claim(2, "margin (b) at the first sample that shows it",
+            "detection and isolation at the first sample after the failure", AtLeast(_MARGIN),
+            _OFF.first("cluster_margin")),
+        Claim(2, "margin (a) at the first sample that shows it", "isolation at the first sample", AtLeast(_MARGIN),
+            _OFF.first("jet_margin")),
+        Claim(2, "share of samples with jet 11 commanded that name it", "isolation right", AtLeast(1.0), _OFF.right),
+        expected(2, "margin (b) without noise", "1 940, next cluster 2", Near(1940, 5), _OFF.exact("cluster")),
+        expected(2, "margin (a) without noise, jet 12 also on", "2.0e4", Near(2.0e4, 0.05e4),
+            _OFF.exact("jet", 11, 12)),
+        expected(2, "margin (a) without noise, jet 12 off", "about 1e6", Near(1e6, 0.1e6), _OFF.exact("jet")),
+    ),
+    _OFF.magnitudes("5-21",
+        Claim(3, "largest error of the force while commanded", "again accurate to less than 1 lbf", AtMost(1.0),
+            _OFF.force_error(_largest), "lbf"),
+        expected(3, "1-sigma of the force", "0.84", Near(0.84, 0.005), _OFF.exact("std"), "lbf"),
+        Claim(4, "RMS of the force while not commanded",
+            "the magnitude estimates likewise jumped as the commands changed",
+            Reading(AtMost(1.0), "jumps: to nothing, within 1 lbf"), _force_while_off, "lbf"),
+    ),
+
+    _VERNIER.arguments("5-22",
+        Claim(2, "orders of magnitude of the median argument below that of jet 29",
+            "three to four orders of magnitude smaller than those of the hard failures", words.orders(3, 4),
+            _VERNIER.orders_below,
+            because=Because(
+                "without noise table 5-1 and (4-28) give {:.2f} orders: {:.2f} by the forces, less since a pound "
+                "of the vernier shows more",
+                (lambda phase: float(np.log10(_ON.exact("argument")(phase) / _VERNIER.exact("argument")(phase))),
+                 lambda _: float(2.0 * np.log10(_ON.force / _VERNIER.force))))),
+        expected(2, "the same without noise", "ratio 1.4e-3", Near(1.4e-3, 0.5e-4),
+            ratio(_VERNIER.exact("argument"), _ON.exact("argument"))),
+        expected(1, "argument without noise", "1 121", Near(1121, 0.5), _VERNIER.exact("argument")),
+        hard=flights.STUCK_ON,
+    ),
+    _VERNIER.margins("5-23",
+        Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
+            AtLeast(_MARGIN), _VERNIER.first("cluster_margin")),
+        Claim(1, "share of tested samples that name cluster 4", "isolation to the cluster was also significant",
+            words.NEARLY_ALL, _VERNIER.right_cluster),
+        expected(1, "margin (b) without noise", "582, next cluster 2", Near(582, 0.5), _VERNIER.exact("cluster")),
+        Claim(3, "number of the first sample that names the jet",
+            "isolation to the particular jet occurred after four time instants", Printed(4.0), _first_named,
+            because=Because(
+                "which sample is the first is a matter of chance: {:.0%} of the samples name the jet here, and of "
+                "independent samples with Gaussian noise {:.0%}, of which {:.0%} of the runs would wait for the "
+                "fourth or longer",
+                (_share_named, _gaussian("named"), lambda phase: (1.0 - _gaussian("named")(phase)) ** 3))),
+        Claim(3, "longest row of samples that name the jet",
+            "no two isolations ever occurred consecutively thereafter", AtMost(1.0),
+            lambda phase: float(longest_row(_named(phase))),
+            because=Because(
+                "{:.0%} of the samples name the jet, so among {:.0f} tested ones two in a row are the rule; with "
+                "Gaussian noise of equal variance it is {:.0%}",
+                (_share_named, lambda phase: float(_named(phase).size), _gaussian("named")))),
+        Claim(3, "share of tested samples that name the jet", "isolation to the jet is marginal", words.MARGINAL,
+            _share_named),
+        expected(3, "the same of independent samples with Gaussian noise", "0.17", Near(0.17, 0.02),
+            mean(_gaussian("named")), pooled=True),
+        expected(3, "mean margin (a) without noise", "2.8, next jet 9", Near(2.8, 0.05), _VERNIER.exact("jet")),
+        reference(3, "share of samples whose likeliest jet is the right one", "(best-jet choice right 80 %)",
+            Near(0.80, 0.05), _VERNIER.likeliest_is_right,
+            because=Because(
+                "quantized sensors at rest repeat few values: {:.0%} here, {:.0%} with Gaussian noise of equal "
+                "variance", (_VERNIER.likeliest_is_right, _gaussian("best")))),
+        expected(3, "the same of independent samples with Gaussian noise", "0.80", Near(0.80, 0.02),
+            mean(_gaussian("best")), pooled=True),
+        gaussian=Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20),
+    ),
+    _VERNIER.magnitudes("5-24",
+        Claim(4, "share of tested samples whose force is within 1 lbf, (a) failed jet",
+            "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
+            _VERNIER.force_error(_within)),
+        Claim(4, "the same, (b) jet that maximizes the argument in the cluster",
+            "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
+            _VERNIER.likeliest_within),
+        expected(4, "1-sigma of the force", "0.73", Near(0.73, 0.005), _VERNIER.exact("std"), "lbf"),
+    ),
+
+    _LEAK.arguments("5-25",
+        Claim(1, "orders of magnitude of the median argument below that of jet 29",
+            "three to four orders of magnitude smaller than those of the hard failures", words.orders(3, 4),
+            _LEAK.orders_below),
+        expected(1, "argument without noise", "260", Near(260, 0.5), _LEAK.exact("argument")),
+        hard=flights.STUCK_ON,
+    ),
+    _LEAK.margins("5-26",
+        Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
+            AtLeast(_MARGIN), _LEAK.first("cluster_margin")),
+        Claim(1, "share of tested samples that name cluster 10", "isolation to the cluster was also significant",
+            words.NEARLY_ALL, _LEAK.right_cluster),
+        expected(1, "margin (b) without noise", "81, next cluster 8", Near(81, 0.5), _LEAK.exact("cluster")),
+        Claim(2, "samples that name a jet", "no isolation to the jet in the whole run", AtMost(0.0),
+            lambda phase: float(_named(phase).sum())),
+        expected(2, "mean margin (a) without noise", "0.04, next jet 25", Near(0.04, 0.005), _LEAK.exact("jet")),
+        Claim(2, "number of the jet with the largest margin (a)",
+            "a lower threshold would first have isolated jet 42, incorrectly", Near(42.0, 0.0),
+            _first_at_lower_threshold),
+        reference(2, "share of samples whose likeliest jet is a wrong one of the cluster",
+            "(jets 24, 25, 26 and 42 compete)", AtLeast(0.25), lambda phase: 1.0 - _LEAK.likeliest_is_right(phase)),
+    ),
+    _LEAK.magnitudes("5-27",
+        Claim(3, "share of tested samples whose force is within 1 lbf, (a) leaking jet",
+            "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
+            _LEAK.force_error(_within)),
+        Claim(3, "the same, (b) jet that maximizes the argument in the cluster",
+            "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
+            _LEAK.likeliest_within),
+        expected(3, "1-sigma of the force", "0.64", Near(0.64, 0.005), _LEAK.exact("std"), "lbf"),
     ),
 )
 # fmt: on
-
-ENTRIES = (*_TEXT, *_STUCK_ON, *_STUCK_OFF, *_VERNIER, *_LEAK)

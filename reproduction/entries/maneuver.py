@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from massprop_drake.inputs.scheduled import HandControllerWindow
 from massprop_drake.maths.signals import AXES
+from reproduction import words
 from reproduction.claims import (
     Array,
     AtLeast,
@@ -27,8 +28,7 @@ from reproduction.claims import (
 from reproduction.drawing import curves, panels
 from reproduction.entry import Entry
 from reproduction.flights import HYBRID, SHORT_REQUESTS
-from reproduction.measures import DEGREES, at, during, maneuver_windows, on_starts_s, on_times_s, orbiter, rms
-from reproduction.words import MUCH_OF, NOTICEABLE, SMALL, TYPICALLY
+from reproduction.measures import DEGREES, at, during, firings, maneuver_windows, orbiter, rms
 
 _FLIGHT = {"flight": HYBRID}
 _PAIRS = ((38.0, 40.0), (41.0, 43.0), (44.0, 46.0))  # two axes at once, the second of three seconds on
@@ -121,8 +121,13 @@ def _drift(phase: Phase) -> float:
     return float(np.abs(run["velocity"][during(run, 0.0, 24.9)]).max())
 
 
+def _on_times_s(phase: Phase, start_s: float = 0.0, end_s: float = 24.9) -> Array:
+    """How long each firing that begins within a time lasts, s, shape (m,)."""
+    return firings(phase["flight"], start_s, end_s)[1]
+
+
 def _firings(phase: Phase) -> float:
-    return float(on_times_s(phase["flight"]).size)
+    return float(_on_times_s(phase, end_s=np.inf).size)
 
 
 def _off_axis_torque(phase: Phase) -> float:
@@ -137,9 +142,9 @@ def _off_axis_torque(phase: Phase) -> float:
     return min(found)
 
 
-def _long_firings(run: Signals) -> Array:
+def _long_firings(phase: Phase) -> Array:
     """Times at which firings of more than 640 ms begin, before 25 s, s."""
-    times, starts = on_times_s(run, 0.0, 24.9), on_starts_s(run, 0.0, 24.9)
+    starts, times = firings(phase["flight"], 0.0, 24.9)
     result: Array = starts[times > 0.65]
     return result
 
@@ -147,14 +152,12 @@ def _long_firings(run: Signals) -> Array:
 def _long_at_ends(phase: Phase) -> float:
     """Share of them that begin within a fifth of a second of where a rotation begins or ends."""
     ends = np.array([time for window in _windows("rhc") for time in (window.start_s, window.end_s)])
-    starts = _long_firings(phase["flight"])
-    return float(np.mean([np.abs(ends - start).min() < 0.2 for start in starts]))
+    return float(np.mean([np.abs(ends - start).min() < 0.2 for start in _long_firings(phase)]))
 
 
 def _typical_firings(phase: Phase) -> float:
     """Share of the firings before 25 s that last 80 to 640 ms."""
-    times = on_times_s(phase["flight"], 0.0, 24.9)
-    return float(np.mean(times < 0.65))
+    return float(np.mean(_on_times_s(phase) < 0.65))
 
 
 def _firing(run: Signals) -> Array:
@@ -185,7 +188,7 @@ def _fuel(phase: Phase) -> float:
 
 
 def _of_full_samples(phase: Phase) -> float:
-    times = on_times_s(phase["flight"]) / orbiter().sample_period_s
+    times = _on_times_s(phase, end_s=np.inf) / orbiter().sample_period_s
     return float(np.abs(times - np.round(times)).max())
 
 
@@ -257,16 +260,16 @@ ENTRIES = (
             reference(1, "jet firings in 50 s", "(of that order: 80 to 160)", Between(80, 160), _firings),
             Claim(2, "longest firing in the rotations before 25 s",
                 "typical rotational firings lasted from 80 ms to 640 ms", Reading(Between(0.08, 0.64), "all of them"),
-                lambda phase: float(on_times_s(phase["flight"], 0.0, 24.9).max()), "s",
+                lambda phase: float(_on_times_s(phase).max()), "s",
                 because=Because(
                     "the jets selected here are not the thesis's, whose controller is not given: {:.0f} of {:.0f} "
                     "firings last longer than 640 ms, {:.0%} of them where a rotation begins or ends",
-                    (lambda phase: float(_long_firings(phase["flight"]).size),
-                     lambda phase: float(on_times_s(phase["flight"], 0.0, 24.9).size), _long_at_ends))),
+                    (lambda phase: float(_long_firings(phase).size), lambda phase: float(_on_times_s(phase).size),
+                     _long_at_ends))),
             Claim(2, "share of the firings before 25 s that last 80 to 640 ms",
-                "typical rotational firings lasted from 80 ms to 640 ms", TYPICALLY, _typical_firings),
+                "typical rotational firings lasted from 80 ms to 640 ms", words.TYPICALLY, _typical_firings),
             Claim(2, "longest firing in the translations", "some translation firings last 2 s", Near(2.0, 0.04),
-                lambda phase: float(on_times_s(phase["flight"], 24.9, 35.0).max()), "s"),
+                lambda phase: float(_on_times_s(phase, 24.9, 35.0).max()), "s"),
             Claim(2, "distance of on-times from whole samples", "multiples of 80 ms", AtMost(1e-6), _of_full_samples,
                 "samples"),
             Claim(3,
@@ -278,12 +281,12 @@ ENTRIES = (
     ),
     Entry("fig_5_5", "Force history", _FLIGHT, (
             Claim(3, "RMS force per axis while jets fire, rotations before 25 s over translations",
-                "noticeable residual force even during rotational maneuvers", NOTICEABLE,
+                "noticeable residual force even during rotational maneuvers", words.NOTICEABLE,
                 lambda phase: _force(0.0, 24.9, phase) / _force(25.0, 35.0, phase)),
-            Claim(3, "the same", "small residual force", SMALL,
+            Claim(3, "the same", "small residual force", words.SMALL,
                 lambda phase: _force(0.0, 24.9, phase) / _force(25.0, 35.0, phase)),
             Claim(4, "share of samples with a jet on",
-                "much of the simulation time took place when the mass properties were observable", MUCH_OF,
+                "much of the simulation time took place when the mass properties were observable", words.MUCH_OF,
                 _observable),
             reference(4, "share of samples that remain after the gate of section 5.1", "(no number)", AtLeast(0.15),
                 _usable),

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from massprop_drake.display.figures import set_symmetric_log
+from reproduction import flights, words
 from reproduction.cases import Calculation
 from reproduction.checks import updates_per_sample
 from reproduction.claims import (
@@ -29,21 +30,6 @@ from reproduction.claims import (
 )
 from reproduction.drawing import consistency, curves, panels
 from reproduction.entry import Entry
-from reproduction.flights import (
-    CENTRIPETAL,
-    CLOSELY_HELD,
-    CLOSELY_HELD_NONE,
-    CLOSELY_HELD_T,
-    LEFT,
-    MIDDLE,
-    NO_COMPENSATION,
-    NO_COVARIANCE,
-    SERIAL,
-    SINGLE_EQUAL,
-    TRANSVERSE,
-    WEIGHTED,
-    WEIGHTED_EQUAL,
-)
 from reproduction.measures import (
     CENTER,
     END_S,
@@ -60,11 +46,13 @@ from reproduction.measures import (
     value,
     worst,
 )
-from reproduction.words import COMPARABLE, INCONSISTENT, NOT_SEEN, SIGNIFICANT, SLIGHTLY_LESS, SLIGHTLY_MORE
 
-_COMPENSATION = {"all": CENTRIPETAL, "t_cov": TRANSVERSE, "t": NO_COVARIANCE, "none": NO_COMPENSATION}
+_COMPENSATION = {
+    **{"all": flights.CENTRIPETAL, "t_cov": flights.TRANSVERSE},
+    **{"t": flights.NO_COVARIANCE, "none": flights.NO_COMPENSATION},
+}
 _COMPENSATION_LABELS = {"all": "T+C+COV", "t_cov": "T+COV", "t": "T", "none": "NONE"}
-_SENSORS = {"single": MIDDLE, "left": LEFT, "serial": SERIAL, "weighted": WEIGHTED}
+_SENSORS = {"single": flights.MIDDLE, "left": flights.LEFT, "serial": flights.SERIAL, "weighted": flights.WEIGHTED}
 
 
 def _largest(case: str, start_s: float, end_s: float) -> Measure:
@@ -166,9 +154,10 @@ _MIDDLE_LABEL = {"single": "middle sensor"}
 # fmt: off
 ENTRIES = (
     Entry("fig_5_12", "Effect of rotational coupling on the mass reciprocal",
-        {**_COMPENSATION, "held": CLOSELY_HELD, "held_none": CLOSELY_HELD_NONE, "held_t": CLOSELY_HELD_T}, (
+        {**_COMPENSATION, "held": flights.CLOSELY_HELD, "held_none": flights.CLOSELY_HELD_NONE,
+            "held_t": flights.CLOSELY_HELD_T}, (
             Claim(1, "largest difference between T+C+COV and T+COV, of the initial error",
-                "no difference whatsoever can be observed by excluding the centripetal acceleration", NOT_SEEN,
+                "no difference whatsoever can be observed by excluding the centripetal acceleration", words.NOT_SEEN,
                 _apart("all", "t_cov", 0.0), "%"),
             Claim(2, "largest error of NONE before 25 s",
                 "excluding it altogether causes the error to diverge until a large translation with little rotation",
@@ -190,7 +179,7 @@ ENTRIES = (
                 Reading(AtLeast(1.0), "more than later"),
                 ratio(_over("t", "t_cov", 1.0, 24.9), _over("t", "t_cov", 25.0)), pooled=True),
             Claim(4, "RMS error from 1 s on of T over that of T+COV", "COV: a significant increase in performance",
-                SIGNIFICANT, _over("t", "t_cov", 1.0), pooled=True,
+                words.SIGNIFICANT, _over("t", "t_cov", 1.0), pooled=True,
                 because=Because(
                     "the center of mass is uncertain enough to matter in {:.0%} of the used samples before 25 s alone "
                     "(its variance at least that of the sensor); these make the errors larger, but not by half",
@@ -214,10 +203,10 @@ ENTRIES = (
                 Reading(AtMost(0.01), "identical to the eye: a line's width, 1 % of the height"), _statistics_apart),
             reference(1, "mean of (a)", "(about 1.7 to 2 with quantized sensors)", Between(1.65, 2.05),
                 mean_nis("all", "mass")),
-            Claim(2, "mean of (d)", "without compensation the residuals are inconsistent", INCONSISTENT,
+            Claim(2, "mean of (d)", "without compensation the residuals are inconsistent", words.INCONSISTENT,
                 mean_nis("none", "mass")),
             Claim(2, "mean of (d) from 37 s on", "even after this point the residuals remain inconsistent",
-                INCONSISTENT, mean_nis("none", "mass", 37.0)),
+                words.INCONSISTENT, mean_nis("none", "mass", 37.0)),
             Claim(3, "mean of (c) over that of (b), before 25 s", "(c) is worse than (b) early",
                 Reading(AtLeast(1.0), "worse"),
                 ratio(mean_nis("t", "mass", 0.0, 24.9), mean_nis("t_cov", "mass", 0.0, 24.9))),
@@ -239,19 +228,19 @@ ENTRIES = (
         {**_SENSORS, "counts": Calculation("updates_per_sample", updates_per_sample)}, (
             Claim(1, "final error, left sensor", "2.1 percent", Printed(2.1), worst("left", MASS), "%"),
             Claim(1, "final error, middle sensor", "1.4 percent", Printed(1.4), worst("single", MASS), "%"),
-            Claim(1, "RMS final error, left over middle sensor", "the final errors were also comparable", COMPARABLE,
-                _over("left", "single"), pooled=True),
+            Claim(1, "RMS final error, left over middle sensor", "the final errors were also comparable",
+                words.COMPARABLE, _over("left", "single"), pooled=True),
             reference(1, "larger of the two final errors", "(both below 4 %)", AtMost(4.0),
                 lambda phase: max(worst("left", MASS)(phase), worst("single", MASS)(phase)), "%"),
             Claim(1, "how often the better of the two changes after 25 s",
                 "one slightly more accurate for a while, to be surpassed by the other later", AtLeast(1.0), _turns),
             Claim(2, "final error, three serial", "0.8 percent", Printed(0.8), worst("serial", MASS), "%"),
-            Claim(2, "RMS final error, serial over single", "a slight increase in accuracy", SLIGHTLY_LESS,
+            Claim(2, "RMS final error, serial over single", "a slight increase in accuracy", words.SLIGHTLY_LESS,
                 _over("serial", "single"), pooled=True),
             Claim(2, "RMS error before 25 s, serial over single", "transient slightly worse than a single sensor",
-                SLIGHTLY_MORE, _over("serial", "single", 1.0, 24.9), pooled=True),
+                words.SLIGHTLY_MORE, _over("serial", "single", 1.0, 24.9), pooled=True),
             Claim(3, "largest difference between serial and weighted average over the history, of the initial error",
-                "the entire history is virtually identical", NOT_SEEN, _apart("serial", "weighted", 0.0), "%"),
+                "the entire history is virtually identical", words.NOT_SEEN, _apart("serial", "weighted", 0.0), "%"),
             Claim(4, "updates per used sample, serial over weighted average", "serial costs three times the work",
                 Near(3.0, 0.0), ratio(value("counts", "serial"), value("counts", "weighted_average"))),
         ),
@@ -267,16 +256,17 @@ ENTRIES = (
         },
     ),
     Entry("fig_5_15", "Effect of redundant sensors on the translation consistency function",
-        {"single": MIDDLE, "weighted": WEIGHTED, "single_equal": SINGLE_EQUAL, "weighted_equal": WEIGHTED_EQUAL}, (
+        {"single": flights.MIDDLE, "weighted": flights.WEIGHTED,
+            "single_equal": flights.SINGLE_EQUAL, "weighted_equal": flights.WEIGHTED_EQUAL}, (
             Claim(1, "mean of the weighted average over that of a single sensor, equal quantizer phases",
-                "the weighted average residuals were somewhat more inconsistent", SLIGHTLY_MORE,
+                "the weighted average residuals were somewhat more inconsistent", words.SLIGHTLY_MORE,
                 ratio(mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")),
                 because=Because(
                     "three sensors a foot apart with their marks at the same places round alike: averaging takes "
                     "nothing off their error but two thirds off its variance, so means are {:.1f} against {:.1f}; a "
                     "factor of three is the most that this can do",
                     (mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")))),
-            Claim(1, "the same with phases of their own", "somewhat more inconsistent", SLIGHTLY_MORE,
+            Claim(1, "the same with phases of their own", "somewhat more inconsistent", words.SLIGHTLY_MORE,
                 ratio(mean_nis("weighted", "mass"), mean_nis("single", "mass")),
                 because=Because(
                     "with marks of their own the sensors' errors are not alike, and averaging does take them off: "

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from massprop_drake.display.figures import set_symmetric_log
 from massprop_drake.maths.signals import AXES, SYMBOLS, mass_property_units
+from reproduction import flights, words
 from reproduction.cases import Calculation
 from reproduction.checks import first_update, first_updates
 from reproduction.claims import (
@@ -28,11 +29,11 @@ from reproduction.claims import (
     Printed,
     Reading,
     Signals,
+    expected,
     reference,
 )
 from reproduction.drawing import consistency, curves, panels
 from reproduction.entry import Entry
-from reproduction.flights import EXTENDED, HYBRID, IGNORED, SUBTRACTED, WITHOUT_BIAS, WITHOUT_COVARIANCE
 from reproduction.measures import (
     CENTER,
     DIAGONAL,
@@ -44,9 +45,7 @@ from reproduction.measures import (
     YZ,
     ZZ,
     apart_in_sigma,
-    at,
     during,
-    final_percent,
     maneuver_windows,
     mean_nis,
     nis,
@@ -56,30 +55,17 @@ from reproduction.measures import (
     ratio,
     rms,
     share_above,
+    sigma_percent,
     used,
     value,
     worst,
 )
 from reproduction.pure_rotations import pure_rotations
-from reproduction.words import (
-    CHI_SQUARE,
-    COMPARABLE,
-    CONSIDERABLE,
-    DRASTIC,
-    GOOD,
-    HIGHLY_INCONSISTENT,
-    MUCH_MORE,
-    NOT_SEEN,
-    SAME,
-    SLIGHTLY_MORE,
-    TREMENDOUS,
-    orders,
-)
 
 _PURE = Calculation("pure_rotations", pure_rotations, seeds=20)
-_COUPLING = {"with": HYBRID, "without": IGNORED}
+_COUPLING = {"with": flights.HYBRID, "without": flights.IGNORED}
 _COUPLING_LABELS = {"with": "coupling subtracted (hybrid)", "without": "not subtracted"}
-_ORDERS = {"second": HYBRID, "linear": EXTENDED}
+_ORDERS = {"second": flights.HYBRID, "linear": flights.EXTENDED}
 _ORDER_LABELS = {"second": "second-order filter", "linear": "extended Kalman filter"}
 
 
@@ -171,7 +157,7 @@ def _ordered(phase: Phase) -> float:
 
 
 def _yz_is_worst(phase: Phase) -> float:
-    errors = final_percent(phase["with"])[:6]
+    errors = percent_at(phase["with"])[:6]
     return float(errors[YZ] / np.delete(errors, YZ).max())
 
 
@@ -185,25 +171,14 @@ def _improvement(element: int) -> Pooled:
     return measure
 
 
-def _sigma_percent(time_s: float, element: int) -> Measure:
-    """Makes a measure: the filter's own 1-sigma at a time, %."""
-
-    def measure(phase: Phase) -> float:
-        run = phase["with"]
-        sigma = run["standard_deviation"][at(run, time_s), element]
-        return float(100.0 * sigma / abs(run["truth"][0, element]))
-
-    return measure
-
-
 _KNOWN_BEFORE = Because(
     "there is little left to improve: residual force has shown the center of mass before 25 s, to {:.2f} % in x and "
     "{:.2f} % in z (1-sigma), so the first translation takes the 1-sigma of Ixy⁻¹ only from {:.2f} to {:.2f} % and "
     "that of Iyz⁻¹ from {:.1f} to {:.1f} %",
     (
-        _sigma_percent(24.9, 6),
-        _sigma_percent(24.9, 8),
-        *(_sigma_percent(time_s, element) for element in (XY, YZ) for time_s in (24.9, 27.5)),
+        sigma_percent("with", 6, 24.9),
+        sigma_percent("with", 8, 24.9),
+        *(sigma_percent("with", element, time_s) for element in (XY, YZ) for time_s in (24.9, 27.5)),
     ),
 )
 
@@ -270,12 +245,13 @@ ENTRIES = (
     Entry("fig_5_6", "Effect of dynamic coupling on the inverse inertia",
         {**_COUPLING, "groups": Calculation("first_updates", first_updates)}, (
             Claim(1, "largest difference that subtraction makes in an error of the diagonal, of the initial error",
-                "as is clearly seen, the coupling has a rather minor effect on the error histories", NOT_SEEN,
+                "as is clearly seen, the coupling has a rather minor effect on the error histories", words.NOT_SEEN,
                 _coupling_apart, "%"),
             Claim(1, "largest final error of the diagonal, without over with subtraction", "a rather minor effect",
-                SLIGHTLY_MORE, ratio(worst("without"), worst("with")), because=_MORE_AT_THE_END),
+                words.SLIGHTLY_MORE, ratio(worst("without"), worst("with")), because=_MORE_AT_THE_END),
             Claim(1, "errors of the diagonal without over those with subtraction, geometric mean from 11 s on",
-                "convergence being somewhat more rapid when the coupling is subtracted", SLIGHTLY_MORE, _advantage),
+                "convergence being somewhat more rapid when the coupling is subtracted", words.SLIGHTLY_MORE,
+                _advantage),
             Claim(2, "error of Ixx⁻¹ after the first used sample", "drops from 100 % to 3 % at the first used sample",
                 Printed(3.0), _after_updates(1, "with"), "%",
                 because=Because(
@@ -292,10 +268,10 @@ ENTRIES = (
             reference(2, "error of Ixx⁻¹ after three used samples", "(below 3 % after a few)", AtMost(3.0),
                 _after_updates(3, "with"), "%"),
             Claim(3, "error of Iyy⁻¹ at 5 s over that at 7 s",
-                "errors of the diagonal rapidly decrease when there is torque about the axis", MUCH_MORE,
+                "errors of the diagonal rapidly decrease when there is torque about the axis", words.MUCH_MORE,
                 ratio(worst("with", YY, 4.9), worst("with", YY, 7.0))),
             Claim(3, "error of Izz⁻¹ at 9 s over that at 11 s",
-                "errors of the diagonal rapidly decrease when there is torque about the axis", MUCH_MORE,
+                "errors of the diagonal rapidly decrease when there is torque about the axis", words.MUCH_MORE,
                 ratio(worst("with", ZZ, 8.9), worst("with", ZZ, 11.0))),
             Claim(3, "larger error of Iyy⁻¹ at 4.9 s and Izz⁻¹ at 8.9 s",
                 "some convergence earlier, from residual torque",
@@ -308,25 +284,26 @@ ENTRIES = (
                 "convergence of the off-diagonals is slower; xz, the most significant, fastest; yz worst", AtLeast(3.0),
                 _ordered),
             Claim(4, "typical error from 11 s on, smaller of Ixy⁻¹ and Iyz⁻¹ over Ixz⁻¹",
-                "xz: its convergence is much faster than the others", MUCH_MORE, _much_faster),
+                "xz: its convergence is much faster than the others", words.MUCH_MORE, _much_faster),
             reference(5, "error of Iyz⁻¹ at the end", "(tens of percent)", Between(10.0, 100.0), worst("with", YZ),
                 "%"),
             Claim(5, "the same over the largest of the other five", "yz is worst", AtLeast(1.0), _yz_is_worst),
             reference(5, "Izz⁻¹ over Iyz⁻¹, true values", "(true ratio 2.5e3)", Near(2508.0, 1.0),
                 lambda _: float(orbiter().nominal.vector()[ZZ] / orbiter().nominal.vector()[YZ])),
-            Claim(5, "orders of magnitude of the same", "yz is four orders of magnitude smaller than zz", orders(4),
-                _true_orders, because=Because("table 5-2 itself: {:.2f} orders", (_true_orders,))),
+            Claim(5, "orders of magnitude of the same", "yz is four orders of magnitude smaller than zz",
+                words.orders(4), _true_orders,
+                because=Because("table 5-2 itself: {:.2f} orders", (_true_orders,))),
             Claim(5, "time from when Izz⁻¹ keeps four digits to when Iyz⁻¹ keeps one; inf: it never does",
                 "zz must be accurate to four digits before yz is accurate to one",
                 Reading(AtLeast(0.0), "n digits: to half a unit of the n-th"), _digits_apart, "s"),
             Claim(6, "median error of Ixy⁻¹ just before the first translation over that after it",
                 "once the center of mass is known, off-diagonals improve considerably after the first translation",
-                CONSIDERABLE, _improvement(XY), pooled=True, because=_KNOWN_BEFORE),
+                words.CONSIDERABLE, _improvement(XY), pooled=True, because=_KNOWN_BEFORE),
             Claim(6, "the same of Iyz⁻¹", "off-diagonals improve considerably after the first translation",
-                CONSIDERABLE, _improvement(YZ), pooled=True, because=_KNOWN_BEFORE),
+                words.CONSIDERABLE, _improvement(YZ), pooled=True, because=_KNOWN_BEFORE),
             Claim(3, "torque that coupling amounts to about the axes not commanded, over that of the jets there, RMS",
-                "the subtracted term is essentially the same size as the residual torque due to the jets", COMPARABLE,
-                lambda phase: _off_axis(phase)[1] / _off_axis(phase)[0],
+                "the subtracted term is essentially the same size as the residual torque due to the jets",
+                words.COMPARABLE, lambda phase: _off_axis(phase)[1] / _off_axis(phase)[0],
                 because=Because(
                     "in turns at 0.5 deg/s about one axis coupling amounts to {:.1f} ft-lbf about the others, and the "
                     "jets selected here give {:.0f} ft-lbf there while they fire",
@@ -346,8 +323,8 @@ ENTRIES = (
             Claim(1, "change of its error in these rotations, of the initial error",
                 "and the estimation error would have been constant", AtMost(1e-9), value("pure", "center"), "%"),
             Claim(2, "larger error of x and z at 27.5 s",
-                "after the first translation all immediately approach good values", GOOD, worst("with", [6, 8], 27.5),
-                "%"),
+                "after the first translation all immediately approach good values", words.GOOD,
+                worst("with", [6, 8], 27.5), "%"),
             Claim(2, "error of y at 27.5 s", "after the first translation all immediately approach good values",
                 Reading(AtMost(5.0), "good: a few percent of its 0.07 ft"), worst("with", 7, 27.5), "%"),
             Claim(2, "largest of the three at 27.5 s, coupling not subtracted", "in both cases",
@@ -356,45 +333,34 @@ ENTRIES = (
         {"fig_5_7": _errors(f"{_TITLE}: center of mass (figure 5-7)", (6, 7, 8), _COUPLING_LABELS, 1e-3)},
     ),
     Entry("fig_5_8", "Effect of dynamic coupling on the rotation consistency function",
-        {**_COUPLING, "unguarded": SUBTRACTED}, (
+        {**_COUPLING, "unguarded": flights.SUBTRACTED}, (
             Claim(1, "mean after 5 s, coupling subtracted",
-                "appears to follow chi-square with 3 degrees of freedom, except initially", CHI_SQUARE,
+                "appears to follow chi-square with 3 degrees of freedom, except initially", words.CHI_SQUARE,
                 mean_nis("with", "rotation", 5.0)),
             Claim(1, "share of samples above 11.34 after 5 s", "appears to follow chi-square",
                 Reading(AtMost(0.02), "like chi-square: 1 %, at most twice that"), share_above("with", 11.34, 5.0)),
             Claim(2, "mean from 5 to 25 s without over that with subtraction",
-                "until 25 s the performance of both is essentially the same", SAME,
+                "until 25 s the performance of both is essentially the same", words.SAME,
                 ratio(mean_nis("without", "rotation", 5.0, 24.9), mean_nis("with", "rotation", 5.0, 24.9))),
-            Claim(
-                3,
-                "mean from 37 to 46 s over that from 25 to 37 s, not subtracted",
-                "the function drastically increases at 37 s, when rates rise",
-                DRASTIC,
+            Claim(3, "mean from 37 to 46 s over that from 25 to 37 s, not subtracted",
+                "the function drastically increases at 37 s, when rates rise", words.DRASTIC,
                 ratio(mean_nis("without", "rotation", 37.0, 46.0), mean_nis("without", "rotation", 25.0, 36.9)),
                 because=Because(
                     "the mean is {:.1f} from 25 to 37 s, then {:.0f} with x and y commanded, {:.0f} with y and z, "
                     "{:.0f} with z and x: coupling adds little about y and z (worked out below)",
-                    tuple(
-                        mean_nis("without", "rotation", *times_s)
-                        for times_s in ((25.0, 36.9), (37.0, 40.0), (40.1, 43.0), (43.1, 46.0))
-                    ),
-                ),
-            ),
+                    tuple(mean_nis("without", "rotation", *times_s)
+                          for times_s in ((25.0, 36.9), (37.0, 40.0), (40.1, 43.0), (43.1, 46.0))))),
             reference(3, "peak from 37 to 46 s, not subtracted", "(peaks of 60 to 90 follow from the coupling)",
                 Between(60.0, 90.0), _peak("without", 37.0, 46.0)),
-            reference(3, "what coupling adds at 0.5 deg/s about x and y", "(expected 67)", Near(67.0, 0.5),
+            expected(3, "what coupling adds at 0.5 deg/s about x and y", "67", Near(67.0, 0.5),
                 lambda _: coupling_bias((1.0, 1.0, 0.0))),
-            reference(3, "about y and z", "(expected 13)", Near(13.0, 0.5), lambda _: coupling_bias((0.0, 1.0, 1.0))),
-            reference(3, "about x and z", "(expected 81)", Near(81.0, 0.5), lambda _: coupling_bias((1.0, 0.0, 1.0))),
-            reference(
-                3,
-                "about one axis, largest",
-                "(expected at most 0.13)",
-                AtMost(0.135),
-                lambda _: max(coupling_bias((1.0, 0.0, 0.0)), coupling_bias((0.0, 1.0, 0.0)), coupling_bias((0, 0, 1))),
-            ),
+            expected(3, "about y and z", "13", Near(13.0, 0.5), lambda _: coupling_bias((0.0, 1.0, 1.0))),
+            expected(3, "about x and z", "81", Near(81.0, 0.5), lambda _: coupling_bias((1.0, 0.0, 1.0))),
+            expected(3, "about one axis, largest", "at most 0.13", AtMost(0.135),
+                lambda _: max(coupling_bias((1.0, 0.0, 0.0)), coupling_bias((0.0, 1.0, 0.0)),
+                    coupling_bias((0.0, 0.0, 1.0)))),
             Claim(4, "peak before 8 s with unguarded subtraction over that of the hybrid",
-                "poor estimates of the coupling can degrade the filter initially", MUCH_MORE,
+                "poor estimates of the coupling can degrade the filter initially", words.MUCH_MORE,
                 ratio(_peak("unguarded", 0.0, 8.0), _peak("with", 0.0, 8.0))),
             Claim(4, "mean from 2.5 to 4 s, unguarded over hybrid", "as is manifest around 3 seconds",
                 Reading(AtLeast(1.1), "manifest: a tenth more"),
@@ -415,15 +381,15 @@ ENTRIES = (
         },
     ),
     Entry("fig_5_9", "Effect of second-order terms on the inverse inertia",
-        {**_ORDERS, "no_bias": WITHOUT_BIAS, "no_covariance": WITHOUT_COVARIANCE, "pure": _PURE}, (
+        {**_ORDERS, "no_bias": flights.WITHOUT_BIAS, "no_covariance": flights.WITHOUT_COVARIANCE, "pure": _PURE}, (
             Claim(1, "largest final error of the diagonal, extended Kalman over second-order filter",
-                "divergence and tremendous final errors", TREMENDOUS, ratio(worst("linear"), worst("second"))),
+                "divergence and tremendous final errors", words.TREMENDOUS, ratio(worst("linear"), worst("second"))),
             Claim(1,
                 "largest error of the diagonal after the rotations, 24.9 s, extended Kalman over second-order filter",
-                "small residual force in rotations is significant enough to cause the filter to diverge", TREMENDOUS,
-                ratio(worst("linear", DIAGONAL, 24.9), worst("second", DIAGONAL, 24.9))),
-            Claim(1, "the same ratio after rotations by torque alone", "it is the residual force that causes it", SAME,
-                ratio(value("pure", "diagonal_extended"), value("pure", "diagonal"))),
+                "small residual force in rotations is significant enough to cause the filter to diverge",
+                words.TREMENDOUS, ratio(worst("linear", DIAGONAL, 24.9), worst("second", DIAGONAL, 24.9))),
+            Claim(1, "the same ratio after rotations by torque alone", "it is the residual force that causes it",
+                words.SAME, ratio(value("pure", "diagonal_extended"), value("pure", "diagonal"))),
             Claim(2, "mean consistency function without the bias alone, over that without both",
                 "such inconsistency is caused primarily by the unmodeled bias term",
                 Reading(AtLeast(0.5), "primarily: half of it"),
@@ -434,10 +400,10 @@ ENTRIES = (
                     (mean_nis("linear", "rotation"), mean_nis("no_covariance", "rotation"),
                      mean_nis("no_bias", "rotation")))),
             Claim(2, "mean consistency function without the bias alone",
-                "the missing bias makes the residuals inconsistent", HIGHLY_INCONSISTENT,
+                "the missing bias makes the residuals inconsistent", words.HIGHLY_INCONSISTENT,
                 mean_nis("no_bias", "rotation")),
             Claim(2, "mean consistency function without the covariance D alone",
-                "the missing matrix D causes Y to be too small as well", HIGHLY_INCONSISTENT,
+                "the missing matrix D causes Y to be too small as well", words.HIGHLY_INCONSISTENT,
                 mean_nis("no_covariance", "rotation")),
         ),
         {
@@ -447,7 +413,7 @@ ENTRIES = (
     ),
     Entry("fig_5_10", "Effect of second-order terms on the center of mass", _ORDERS, (
             Claim(1, "largest final error of the center of mass, extended Kalman over second-order filter",
-                "divergence and tremendous final errors", TREMENDOUS,
+                "divergence and tremendous final errors", words.TREMENDOUS,
                 ratio(worst("linear", CENTER), worst("second", CENTER))),
             Claim(1, "largest final error of the center of mass, extended Kalman filter", "tremendous final errors",
                 Reading(AtLeast(100.0), "tremendous: larger than at the start"), worst("linear", CENTER), "%"),
@@ -456,10 +422,10 @@ ENTRIES = (
     ),
     Entry("fig_5_11", "Effect of second-order terms on the consistency function", _ORDERS, (
             Claim(1, "mean after 5 s, second-order filter",
-                "appears to essentially follow central chi-square of three degrees of freedom", CHI_SQUARE,
+                "appears to essentially follow central chi-square of three degrees of freedom", words.CHI_SQUARE,
                 mean_nis("second", "rotation", 5.0)),
             Claim(2, "orders of magnitude by which the largest value of the extended Kalman filter exceeds 3",
-                "too large by seven orders of magnitude when applied forces are large", orders(7),
+                "too large by seven orders of magnitude when applied forces are large", words.orders(7),
                 lambda phase: float(np.log10(_peak("linear", 0.0, np.inf)(phase) / 3.0))),
         ),
         {

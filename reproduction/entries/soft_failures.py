@@ -10,7 +10,19 @@ from matplotlib.figure import Figure
 from reproduction import analytic
 from reproduction.analytic import FORCES, MARGIN
 from reproduction.cases import Calculation
-from reproduction.claims import AtLeast, AtMost, Because, Claim, Measure, Near, Phase, Phases, Reading, reference
+from reproduction.claims import (
+    AtLeast,
+    AtMost,
+    Because,
+    Claim,
+    Measure,
+    Near,
+    Phase,
+    Phases,
+    Reading,
+    expected,
+    reference,
+)
 from reproduction.drawing import TRUTH_COLOR, heat_map
 from reproduction.entry import Entry
 from reproduction.flights import UNSEEN_LEAK
@@ -111,7 +123,7 @@ ENTRIES = (
         },
         (
             *(
-                reference(1, f"jets with both margins above 6 without noise at {force} lbf", f"(expected {count})",
+                expected(1, f"jets with both margins above 6 without noise at {force} lbf", f"{count}",
                     Near(count, 0), _separable(force, "jet_margin", "cluster_margin"))
                 for force, count in ((20, 7), (30, 8), (50, 14))
             ),
@@ -128,7 +140,7 @@ ENTRIES = (
             reference(1, "share of samples that name a wrong jet, all jets and forces", "(none)", AtMost(0.005),
                 _wrong("wrong_jet")),
             *(
-                reference(2, f"jets with margin (b) above 6 without noise at {force} lbf", f"(expected {count})",
+                expected(2, f"jets with margin (b) above 6 without noise at {force} lbf", f"{count}",
                     Near(count, 0), _separable(force, "cluster_margin"))
                 for force, count in ((10, 24), (20, 34), (30, 36), (50, 36))
             ),
@@ -139,8 +151,8 @@ ENTRIES = (
                 _wrong("wrong_cluster")),
             Claim(3, "alarms in 8 s of jet 27 leaking 10 lbf", "no alarm for a 10 lbf leak in cluster 11", AtMost(0),
                 _alarms),
-            reference(3, "its argument without noise", "(expected 7.7)", Near(7.7, 0.05), _cluster_11("argument")),
-            reference(3, "its margin without noise", "(expected 0.11, next cluster 8)", Near(0.11, 0.005),
+            expected(3, "its argument without noise", "7.7", Near(7.7, 0.05), _cluster_11("argument")),
+            expected(3, "its margin without noise", "0.11, next cluster 8", Near(0.11, 0.005),
                 _cluster_11("margin")),
             Claim(3, "argument of jet 27 less the smaller of those of clusters 5 and 8, without noise",
                 "it could not be distinguished from a leak in cluster 5 or 8", AtMost(MARGIN),
@@ -151,11 +163,11 @@ ENTRIES = (
                 "lbf"),
             reference(3, "force that a leak in cluster 5 would have", "(1.3 lbf)", Near(1.3, 0.05), _cluster_11("5"),
                 "lbf"),
-            reference(4, "least 1-sigma of a force, clusters 1, 7, 11 apart", "(expected 0.60 lbf)", Near(0.60, 0.005),
+            expected(4, "least 1-sigma of a force, clusters 1, 7, 11 apart", "0.60 lbf", Near(0.60, 0.005),
                 _force_std(_LINES_NEAR_CENTER, np.min, without=True), "lbf"),
-            reference(4, "largest, clusters 1, 7, 11 apart", "(expected 0.97 lbf)", Near(0.97, 0.005),
+            expected(4, "largest, clusters 1, 7, 11 apart", "0.97 lbf", Near(0.97, 0.005),
                 _force_std(_LINES_NEAR_CENTER, np.max, without=True), "lbf"),
-            reference(4, "largest, clusters 1, 7, 11", "(expected 6.9 lbf)", Near(6.9, 0.05),
+            expected(4, "largest, clusters 1, 7, 11", "6.9 lbf", Near(6.9, 0.05),
                 _force_std(_LINES_NEAR_CENTER, np.max), "lbf"),
         ),
         {"section_5_3_2": _map},

@@ -24,7 +24,7 @@ from reproduction.claims import (
 from reproduction.drawing import COLORS, TRUTH_COLOR, tidy
 from reproduction.entry import Entry
 from reproduction.flights import HYBRID
-from reproduction.measures import MASS, during, final_percent, mass_error, orbiter, percent_at, percent_error, worst
+from reproduction.measures import MASS, during, mass_error, orbiter, percent_at, percent_error, sigma_percent, worst
 
 _FLIGHT = {"flight": HYBRID}
 
@@ -39,18 +39,8 @@ def _signed(element: int) -> Measure:
     return lambda phase: float(-percent_error(phase["flight"])[-1, element])
 
 
-def _sigma(element: int) -> Measure:
-    """Makes a measure: the filter's own 1-sigma at the end, %."""
-
-    def measure(phase: Phase) -> float:
-        run = phase["flight"]
-        return float(100.0 * run["standard_deviation"][-1, element] / abs(run["truth"][0, element]))
-
-    return measure
-
-
 def _printed_sigmas(element: int) -> Measure:
-    return lambda phase: abs(_PRINTED[element]) / _sigma(element)(phase)
+    return lambda phase: abs(_PRINTED[element]) / sigma_percent("flight", element)(phase)
 
 
 def _sigmas(phase: Phase) -> float:
@@ -62,7 +52,7 @@ def _sigmas(phase: Phase) -> float:
 def _times_the_thesis(phase: Phase) -> float:
     """Largest final error over the thesis's, less y and z of the center of mass, whose printed ones are lucky."""
     elements = [0, 1, 2, 3, 4, 5, 6, MASS]
-    return float((final_percent(phase["flight"]) / np.abs(_PRINTED))[elements].max())
+    return float((percent_at(phase["flight"]) / np.abs(_PRINTED))[elements].max())
 
 
 def _mass_errors(phase: Phase) -> Array:
@@ -81,7 +71,7 @@ def _best_in_translations(phase: Phase) -> float:
 def _mass_growth(phase: Phase) -> float:
     """Growth of the error of 1/m from before the last rotations to the end, % of the initial error."""
     run = phase["flight"]
-    return float(final_percent(run)[MASS] - percent_at(run, 36.9)[MASS])
+    return float(percent_at(run)[MASS] - percent_at(run, 36.9)[MASS])
 
 
 def _count(kind: str) -> Measure:
@@ -111,7 +101,7 @@ def _spread(phases: Phases) -> Figure:
     tidy(panel)
     figure.suptitle("Errors at the end of the run, estimate minus truth (table 5-3)", fontsize=11)
     for element in range(len(SYMBOLS)):
-        sigma = np.median([_sigma(element)(phase) for phase in phases])
+        sigma = np.median([sigma_percent("flight", element)(phase) for phase in phases])
         errors = np.array([_signed(element)(phase) for phase in phases]) / sigma
         panel.plot(np.clip(errors, -4.5, 4.5), np.full(errors.shape, element), "o", color=COLORS[0], alpha=0.4, ms=5)
         panel.plot(_PRINTED[element] / sigma, element, "D", color=COLORS[1], ms=6)
@@ -157,7 +147,8 @@ ENTRIES = (
                     because=Because(
                         "the errors here are smaller, {:.2g} % in the median, and the filter's own 1-sigma is {:.2g} "
                         "%; the thesis's is {:.1f} of these: no contradiction, but neither jets nor marks are "
-                        "the same", (worst("flight", element), _sigma(element), _printed_sigmas(element))))
+                        "the same",
+                        (worst("flight", element), sigma_percent("flight", element), _printed_sigmas(element))))
                 for element, symbol in enumerate(SYMBOLS)
             ),
             reference(11, "largest final error over the filter's own 1-sigma", "(each below 3)", AtMost(3.0), _sigmas),

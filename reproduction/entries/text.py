@@ -4,24 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from reproduction import flights, words
 from reproduction.claims import Array, AtLeast, AtMost, Because, Claim, Measure, Phase, Phases, Reading, Signals
 from reproduction.entries.mass import added_variance
 from reproduction.entry import Entry
-from reproduction.flights import (
-    HYBRID,
-    IGNORED,
-    NO_COMPENSATION,
-    OTHER,
-    OTHER_EXTENDED,
-    OTHER_IGNORED,
-    OTHER_NONE,
-    SERIAL,
-    STACKED,
-    TRANSLATION_FIRST,
-    TRANSLATION_FIRST_INCREMENTED,
-)
 from reproduction.measures import END_S, mass_error, mass_rms, mean_nis, ratio, rms, share_above, used, worst
-from reproduction.words import CHI_SQUARE, INCONSISTENT, NEGLIGIBLE, OFTEN, SIGNIFICANT, SLIGHTLY_MORE, TREMENDOUS
 
 
 def _largest_before(case: str, end_s: float) -> Measure:
@@ -60,34 +47,34 @@ ENTRIES = (
         "section_5_2",
         "Mass-property estimation, the text",
         {
-            "other": OTHER,
-            "ignored": OTHER_IGNORED,
-            "extended": OTHER_EXTENDED,
-            "none": OTHER_NONE,
-            "first": TRANSLATION_FIRST,
-            "first_incremented": TRANSLATION_FIRST_INCREMENTED,
-            "sample": HYBRID,
-            "sample_ignored": IGNORED,
-            "sample_none": NO_COMPENSATION,
-            "serial": SERIAL,
-            "stacked": STACKED,
+            "other": flights.OTHER,
+            "ignored": flights.OTHER_IGNORED,
+            "extended": flights.OTHER_EXTENDED,
+            "none": flights.OTHER_NONE,
+            "first": flights.TRANSLATION_FIRST,
+            "first_incremented": flights.TRANSLATION_FIRST_INCREMENTED,
+            "sample": flights.HYBRID,
+            "sample_ignored": flights.IGNORED,
+            "sample_none": flights.NO_COMPENSATION,
+            "serial": flights.SERIAL,
+            "stacked": flights.STACKED,
         },
         (
             Claim(1, "another maneuver, rotations first: largest final error of the diagonal",
                 "several maneuver histories, similar conclusions resulting from each",
                 Reading(AtMost(0.1), "similar: within five times table 5-3's 0.02 %"), worst("other"), "%"),
             Claim(1, "there, coupling ignored over subtracted", "a minor increase in accuracy by subtraction",
-                SLIGHTLY_MORE, ratio(worst("ignored"), worst("other")),
+                words.SLIGHTLY_MORE, ratio(worst("ignored"), worst("other")),
                 because=Because(
                     "final errors scatter: {:.3f} % without and {:.3f} % with subtraction are medians, and single "
                     "phases end more accurate without it, or more than twice as accurate with it",
                     (worst("ignored"), worst("other")))),
             Claim(1, "there, extended Kalman over second-order filter", "the extended Kalman filter diverges",
-                TREMENDOUS, ratio(worst("extended"), worst("other"))),
+                words.TREMENDOUS, ratio(worst("extended"), worst("other"))),
             Claim(1, "there, mean consistency function of the rotation filter from 25 s on",
-                "chi-square except initially", CHI_SQUARE, mean_nis("other", "rotation", 25.0)),
+                "chi-square except initially", words.CHI_SQUARE, mean_nis("other", "rotation", 25.0)),
             Claim(1, "there, RMS error of 1/m before the first translation, NONE over T+COV",
-                "transverse accelerations have a significant effect on the initial estimation", SIGNIFICANT,
+                "transverse accelerations have a significant effect on the initial estimation", words.SIGNIFICANT,
                 ratio(mass_rms("none", 1.0, 10.9), mass_rms("other", 1.0, 10.9)), pooled=True,
                 because=Because(
                     "whether the neglected acceleration drives the estimate off depends on which axes turn first, here "
@@ -95,9 +82,9 @@ ENTRIES = (
                     "{:.0f} %. Its residuals are as inconsistent here (next claim)",
                     (_largest_before("none", 10.9), _largest_before("sample_none", 24.9)))),
             Claim(1, "there, mean consistency function of the mass filter, NONE",
-                "without compensation inconsistent throughout", INCONSISTENT, mean_nis("none", "mass")),
+                "without compensation inconsistent throughout", words.INCONSISTENT, mean_nis("none", "mass")),
             Claim(1, "a maneuver with a translation first: mean consistency function from 25 s on",
-                "similar conclusions from each", CHI_SQUARE, mean_nis("first", "rotation", 25.0),
+                "similar conclusions from each", words.CHI_SQUARE, mean_nis("first", "rotation", 25.0),
                 because=Because(
                     "a translation before any rotation is the hardest start: D is large, is taken for noise that "
                     "averages out, and shrinks too fast. The diagonal ends with {:.2f} %; with covariance "
@@ -113,7 +100,7 @@ ENTRIES = (
                 share_above("sample", 11.34, 37.0, 46.0)),
             Claim(3,
                 "share of the used samples before 25 s to whose variance the uncertain center of mass adds as much as "
-                "the sensor", "this uncertainty is often as large as the measurement noise", OFTEN,
+                "the sensor", "this uncertainty is often as large as the measurement noise", words.OFTEN,
                 lambda phase: float(np.mean(_early(phase["sample"]) >= 1.0)),
                 because=Because(
                     "it is for {:.0f} of {:.0f} samples, the last at {:.1f} s, with variances up to {:.1f} times the "
@@ -126,10 +113,10 @@ ENTRIES = (
                 Reading(AtMost(1.0), "counted, no worse than one"),
                 ratio(mass_rms("stacked", 1.0, 24.9), mass_rms("sample", 1.0, 24.9)), pooled=True),
             Claim(4, "variance that the center of mass adds to all three sensors after 27.5 s, over that of the sensor",
-                "this correlation becomes negligible after the first translational maneuver", NEGLIGIBLE,
+                "this correlation becomes negligible after the first translational maneuver", words.NEGLIGIBLE,
                 lambda phase: float(_late(phase["sample"]).max())),
             Claim(4, "what the correlation changes in the final estimate, RMS over the error",
-                "this correlation becomes negligible", NEGLIGIBLE, _correlation_matters, pooled=True,
+                "this correlation becomes negligible", words.NEGLIGIBLE, _correlation_matters, pooled=True,
                 because=Because(
                     "the correlation itself does (claim above: {:.1e} of the sensor's variance); the final estimates "
                     "still remember the samples before it did", (lambda phase: float(_late(phase["sample"]).max()),))),

@@ -6,16 +6,17 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reproduction.cases import Calculation
 from reproduction.runner import Store, run_missing
 
 LOG = "REPRODUCTION_FAKES_LOG"  # environment: a folder in which each execution leaves a file
-FREE = 3  # seeds that are not held up
+FREE = 3  # as many runs of a process are not held up
 GO = "go"  # file in that folder, for which all others wait
 
 
@@ -24,7 +25,8 @@ def held_up(seed: int) -> dict[str, NDArray[np.float64]]:
     folder = os.environ.get(LOG)
     if folder:
         Path(folder, f"{seed:02d}-{os.getpid()}").touch()
-        while seed >= FREE and not Path(folder, GO).exists():
+        first = min(int(path.name.partition("-")[0]) for path in Path(folder).glob("[0-9]*"))
+        while seed >= first + FREE and not Path(folder, GO).exists():
             time.sleep(0.01)
     return quick(seed)
 
@@ -41,8 +43,20 @@ def failing(seed: int) -> dict[str, NDArray[np.float64]]:
     return quick(seed)
 
 
-SLOW = Calculation("slow", held_up, seeds=32)
-FAILING = Calculation("failing", failing, seeds=2)
+@dataclass(frozen=True)
+class Work:
+    """Case that another process loads at once."""
+
+    name: str
+    run: Callable[[int], dict[str, NDArray[np.float64]]]
+    seeds: int
+
+    def key(self) -> str:
+        return "0" * 40
+
+
+SLOW = Work("slow", held_up, seeds=32)
+FAILING = Work("failing", failing, seeds=2)
 
 if __name__ == "__main__":
     # the functions by the name under which workers find them

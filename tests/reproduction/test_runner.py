@@ -40,14 +40,14 @@ def _is_alive(process: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
-def test_interrupted_work_goes_on(tmp_path: Path, end: signal.Signals) -> None:
-    cache, log = tmp_path / "cache", tmp_path / "log"
+def _interrupted(cache: Path, log: Path, end: signal.Signals) -> set[int]:
+    """Seeds that are finished when work in another process is ended after some of it."""
     log.mkdir()
+    finished = len(_results(cache)) + fakes.FREE
     environment = {**os.environ, fakes.LOG: str(log), "PYTHONPATH": str(REPOSITORY)}
     command = [sys.executable, str(Path(fakes.__file__)), str(cache)]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, start_new_session=True)
-    _wait_for(lambda: len(_results(cache)) >= fakes.FREE or process.poll() is not None)
+    _wait_for(lambda: len(_results(cache)) >= finished or process.poll() is not None)
     _wait_for(lambda: len(list(log.iterdir())) >= fakes.FREE + WORKERS or process.poll() is not None)
     os.killpg(process.pid, end) if end is signal.SIGINT else process.kill()
     if end is signal.SIGINT:  # what is under way is waited for
@@ -55,10 +55,15 @@ def test_interrupted_work_goes_on(tmp_path: Path, end: signal.Signals) -> None:
     process.wait()
     workers = {int(path.name.split("-")[1]) for path in log.iterdir() if path.name != fakes.GO}
     _wait_for(lambda: not any(map(_is_alive, workers)))
-    finished = {int(name.split("-")[1]) for name in _results(cache)}
-    assert fakes.FREE <= len(finished) < SLOW.seeds
-    if end is signal.SIGKILL:
-        assert finished == set(range(fakes.FREE))
+    return {int(name.split("-")[1]) for name in _results(cache)}
+
+
+def test_interrupted_work_goes_on(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    killed = _interrupted(cache, tmp_path / "killed", signal.SIGKILL)
+    assert killed == set(range(fakes.FREE))
+    finished = _interrupted(cache, tmp_path / "interrupted", signal.SIGINT)
+    assert len(killed) + fakes.FREE <= len(finished) < SLOW.seeds
     store = Store(cache)
     assert run_missing(store, [SLOW]) == SLOW.seeds - len(finished)
     for seed in range(SLOW.seeds):
@@ -110,7 +115,7 @@ def test_another_setting_is_another_result() -> None:
     flight = Flight("short", "sample_maneuver", ("duration_s=1",))
     changes = {"overrides": ("duration_s=2",), "signals": ("rate",), "from_s": 0.5, "scenario": "stuck_on_29"}
     others = [replace(flight, **{name: value}) for name, value in changes.items()]
-    assert len({case.key() for case in (flight, QUICK, SLOW, *others)}) == 7
+    assert len({case.key() for case in (flight, QUICK, Calculation("slow", fakes.held_up), *others)}) == 7
     assert flight.key() == replace(flight, name="renamed").key() == replace(flight, seeds=3).key()
 
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import shutil
-from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,14 +11,6 @@ from conftest import REPOSITORY
 from reproduction.sources import PACKAGE, code_digest, imported_files
 
 SIMULATE = Path("runners/simulate.py")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _parsed_once() -> Iterator[None]:
-    """Copies of the package are the same text but for an edit, and a text is parsed to the same tree."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ast, "parse", cache(ast.parse))
-        yield
 
 
 SHOW = """
@@ -43,13 +32,19 @@ MODULES = {
 }
 
 
-def test_imports_are_followed_to_the_end(tmp_path: Path) -> None:
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of these modules."""
     package = tmp_path / PACKAGE.name
     for name, text in MODULES.items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         for folder in (package / name).parents[: len(name.parents)]:
             (folder / "__init__.py").touch()
         (package / name).write_text(text, encoding="utf-8")
+    return package
+
+
+def test_imports_are_followed_to_the_end(package: Path) -> None:
     found = imported_files(package / SIMULATE, package=package)
     assert {path.relative_to(package).as_posix() for path in found} == {
         *("__init__.py", "runners/simulate.py", "maths/__init__.py", "maths/filters/__init__.py"),
@@ -57,31 +52,27 @@ def test_imports_are_followed_to_the_end(tmp_path: Path) -> None:
     }
 
 
-def test_an_edit_of_what_computes_a_flight_changes_its_key_and_of_what_shows_it_does_not(tmp_path: Path) -> None:
-    ignored = shutil.ignore_patterns("__pycache__", "*.yaml", "graphs")
-    package = shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=ignored)
-
-    def digest() -> str:
+def test_an_edit_of_what_computes_a_flight_changes_its_key_and_of_what_shows_it_does_not(package: Path) -> None:
+    def digest(of: Path) -> str:
         code_digest.cache_clear()
-        return code_digest(package / SIMULATE, package=package)
+        return code_digest(of / SIMULATE, package=of)
 
-    counted = {package / name for name in ("maths/noise.py", "diagrams/closed_loop.py", "inputs/params.py")}
-    assert counted <= imported_files(package / SIMULATE, package=package)
-    before = digest()
-    assert before == code_digest(PACKAGE / SIMULATE)  # wherever it lies
-    for room in ("display", "cli", "studies"):
-        for path in (package / room).rglob("*.py"):
-            path.write_text("# edited\n", encoding="utf-8")
-    assert digest() == before
-    with (package / "systems/vehicle/rate_gyro.py").open("a", encoding="utf-8") as file:
-        file.write("# edited\n")
-    assert digest() != before
+    before = digest(package)
+    assert before == digest(shutil.copytree(package, package.parent / "elsewhere" / package.name))
+    for edited, changes in (("display/page.py", False), ("maths/unused.py", False), ("maths/seeds.py", True)):
+        with (package / edited).open("a", encoding="utf-8") as file:
+            file.write("# edited\n")
+        assert (digest(package) != before) == changes
 
 
-def test_no_module_is_imported_by_a_name_that_cannot_be_followed() -> None:
+def test_what_a_flight_runs_is_found_and_nothing_is_imported_by_a_name_that_cannot_be_followed() -> None:
     # but for the names of packages, loaded when they are first used, and kernels, all of which a compiler must know
     lazy = {PACKAGE / name for name in ("__init__.py", "inputs/renamed.py", "systems/__init__.py", "maths/kernels.py")}
-    for path in imported_files(PACKAGE / SIMULATE) - lazy:
+    found = imported_files(PACKAGE / SIMULATE)
+    counted = ("maths/noise.py", "diagrams/closed_loop.py", "inputs/params.py", "systems/vehicle/rate_gyro.py")
+    assert {PACKAGE / name for name in counted} <= found
+    assert {path.relative_to(PACKAGE).parts[0] for path in found} & {"display", "cli", "studies"} == set()
+    for path in found - lazy:
         assert "import_module" not in path.read_text(encoding="utf-8"), path
         assert "__import__" not in path.read_text(encoding="utf-8"), path
 

@@ -10,7 +10,7 @@ from params_probe import mass_params
 from systems_probe import advance, feedthrough, give, inputs, output, outputs
 
 from massprop_drake.systems import MassEstimator
-from massprop_drake.systems.estimation._readings import KnownPackage
+from massprop_drake.systems.estimation.mass_estimator import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_REPORT, TURNING
 
 PUSH = [0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 1.0]  # a linear impulse of 5 along x, usable, firing

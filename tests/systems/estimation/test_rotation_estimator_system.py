@@ -12,7 +12,7 @@ from systems_probe import advance, feedthrough, inputs, output, outputs
 
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.systems import RotationEstimator
-from massprop_drake.systems.estimation._readings import KnownPackage
+from massprop_drake.systems.estimation.rotation_estimator import KnownPackage
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
 
 # inverse inertia diag(0.5, 0.25, 0.2), center of mass (1, 0, 0), 1-sigma 0.1 each
