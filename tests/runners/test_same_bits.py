@@ -61,12 +61,12 @@ def _stated_disturbance() -> Scenario:
     vehicle = quick("small_satellite", "hydrazine")
     stated = Disturbance(torque_std=0.005, force_std=0.01, time_constant_s=30.0)
     plant = {"disturbance": {"torque_std": [0.005] * 3, "force_std": [0.01] * 3, "correlation_time_s": 30.0}}
-    return small_pulses(3.0, again(vehicle, disturbance=stated), plant=plant, detector={"kind": "off"})
+    return small_pulses(5.0, again(vehicle, disturbance=stated), plant=plant, detector={"kind": "off"})
 
 
 def _tracked() -> Scenario:
     vehicle = again(quick("small_satellite", "hydrazine"), poses=(PoseSensor(name="st", attitude_std=5e-5),))
-    return small_pulses(3.0, vehicle, detector={"kind": "off"})
+    return small_pulses(5.0, vehicle, detector={"kind": "off"})
 
 
 _THRUST = ("plant.thrust_dispersion=0.01", "estimation.thrust_uncertainty=0.01")
@@ -108,7 +108,7 @@ FLIGHTS: dict[str, tuple[str, ...] | Callable[[], Scenario]] = {
         *JOINT_NEAR,
         "failures=[{kind: leak, jet: L4D, start_s: 7, force: 10}]",
     ),
-    "pose": ("air_bearing_pulses", "duration_s=4"),
+    "pose": ("air_bearing_pulses", "duration_s=3"),
     "pose, docking": ("air_bearing_pulses", "duration_s=3", DOCK.replace("0.2, -0.1], ", "0.05, 0.3], ")),
     "on-times": lambda: small_pulses(3.0, failures=[{"kind": "leak", "jet": "ZP1", "start_s": 2.03, "force": 1.0}]),
     "disturbance": _stated_disturbance,
