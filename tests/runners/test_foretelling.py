@@ -48,7 +48,8 @@ def test_what_all_thrusts_have_in_common_is_a_floor(told: Forecast) -> None:
 
 def test_a_leak_is_named_when_it_is_foretold(told: Forecast) -> None:
     leak = {"kind": "leak", "jet": "ZP1", "start_s": 12.0, "force": 0.25}
-    run = simulate(load_scenario("small_satellite_maneuver", [*SHORT, f"failures={json.dumps([leak])}"]))
+    settings = [*SHORT, "execution.engine=loop", f"failures={json.dumps([leak])}"]
+    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
     (named,) = run.summary["detections"]
     (one,) = [suspect for suspect in told.suspects if suspect.jet == "ZP1"]
     assert one.after_s is not None
