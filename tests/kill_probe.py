@@ -27,6 +27,7 @@ from massprop_drake.runners import simulate
 from reproduction import __main__ as program
 
 EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.scandir", "fcntl.flock", "ctypes.dlsym"}
+SECOND = ("duration_s=1", "execution.engine=loop")
 LEAN = ("--no-figures", "--no-report", "-q")
 Child = Callable[[], None]
 
@@ -59,10 +60,10 @@ TRIALS: dict[str, Child] = {
     ANEW: massprop(*RUN),
     "run by two renames": two_renames(massprop(*RUN)),
     "run with force": massprop(*RUN, "--force"),
-    "estimate": massprop("estimate", "flight.csv", "--vehicle", "orbiter", "--out", "K", *LEAN),
     "two writers": massprop(*RUN),
     "view": massprop("view", "K", "-q"),
     "view elsewhere": massprop("view", "K", "--out", "page.html", "-q"),
+    "estimate": massprop("estimate", "flight.csv", "--vehicle", "orbiter", "--out", "K", *LEAN),
     "reproduce": massprop("--only", "fig_1_1", "--out", "R", "-q", run=partial(main, program.load, program.NAME)),
 }
 
@@ -74,7 +75,7 @@ class Prober:
         for name in ("massprop_drake.runners.recorded", "massprop_drake.display.page", "reproduction.reproduce"):
             importlib.import_module(name)  # which commands load late
         self._folder, self._random = folder, random.Random(seed)
-        short = [load_scenario("sample_maneuver", ["duration_s=1", f"seed={seed}"]) for seed in range(3)]
+        short = [load_scenario("sample_maneuver", [*SECOND, f"seed={seed}"]) for seed in range(3)]
         self._runs = [simulate.simulate(one) for one in short]
         self._earlier = self._runs[0].save(folder / "earlier", pictures=False, report=True)
         self._counts: dict[str, int] = {}

@@ -9,14 +9,14 @@ from pkgutil import iter_modules
 
 from massprop_drake.inputs.kinds import Kind, bundled_files
 
-_FILES = {"scenario": (".yaml", ".yml"), "vehicle": (".yaml", ".yml"), "campaign": (".yaml", ".yml")}
-
 
 def make_completer(kind: Kind) -> Callable[[str], list[str]]:
     """Makes a function that offers bundled names of a kind, files and folders that begin as written."""
 
     def offered(incomplete: str) -> list[str]:
-        return [name for name in bundled_files(kind) if name.startswith(incomplete)] + _paths(incomplete, _FILES[kind])
+        return [name for name in bundled_files(kind) if name.startswith(incomplete)] + _paths(
+            incomplete, (".yaml", ".yml")
+        )
 
     return offered
 

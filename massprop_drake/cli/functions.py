@@ -22,11 +22,6 @@ from massprop_drake.errors import InputError, logged_by_drake, suggestion
 _OURS = str(Path(massprop_drake.__file__).parent)
 
 
-def is_function_name(word: str) -> bool:
-    """Tests whether a word names a function, `module:function`."""
-    return ":" in word
-
-
 def file_stem(target: str) -> str:
     """Makes a name for files about a function: the last part of its module, and its own name."""
     where, _, name = target.rpartition(":")

@@ -27,7 +27,7 @@ def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict
     case = None if like is None else load_recovered_scenario(like, [])
     found: dict[str, Callable[[], Any]] = {}
     for name in dict.fromkeys(names or graphs.names_for(case)):
-        own = functions.is_function_name(name)
+        own = ":" in name
         if not own and name not in graphs.DIAGRAMS:
             if name.endswith(".py"):
                 raise InputError(f"'{name}' is a file; say which of its functions builds the diagram: {name}:build")

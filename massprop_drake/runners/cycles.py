@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -17,9 +16,7 @@ from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.whole import Samples, ThesisAsked, ThesisRows
 from massprop_drake.maths.kernels import compile_kernel_if, make_holder, make_shared_holder, read_holder
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import join_ten_parameters
 from massprop_drake.runners.logs import EstimationLog
-from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
 from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, Stopwatch, time_call
 
 Array = NDArray[np.float64]
@@ -70,12 +67,6 @@ class Cycles(Protocol):
     @property
     def done(self) -> int:
         """Number of rows whose cycles are complete, also after an error."""
-
-    def reported(self) -> tuple[Array, Array]:
-        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
-
-    def rotation_nis(self) -> float:
-        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
 
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
@@ -131,17 +122,6 @@ class Stepped:
             declared = done.judgment.status.detector_event == Verdict.DECLARED
             for place, value in zip(self.asked, (declared, after.force, after.removed, after.closed), strict=True):
                 place[:] = value
-
-    def reported(self) -> tuple[Array, Array]:
-        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
-        assert self._done is not None
-        return cycle.reported_estimate(self._done)
-
-    def rotation_nis(self) -> float:
-        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
-        assert self._done is not None
-        rotation = self._done.filtered.rotation
-        return float(rotation.rotation_nis) if rotation.rotation_used else math.nan
 
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
@@ -214,22 +194,6 @@ class Watched(Stepped):
         self._next = reached
         self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
-    def reported(self) -> tuple[Array, Array]:
-        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
-        if self._done is not None:
-            return super().reported()
-        rows, last = self._log.rows, self._next - 1
-        return _estimate_and_sigma(
-            ROTATION_REPORT.read(rows["rotation_report"][last]), MASS_REPORT.read(rows["mass_report"][last])
-        )
-
-    def rotation_nis(self) -> float:
-        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
-        if self._done is not None:
-            return super().rotation_nis()
-        report = ROTATION_REPORT.read(self._log.rows["rotation_report"][self._next - 1])
-        return float(report.rotation_nis) if report.rotation_used else math.nan
-
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         return super().known() if self._done is not None else cycle.estimate_and_covariance(self.state(), self._params)
@@ -238,14 +202,6 @@ class Watched(Stepped):
 def _require_writable(samples: Samples) -> Samples:
     """Converts samples to the form that compiled code takes."""
     return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
-
-
-def _estimate_and_sigma(rotation: Any, mass: Any) -> tuple[Array, Array]:
-    """Returns estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
-    return (
-        join_ten_parameters(rotation.estimate, mass.mass_reciprocal),
-        join_ten_parameters(rotation.standard_deviation, np.sqrt(mass.variance)),
-    )
 
 
 class Whole:
@@ -268,8 +224,6 @@ class Whole:
         self._advance = compile_kernel_if(whole.advance, compiled)
         self.given, self.holder = whole.kernel_params(made), make_holder(state, compiled)
         self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
-        self._has_detector = made.detector is not None
-        self._rows: ThesisRows | None = None
         self._shared: Any = None  # the rows
 
     @cached_property
@@ -284,10 +238,10 @@ class Whole:
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Sets the rows to estimate from, and the log to fill in."""
         samples, rows = _require_writable(record.samples), log.rows
-        self._rows = ThesisRows(
+        filled = ThesisRows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
-        self.block = whole.ThesisBlock(samples, self._rows, self.asked)
+        self.block = whole.ThesisBlock(samples, filled, self.asked)
         self._shared = None
         self._times_s, self._next = samples.time_s, 0
 
@@ -319,26 +273,6 @@ class Whole:
         """Goes back to the first row, whose sample may have been replaced."""
         self._next = 0
 
-    def reports(self) -> tuple[Any, Any, Any]:
-        """Returns reports of both filters and the detector in the last cycle, as logged; None without a detector."""
-        assert self._rows is not None
-        rows, last = self._rows, self._next - 1
-        status = None
-        if self._has_detector:
-            jets = self._params.impulse_per_level.shape[0]
-            status = DETECTOR_REPORT.sized(jets=jets).read(rows.detector_report[last])
-        return ROTATION_REPORT.read(rows.rotation_report[last]), MASS_REPORT.read(rows.mass_report[last]), status
-
-    def reported(self) -> tuple[Array, Array]:
-        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
-        rotation, mass, _ = self.reports()
-        return _estimate_and_sigma(rotation, mass)
-
-    def rotation_nis(self) -> float:
-        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
-        report, _, _ = self.reports()
-        return float(report.rotation_nis) if report.rotation_used else math.nan
-
     def known(self) -> tuple[Array, Array]:
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         return cycle.estimate_and_covariance(self.state(), self._params)
@@ -347,12 +281,9 @@ class Whole:
 class Unattended(Stepped):
     """Cycles without estimation, for a flight of which only states, commands and readings are wanted, see `Cycles`."""
 
-    def _one(self, _sample: Sample, _row: int) -> None:
-        pass
-
-    def reported(self) -> tuple[Array, Array]:
-        """Returns zeros with a 1-sigma of infinity: nothing is known, shape (10,) each."""
-        return np.zeros(10), np.full(10, math.inf)
+    def _one(self, _: Sample, row: int) -> None:
+        for rows in self._log.rows.values():  # nothing is known
+            rows[row] = np.nan
 
 
 def make_cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:

@@ -201,8 +201,11 @@ class Estimator:
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
             self._row = whole.allocate_sample(len(self._gyros), len(self._accelerometers), state.level.size)
-            self._whole = Whole(self._params, state, compiled=True)
-            self._whole.begin(RecordRows(self._row), EstimationLog(self._scenario, self._params, 1))
+            self._whole, self._log = (
+                Whole(self._params, state, compiled=True),
+                EstimationLog(self._scenario, self._params, 1),
+            )
+            self._whole.begin(RecordRows(self._row), self._log)
 
     @property
     def _state(self) -> cycle.EstimationState:
@@ -374,7 +377,7 @@ class Estimator:
             self._whole.restart()
             self._whole.advance(1)
             _, force, removed, _ = self._whole.asked
-            return _Cycle(self._whole.reported(), *self._whole.reports(), None, force.copy(), removed.copy())
+            return _Cycle(self._log.known(0), *self._log.reports(0), None, force.copy(), removed.copy())
         try:
             done = cycle.step(self._kept, sample, self._params)
         except NotPositiveDefiniteError as error:

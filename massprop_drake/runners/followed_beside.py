@@ -61,9 +61,8 @@ def compare_in_fixed_frame(record: Run, other: Run, folder: str, spool: Spool) -
     told = _pose_record(record, made, other)
     read = _simulate_readings(told, vehicle, made.pose, record)
     signals, first = record.signals, 0
-    stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
-    for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
+    for block in blocks(every, "time_s", *signals):
         rows = slice(first, first + block["time_s"].size)
         spool.append({**block, **{AGAINST + name: values[rows] for name, values in read.items()}})
         first = rows.stop

@@ -138,6 +138,22 @@ class EstimationLog:
             if self._said is not None:
                 rows[self._said.name][index] = self._said.pack(judgment.own)
 
+    def reports(self, row: int) -> tuple[Any, Any, Any]:
+        """Returns reports of both filters and the detector in a row, None where there is none."""
+        rows = self.rows
+        mass = MASS_REPORT.read(rows["mass_report"][row]) if "mass_report" in rows else None
+        status = None if self._detector is None else self._judged.read(rows["detector_report"][row])
+        return ROTATION_REPORT.read(rows["rotation_report"][row]), mass, status
+
+    def known(self, row: int) -> tuple[Array, Array]:
+        """Returns estimate and 1-sigma of the ten parameters in a row, NaN if not observed, shape (10,) each."""
+        rotation, mass, _ = self.reports(row)
+        reciprocal, variance = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, mass.variance)
+        return (
+            mass_properties.join_ten_parameters(rotation.estimate, reciprocal),
+            mass_properties.join_ten_parameters(rotation.standard_deviation, np.sqrt(variance)),
+        )
+
 
 class Intake:
     """Spools the signals of a run block by block, and collects its events and detections.

@@ -5,6 +5,7 @@ Only the linear program of jet selection is Drake's. What the loop does not cove
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,7 +155,7 @@ class Loop:
         if self._whole is not None:
             self._fill_at_once(self._whole, reached_s)
             return
-        rows, tracked, _, shared_rows = self._blocks[-1]
+        rows, tracked, log, shared_rows = self._blocks[-1]
         fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
         while self._row < self._size and self._sample * self._period_s <= reached_s:
             row = self._row
@@ -162,7 +163,7 @@ class Loop:
                 tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
             known.advance(row + 1)
             if adapts:
-                self._desk.estimate[:], self._desk.deviation[:] = known.reported()
+                self._desk.estimate[:], self._desk.deviation[:] = log.known(row)
             while stop := fly(self._holder, shared_rows, self._reached, self._given):
                 self._attend(stop, rows.request[row])
             self._row += 1
@@ -255,8 +256,9 @@ class Loop:
 
     def moment(self) -> Moment:
         """Returns the simulation at the last sample, for those who watch it."""
-        rows, row = self._blocks[-1].rows, self._row - 1
-        estimate, deviation = self._known.reported()
+        (rows, _, log, _), row = self._blocks[-1], self._row - 1
+        rotation, *_ = log.reports(row)
+        estimate, deviation = log.known(row)
         return Moment(
             (self._sample - 1) * self._period_s,
             rows.body_state[row][QUATERNION],
@@ -267,7 +269,7 @@ class Loop:
             self._known.asked.removed != 0.0,
             rows.command[row],
             rows.body_state[row][RATE],
-            self._known.rotation_nis(),
+            float(rotation.rotation_nis) if rotation.rotation_used else math.nan,
             tuple(rows.readings[row]),
         )
 

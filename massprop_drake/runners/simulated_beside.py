@@ -62,9 +62,8 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")
     signals = record.signals
-    stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
-    for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
+    for block in blocks(every, "time_s", *signals):
         opening = block.get("command_onset", level_onsets(block["command"].shape))
         told = block["command"], opening
         read = twin.flown(told, {name: block[name] for name in names}, block["time_s"])

@@ -106,18 +106,9 @@ def largest_accelerations(activity: Array) -> list[float]:
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
     """Returns unobservable combinations of the ten parameters, as weights by name."""
-    return [
-        {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
-        for row in _hidden_combinations(vehicle)
-    ]
-
-
-def _hidden_combinations(vehicle: Vehicle) -> Array:
-    if not vehicle.needs_pose_filter:
-        return unobservable_combinations(vehicle, accelerometer=_accelerometer(vehicle) is not None)
-    return unobservable_combinations(
-        vehicle, accelerometer=_has_velocity_sensor(vehicle), known=_not_estimated(vehicle)
-    )
+    known = _not_estimated(vehicle)
+    rows = unobservable_combinations(vehicle, accelerometer=_has_velocity_sensor(vehicle), known=known)
+    return [{name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0} for row in rows]
 
 
 def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:

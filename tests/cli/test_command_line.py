@@ -21,7 +21,8 @@ from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.kernels import compiler
 
 COMMANDS = ("list", "run", "estimate", "compare", "graph", "view", "report", "check")
-SHORT = ("run", "sample_maneuver", "--set", "duration_s=1")
+LOOP = ("--set", "execution.engine=loop")  # the diagram's bits, sooner
+SHORT = ("run", "sample_maneuver", "--set", "duration_s=1", *LOOP)
 LEAN = ("--no-report", "-q")
 
 
@@ -79,7 +80,7 @@ def test_run_takes_overrides_and_a_seed(massprop: Massprop) -> None:
 
 def test_a_runs_folder_runs_again_and_seeds_differ(massprop: Massprop) -> None:
     for name, scenario, seed in (("one", "sample_maneuver", "4"), ("again", "one", "4"), ("two", "one", "5")):
-        asked = ("--set", "duration_s=3", "--seed", seed, "--out", name, *LEAN)
+        asked = ("--set", "duration_s=3", *LOOP, "--seed", seed, "--out", name, *LEAN)
         assert massprop("run", scenario, *asked).status == 0
     assert _summary("one") == _summary("again")
     for name in ("telemetry.csv", "scenario.yaml", "filter_state.json"):
@@ -335,7 +336,7 @@ def test_a_full_disk_leaves_nothing_of_a_view(massprop: Massprop, monkeypatch: p
 
 
 def test_compare_prints_runs_side_by_side_and_plots_them_over_each_other(massprop: Massprop) -> None:
-    short = ("run", "sample_maneuver", "--set", "duration_s=2", *LEAN)
+    short = ("run", "sample_maneuver", "--set", "duration_s=2", *LOOP, *LEAN)
     joint = ("--set", "estimation={filter: joint}", "--set", "mass={}", "--set", "detector.kind=off")
     assert massprop(*short, "--out", "one").status == 0
     assert massprop(*short, *joint, "--out", "other").status == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
@@ -73,7 +72,7 @@ def here(massprop: Massprop) -> None:
     del massprop
     Path("gains.py").write_text("GAIN = -1.0\n", encoding="utf-8")
     Path("own_loop.py").write_text(PROGRAM, encoding="utf-8")
-    for name in ("own_loop", "gains"):  # of another test's folder
+    for name in ("own_loop", "gains", "package", "package.loop"):  # of another test's folder
         sys.modules.pop(name, None)
 
 
@@ -93,13 +92,12 @@ def test_a_diagram_of_ones_own_is_drawn_like_ours(massprop: Massprop, function: 
         assert "&lt;gain&gt;" in Path("graphs", f"{name}.svg").read_text(encoding="utf-8")
 
 
-def test_a_module_is_found_in_the_current_folder_and_in_packages() -> None:
+def test_a_module_is_found_in_the_current_folder_and_in_packages(massprop: Massprop) -> None:
     Path("package").mkdir()
     Path("package", "__init__.py").write_text("", encoding="utf-8")
     Path("package", "loop.py").write_text("from own_loop import diagram as build\n", encoding="utf-8")
-    command = [sys.executable, "-m", "massprop_drake", "graph", "own_loop:diagram", "package.loop:build", "autopilot"]
-    done = subprocess.run([*command, "--out", "graphs"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "built\nbuilt\n")
+    done = massprop("graph", "own_loop:diagram", "package.loop:build", "autopilot", "--out", "graphs")
+    assert (done.status, done.err) == (0, "built\nbuilt\n")
     names = {path.name.partition("_overview")[0].partition(".")[0] for path in Path("graphs").iterdir()}
     assert names == {"autopilot", "loop_build", "own_loop_diagram", "manifest"}
 

@@ -27,8 +27,8 @@ INERTIA = [[883308.0, -8120.0, -247270.0], [-8120.0, 6748840.0, -418.0], [-24727
 
 
 def flown(folder: Path, name: str, *overrides: str) -> Path:
-    simulate(load_scenario("sample_maneuver", [*FLIGHT, *overrides])).save(folder / name, pictures=False, report=False)
-    return folder / name
+    run = simulate(load_scenario("sample_maneuver", [*FLIGHT, *overrides]), look_back=False)
+    return run.save(folder / name, pictures=False, report=False)
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,12 @@ def put_beside(runs: Path, record: str, against: str = "known") -> Run:
     return beside(estimate(runs / record / "telemetry.csv", scenario), runs / against)
 
 
+@pytest.fixture(scope="module")
+def weak(runs: Path) -> Run:
+    """The record of a weak jet beside the vehicle as it is known."""
+    return put_beside(runs, "weak")
+
+
 def test_a_run_s_own_record_is_as_simulated(runs: Path) -> None:
     run = put_beside(runs, "known")
     found = said(run)
@@ -66,9 +72,8 @@ def test_a_run_s_own_record_is_as_simulated(runs: Path) -> None:
     assert [one.signal for one in found.residuals[:3]] == ["gyro_x", "gyro_y", "gyro_z"]
 
 
-def test_a_weak_jet_explains_all_of_it(runs: Path) -> None:
-    run = put_beside(runs, "weak")
-    found = said(run)
+def test_a_weak_jet_explains_all_of_it(weak: Run) -> None:
+    run, found = weak, said(weak)
     (cause,) = found.causes
     assert cause.what == "thrust of L4D"
     assert cause.size == pytest.approx(-40.0, abs=5.0 * cause.size_std)
@@ -100,8 +105,8 @@ def test_after_a_gap_it_begins_with_the_record_s_rate(runs: Path, tmp_path: Path
     np.testing.assert_allclose(run["against.acc2"][gap + 1], run["acc2"][gap + 1])
 
 
-def test_it_is_kept_shown_and_read_back(runs: Path, tmp_path: Path) -> None:
-    run = put_beside(runs, "weak")
+def test_it_is_kept_shown_and_read_back(weak: Run, tmp_path: Path) -> None:
+    run = weak
     run.save(tmp_path / "kept", pictures=False, report=False)
     again = Run.load(tmp_path / "kept")
     assert again.results.against == run.results.against

@@ -18,7 +18,7 @@ WEAK = "failures=[{kind: degraded, jet: T6, start_s: 0, fraction: 0.4}]"
 
 
 def flown(folder: Path, name: str, *overrides: str) -> Path:
-    run = simulate(load_scenario("air_bearing_pulses", [*FLIGHT, *overrides]))
+    run = simulate(load_scenario("air_bearing_pulses", [*FLIGHT, *overrides]), look_back=False)
     run.save(folder / name, pictures=False, report=False)
     return folder / name
 

@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from script_probe import script
+from vehicle_flights import step
 
 from massprop_drake import Estimator, estimate, load_scenario, simulate
+
+pytest.importorskip("numba")
 
 # the compiler takes no notice of it where it is made ready, which is in whatever test comes first
 pytestmark = pytest.mark.filterwarnings("ignore:.*is faster on contiguous arrays")
@@ -89,7 +92,6 @@ FLOWN = {
 
 @pytest.mark.parametrize("what", FLOWN)
 def test_flights_are_compiled_alike(what: str, tmp_path: Path) -> None:
-    pytest.importorskip("numba")
     name, *overrides = FLOWN[what]
     plain, compiled = (
         simulate(load_scenario(name, [*overrides, f"execution={{engine: loop, compiled: {asked}}}"]))
@@ -112,37 +114,33 @@ def test_flights_are_compiled_alike(what: str, tmp_path: Path) -> None:
     ids=["the joint filter", "a continuous plant"],
 )
 def test_what_the_loop_has_otherwise_is_compiled_in_the_diagram(case: tuple[str, ...]) -> None:
-    pytest.importorskip("numba")
     name, *overrides = case
     plain, compiled = (simulate(load_scenario(name, [*overrides, f"execution.compiled={it}"])) for it in (False, True))
     require_close(compiled, plain)
 
 
 def test_the_estimator_compiles_its_cycle_too() -> None:
-    pytest.importorskip("numba")
     asked = load_scenario(FAILING[0], [*FAILING[1:], "execution={engine: loop, compiled: true}"])
     run = simulate(asked)
     steps = []
     dut = Estimator(asked.vehicle_data, asked)
-    for row, time_s in enumerate(run.time_s):
-        readings = {name: run[name][row] for name in ("acc1", "acc2", "acc3")}
+    for row in range(run.time_s.size):
         if row == 200:  # from its state as JSON has it
             state, dut = dut.state, Estimator(asked.vehicle_data, asked)
             dut.restore(state)
-        steps.append(dut.step(time_s, run["gyro"][row], readings, run["command"][row]))
-    np.testing.assert_array_equal([step.estimate for step in steps], run["estimate"])
-    np.testing.assert_array_equal([step.standard_deviation for step in steps], run["standard_deviation"])
-    np.testing.assert_array_equal([step.rotation_nis for step in steps], run["rotation_nis"][:, 0])
-    np.testing.assert_array_equal([step.alarm for step in steps], run["alarm"][:, 0])
+        steps.append(step(dut, run, row))
+    np.testing.assert_array_equal([one.estimate for one in steps], run["estimate"])
+    np.testing.assert_array_equal([one.standard_deviation for one in steps], run["standard_deviation"])
+    np.testing.assert_array_equal([one.rotation_nis for one in steps], run["rotation_nis"][:, 0])
+    np.testing.assert_array_equal([one.alarm for one in steps], run["alarm"][:, 0])
     np.testing.assert_array_equal(dut.covariance, run.covariance)
-    (found,) = [step.detection for step in steps if step.detection is not None]
+    (found,) = [one.detection for one in steps if one.detection is not None]
     assert (found.kind, found.jet) == ("jet", "R4R")
     assert steps[-1].removed.any()
 
 
 def test_damaged_compiled_code_is_compiled_anew(tmp_path: Path) -> None:
     """Cut off, emptied, overwritten, with a hole, or without the right to read: one line, and the same result."""
-    pytest.importorskip("numba")
     code = (
         "import numpy as np; from massprop_drake.maths import attitude, kernels; "
         "print(kernels.compile_kernel(attitude.multiply)(np.eye(4)[0], np.eye(4)[1]))"
@@ -174,7 +172,6 @@ def test_damaged_compiled_code_is_compiled_anew(tmp_path: Path) -> None:
 
 
 def test_another_process_reads_compiled_code() -> None:
-    pytest.importorskip("numba")
     asked = [*FAILING[1:], "execution={engine: loop, compiled: true}"]
     simulate(load_scenario(FAILING[0], asked))
     code = (

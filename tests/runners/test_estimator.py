@@ -6,32 +6,18 @@ import copy
 import json
 import math
 import pickle
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
+from vehicle_flights import step
 
-from massprop_drake import Estimator, EstimatorStep, InputError, Run, Vehicle, load_scenario
+from massprop_drake import Estimator, InputError, Run, Vehicle, load_scenario
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import resolve_scenario
 
 STILL = np.zeros(3)
 OFF = np.zeros(44)
-
-
-def _steps(dut: Estimator, run: Run, samples: range) -> list[EstimatorStep]:
-    """Steps of the estimator over samples of a run, with the readings of all packages."""
-    vehicle = run.scenario.vehicle_data
-    steps = []
-    for k in samples:
-        rates, velocities, tracked = (
-            {one.name: run[one.name][k] for one in some} or None
-            for some in (vehicle.gyros, vehicle.accelerometers, vehicle.tracked)
-        )
-        steps.append(dut.step(run.time_s[k], rates, velocities, run["command"][k], tracked=tracked))
-    return steps
 
 
 def test_where_the_preferred_accelerometer_is_missing_the_next_takes_over(sample_run: Run) -> None:
@@ -89,19 +75,6 @@ def test_an_outside_wrench_is_what_a_jet_of_the_same_wrench_would_be(orbiter: Ve
         assert not step.used
 
 
-def test_it_needs_neither_drake_nor_matplotlib() -> None:
-    program = (
-        "import sys\n"
-        "from massprop_drake import Estimator, load_vehicle\n"
-        "estimator = Estimator(load_vehicle('orbiter'))\n"
-        "estimator.step(0.0, [0.0] * 3, [0.0] * 3, [0.0] * 44)\n"
-        "slow = {'pydrake', 'matplotlib', 'scipy', 'typer'}\n"
-        "print(sorted(slow & {name.partition('.')[0] for name in sys.modules}))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 def test_the_nearest_possible_estimate_on_request(orbiter: Vehicle) -> None:
     """What a body can have is the estimate; from zero, where nothing is known, there is none."""
     dut = Estimator(orbiter, load_scenario("sample_maneuver", ["estimation.start=nominal"]))
@@ -115,7 +88,7 @@ def test_the_nearest_possible_estimate_on_request(orbiter: Vehicle) -> None:
 def test_a_runs_filter_state_serves(stuck_run: Run) -> None:
     """What a simulated run leaves is what the estimator knows after its telemetry."""
     dut, whole = (Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario) for _ in range(2))
-    steps = _steps(whole, stuck_run, range(stuck_run.time_s.size))
+    steps = [step(whole, stuck_run, row) for row in range(stuck_run.time_s.size)]
     dut.restore(stuck_run.state)
     np.testing.assert_array_equal(dut.covariance, whole.covariance)
     assert dut.state["states"] == whole.state["states"]
@@ -140,7 +113,8 @@ NO_STATES: dict[str, tuple[dict[str, Any], str]] = {
 def test_a_damaged_state_is_refused_and_the_estimator_goes_on(short_run: Run, name: str) -> None:
     change, words = NO_STATES[name]
     dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
-    _steps(dut, short_run, range(5))
+    for row in range(5):
+        step(dut, short_run, row)
     before = json.dumps(dut.state)
     with pytest.raises(InputError, match=f"state: .*{words}|state: {words}"):
         dut.restore({**dut.state, **change})

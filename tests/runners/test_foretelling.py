@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from massprop_drake import Run, foretell, load_scenario, simulate
 from massprop_drake.cli.app import app
 from massprop_drake.errors import InputError
+from massprop_drake.runners import foretelling
 from massprop_drake.runners.foretelling import Forecast
 
 SHORT = ["duration_s=22", "estimation.filter=joint"]
@@ -46,7 +48,8 @@ def test_what_all_thrusts_have_in_common_is_a_floor(told: Forecast) -> None:
 
 def test_a_leak_is_named_when_it_is_foretold(told: Forecast) -> None:
     leak = {"kind": "leak", "jet": "ZP1", "start_s": 12.0, "force": 0.25}
-    run = simulate(load_scenario("small_satellite_maneuver", [*SHORT, f"failures={json.dumps([leak])}"]))
+    settings = [*SHORT, "execution.engine=loop", f"failures={json.dumps([leak])}"]
+    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
     (named,) = run.summary["detections"]
     (one,) = [suspect for suspect in told.suspects if suspect.jet == "ZP1"]
     assert one.after_s is not None
@@ -54,8 +57,10 @@ def test_a_leak_is_named_when_it_is_foretold(told: Forecast) -> None:
     assert one.force == pytest.approx(0.25)
 
 
-def test_the_command_prints_it(told: Forecast) -> None:
-    words = ["foretell", "small_satellite_maneuver", "--since", "12", *(f"--set={one}" for one in SHORT)]
+def test_the_command_prints_it(told: Forecast, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[dict[str, Any]]()
+    monkeypatch.setattr(foretelling, "foretell", lambda _, **options: asked.append(options) or told)
+    words = ["foretell", "small_satellite_maneuver", "--since", "12", "--leak", "0.05"]
     printed = CliRunner().invoke(app, words)
     assert printed.exit_code == 0
     assert "ZP1" in printed.stdout
@@ -63,6 +68,7 @@ def test_the_command_prints_it(told: Forecast) -> None:
     found = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     np.testing.assert_allclose(found["standard_deviations"], told.deviations[-1], rtol=1e-9)
     assert [one["jet"] for one in found["suspects"]] == [one.jet for one in told.suspects]
+    assert asked == 2 * [{"nominal": False, "share": 0.05, "since_s": 12.0}]
 
 
 @pytest.mark.parametrize(

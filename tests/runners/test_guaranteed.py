@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_probe import Massprop
+from vehicle_flights import windows
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.results.allowed import Intervals
@@ -18,14 +19,15 @@ from massprop_drake.runners.guaranteed import with_intervals
 INERTIA = [[905000.0, -30000.0, -240000.0], [-30000.0, 6690000.0, 21000.0], [-240000.0, 21000.0, 7100000.0]]
 BODY = {"mass": 5800.0, "center_of_mass": [32.4, -0.2, 2.3], "inertia": INERTIA}
 FLIGHT = [
-    "duration_s=16",
+    "duration_s=11",
+    windows(("rhc", "+x", 0.5, 2.5), ("rhc", "+y", 3.5, 5.5), ("rhc", "+z", 6.5, 8.5)),
     "execution.engine=loop",
     "estimation.start=nominal",
     "detector.kind=off",
     "plant.lag_factor=1.05",
     f"plant.mass_properties={json.dumps(BODY)}",
 ]
-LEAK = "failures=[{kind: leak, jet: R4R, force: 10, start_s: 12}]"
+LEAK = "failures=[{kind: leak, jet: R4R, force: 10, start_s: 9}]"
 
 
 def flown(*overrides: str) -> Run:
@@ -79,8 +81,8 @@ def test_a_failure_that_nobody_declared_contradicts_the_readings(leaking: Run) -
 
 def test_readings_count_until_the_declared_failure_and_again_if_it_is_withdrawn(leaking: Run) -> None:
     one = DetectionRecord(
-        onset_s=12.0,
-        time_s=12.4,
+        onset_s=9.0,
+        time_s=9.4,
         kind="jet_on",
         cluster=12,
         jet="R4R",
@@ -96,11 +98,11 @@ def test_readings_count_until_the_declared_failure_and_again_if_it_is_withdrawn(
         return said(with_intervals(Run(leaking.scenario, results, leaking.time_s, leaking.signals)))
 
     found = declared(one)
-    before = leaking["truth"][np.searchsorted(leaking.time_s, 11.95) - 1]
+    before = leaking["truth"][np.searchsorted(leaking.time_s, 8.95) - 1]
     assert are_inside(found, before)
-    assert found.until_s == 12.0
-    assert found.in_words().startswith("guaranteed by the readings before 12.00 s, given")
-    assert declared(one._replace(withdrawn_s=13.0)).contradicted
+    assert found.until_s == 9.0
+    assert found.in_words().startswith("guaranteed by the readings before 9.00 s, given")
+    assert declared(one._replace(withdrawn_s=10.0)).contradicted
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ LOOP = "execution.engine=loop"  # the diagram's bits, sooner
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("orbiter_maneuver", ["duration_s=14"])
+    return load_scenario("orbiter_maneuver", ["duration_s=11", LOOP])
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def at_stamps(flown: Run, folder: Path, tmp_path_factory: pytest.TempPathFactory
         for begin, end in zip(np.flatnonzero(edges > 0.0), np.flatnonzero(edges < 0.0), strict=True):
             pulses.append({"jet": name, "start_s": float(rows[begin]) * step_s, "end_s": float(rows[end]) * step_s})
     plain = ["estimation={filter: thesis}", "joint={}", "mass={}", "detector.kind=off", "maneuver=[]", LOOP]
-    fine = [f"jet_schedule={json.dumps(pulses)}", f"vehicle.sample_period_s={step_s}", "duration_s=14.1"]
+    fine = [f"jet_schedule={json.dumps(pulses)}", f"vehicle.sample_period_s={step_s}", "duration_s=11.1"]
     again = simulate(load_scenario("orbiter_maneuver", [*plain, *fine]), look_back=False)
     heading, *written = _rows(folder)
     for row, place in zip(written, np.minimum(rows, again.time_s.size - 1), strict=True):

@@ -39,7 +39,9 @@ def at_rates(vehicle: Vehicle, period_s: float) -> Vehicle:
 
 def case(vehicle: Vehicle, **more: Any) -> Scenario:
     return resolve_scenario(
-        {"name": "rates", "vehicle": vehicle, "duration_s": 3.5, "seed": 4, "detector": {"kind": "off"}} | more
+        {"name": "rates", "vehicle": vehicle, "duration_s": 3.5, "seed": 4, "detector": {"kind": "off"}}
+        | {"execution": {"engine": "loop"}}
+        | more
     )
 
 

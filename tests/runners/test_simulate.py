@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_drake import InputError, Run, Scenario, load_scenario, simulate
+from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.results.spool import Spool
 from massprop_drake.runners import logs
 from massprop_drake.runners import simulate as module
@@ -122,8 +122,3 @@ def test_a_watcher_sees_the_same() -> None:
     for one, other in zip(seen["diagram"], seen["loop"], strict=True):
         for left, right in zip(one, other, strict=True):  # type: ignore[call-overload]
             np.testing.assert_array_equal(left, right)
-
-
-def test_a_continuous_plant_is_refused_with_the_reason() -> None:
-    with pytest.raises(InputError, match=r"execution\.engine: loop does not cover a continuous plant"):
-        load_scenario("sample_maneuver", ["plant.time_step=0", "execution.engine=loop"])

@@ -52,7 +52,7 @@ def tracked(plain: Vehicle) -> Vehicle:
 
 @pytest.fixture(scope="module")
 def flown(tracked: Vehicle) -> Run:
-    return simulate(leaking(tracked), look_back=False)
+    return simulate(leaking(tracked, execution={"engine": "loop"}), look_back=False)
 
 
 def test_a_tracker_makes_nothing_worse(flown: Run, plain: Vehicle) -> None:

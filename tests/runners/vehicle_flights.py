@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 from pose_probe import again
 
-from massprop_drake import Scenario, load_vehicle
+from massprop_drake import Estimator, EstimatorStep, Run, Scenario, load_vehicle
 from massprop_drake.inputs.scenario import resolve_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 
@@ -17,6 +18,23 @@ def quick(name: str, kind: str, **changed: Any) -> Vehicle:
     vehicle = load_vehicle(name)
     valve = {"minimum_on_time_s": 0.01, "thrust_uncertainty": 0.01, **changed}
     return again(vehicle, jet_kinds={kind: vehicle.jet_kinds[kind].model_copy(update=valve)})
+
+
+def windows(*told: tuple[str, str, float, float]) -> str:
+    """An override of a scenario: hand controllers, each with its axis, start and end."""
+    names = ("controller", "axis", "start_s", "end_s")
+    return f"maneuver={json.dumps([dict(zip(names, one, strict=True)) for one in told])}"
+
+
+def step(dut: Estimator, run: Run, row: int) -> EstimatorStep:
+    """A step of the estimator, with all that a run read and commanded at a row."""
+    vehicle = run.scenario.vehicle_data
+    rates, velocities, tracked = (
+        {one.name: run[one.name][row] for one in some} or None
+        for some in (vehicle.gyros, vehicle.accelerometers, vehicle.tracked)
+    )
+    onsets_s = run["command_onset"][row] if "command_onset" in run.signals else None
+    return dut.step(run.time_s[row], rates, velocities, run["command"][row], tracked=tracked, onsets_s=onsets_s)
 
 
 def pulses(vehicle: Vehicle, until_s: float, seed: int = 0) -> list[dict[str, Any]]:

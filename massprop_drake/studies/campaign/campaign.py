@@ -6,9 +6,9 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec, load_campaign
@@ -25,24 +25,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _KIND = "campaign"  # of work, as folders are marked
-
-
-class _Flight(NamedTuple):
-    """State of a campaign's folder while cases are flown.
-
-    Attributes:
-        folder: the campaign's.
-        facts: of its plan.
-        done: numbers of the cases that have a row.
-        alone: numbers of those that are flown alone.
-        total: number of cases in the plan.
-    """
-
-    folder: Path
-    facts: dict[str, str]
-    done: set[int]
-    alone: frozenset[int]
-    total: int
 
 
 class Campaign:
@@ -215,38 +197,39 @@ class Campaign:
                 link = engine.dashboard(client)
                 if dashboard is not None and link is not None:
                     dashboard(link)
-                self._fly(client, _Flight(path, facts, done, alone, len(cases)), todo, progress)
+                counts = self._flown(client, path, facts, done, self._work(path, todo, alone))
+                for count in stack.enter_context(contextlib.closing(counts)):
+                    if progress is not None:
+                        progress(count, len(cases))
         return Campaign(self.spec, target)
 
-    def _fly(
-        self,
-        client: Client,
-        flight: _Flight,
-        todo: Sequence[PlannedCase],
-        progress: Callable[[int, int], None] | None,
-    ) -> None:
+    def _work(self, folder: Path, todo: Sequence[PlannedCase], alone: frozenset[int]) -> engine.CampaignWork:
         file = self.spec.file
         setup = {
             "base": self.spec.base.model_dump(mode="json"),
             "campaign": file.name,
             "times_s": list(file.times_s),
             "keep": file.keep,
-            "folder": str(flight.folder),
+            "folder": str(folder),
         }
-        work = engine.CampaignWork(setup, todo, flight.alone, file.limits.time_s, file.limits.memory_mb)
-        facts, done, columns = flight.facts, flight.done, store.schema(file.times_s)
+        return engine.CampaignWork(setup, todo, alone, file.limits.time_s, file.limits.memory_mb)
+
+    def _flown(
+        self, client: Client, folder: Path, facts: dict[str, str], done: set[int], work: engine.CampaignWork
+    ) -> Generator[int]:
+        """Writes chunks of cases as they are flown, and yields the number of those that have a row."""
+        columns = store.schema(self.spec.file.times_s)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
-        with contextlib.closing(engine.fly_chunks(client, work, execution, flight.folder)) as chunks:
+        with contextlib.closing(engine.fly_chunks(client, work, execution, folder)) as chunks:
             for chunk in chunks:
                 if execution is None:
                     execution = chunk.execution
-                    store.write_facts(flight.folder, {**facts, "execution": json.dumps(execution)})
+                    store.write_facts(folder, {**facts, "execution": json.dumps(execution)})
                 rows = [row for row in chunk.rows if row["case_id"] not in done]  # one flown alone may have its row
                 if rows:
-                    store.write_rows(flight.folder, sorted(rows, key=lambda row: row["case_id"]), columns)
+                    store.write_rows(folder, sorted(rows, key=lambda row: row["case_id"]), columns)
                 done.update(row["case_id"] for row in rows)
-                if progress is not None:
-                    progress(len(done), flight.total)
+                yield len(done)
 
     def status(self) -> Status:
         """Returns progress and outcomes of its cases, from the folder alone."""

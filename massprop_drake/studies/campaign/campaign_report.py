@@ -107,7 +107,7 @@ def contents(study: Study) -> dict[str, Any]:
     found = merit.figures(rows)
     acted = merit.events(rows)
     force = spec.base.vehicle_data.unit_names["force"]
-    sized = {kind: group for kind, group in merit.group_by_kind(acted).items() if kind in SIZED}
+    sized = {kind: group for kind, group in merit.group_events(acted, "kind").items() if kind in SIZED}
     places = {
         "detection": report_plots.delay_plots(study, acted),
         "isolation": report_plots.confusion_plots(study, acted, merit.events(rows, payloads=True)),

@@ -7,19 +7,18 @@ the draws themselves do not blur the difference.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from massprop_drake.display import plotted
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.model import Model
 from massprop_drake.studies.campaign import charts, merit, report_words, statistics
 from massprop_drake.studies.campaign.campaign_report import FORMAT, figure_data
 from massprop_drake.studies.campaign.counts import Row, ends_wrong, select_flown, select_judgeable
 from massprop_drake.studies.campaign.merit import MEANINGS, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
-from massprop_drake.studies.campaign.reading import Cell, Study, read
+from massprop_drake.studies.campaign.reading import Cell, Study, leaves, read
 from massprop_drake.studies.campaign.statistics import Paired
 
 _HERE = Path(__file__).parent
@@ -247,26 +246,13 @@ def _differing_settings(found: Sequence[Column]) -> list[dict[str, Any]]:
     """Returns settings of the scenario, and versions, that are not the same in all columns."""
     flat = []
     for column in found:
-        one = _flatten(column.study.spec.base, "")
+        one = leaves(column.study.spec.base.model_dump(mode="json"), vectors=False)
         one |= column.cell.settings
         one |= {f"(version) {name}": value for name, value in column.study.execution.items()}
         flat.append(one)
     keys = dict.fromkeys(key for one in flat for key in one)
     differing = [key for key in keys if any(one.get(key) != flat[0].get(key) for one in flat)]
     return [{"key": key, "values": [one.get(key) for one in flat]} for key in differing[:_MOST_DIFFERENCES]]
-
-
-def _flatten(value: Any, path: str) -> dict[str, Any]:
-    """Returns plain values by dotted key."""
-    if isinstance(value, Model):
-        value = value.model_dump(mode="json")
-    if isinstance(value, Mapping):
-        parts = {f"{path}.{name}" if path else str(name): inner for name, inner in value.items()}
-    elif isinstance(value, list):
-        parts = {f"{path}[{index}]": inner for index, inner in enumerate(value)}
-    else:
-        return {path: value}
-    return {key: leaf for name, inner in parts.items() for key, leaf in _flatten(inner, name).items()}
 
 
 # -------------------------------------------------------------------------------------------- as page
@@ -330,7 +316,9 @@ def _row(measure: Measure) -> dict[str, Any]:
     scale, unit = (100.0, "points") if measure.unit == "%" else (1.0, measure.unit)
 
     def number(value: float) -> str:
-        return "-" if math.isnan(value) else f"{scale * value:+.3g}" if value else "0"
+        if not math.isfinite(value):
+            return "-" if math.isnan(value) else "unknown"
+        return f"{scale * value:+.3g}" if value else "0"
 
     bounded = not math.isnan(difference.low)
     return {
@@ -340,17 +328,13 @@ def _row(measure: Measure) -> dict[str, Any]:
             for value in measure.values
         ],
         "difference": f"{number(difference.value)} {unit}".rstrip(),
-        "interval": f"{_bound(difference.low, number)} to {_bound(difference.high, number)}" if bounded else "",
+        "interval": " to ".join(map(number, (difference.low, difference.high))) if bounded else "",
         "up": up,
         "down": down,
         "p": "-" if math.isnan(p) else f"{p:.2g}",
         "sure": not math.isnan(p) and p < 1.0 - statistics.CONFIDENCE,
         "n": f"{difference.n:g} {measure.measured_on}",
     }
-
-
-def _bound(value: float, number: Callable[[float], str]) -> str:
-    return "unknown" if math.isinf(value) else number(value)
 
 
 def _changed_cases(baseline: Column, column: Column) -> dict[str, Any]:

@@ -339,19 +339,11 @@ def sum_by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str,
     return merged
 
 
-def group_by_kind(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
-    """Groups failures by their kind, in the order in which kinds appear."""
+def group_events(found: Sequence[InjectedEvent], by: str) -> dict[str, list[InjectedEvent]]:
+    """Groups failures by `kind` or `jet`, in the order in which these appear."""
     groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
-        groups.setdefault(event.injected["kind"], []).append(event)
-    return groups
-
-
-def group_by_jet(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
-    """Groups failures by their jet, in the order in which jets appear."""
-    groups: dict[str, list[InjectedEvent]] = {}
-    for event in found:
-        groups.setdefault(event.injected["jet"], []).append(event)
+        groups.setdefault(event.injected[by], []).append(event)
     return groups
 
 
@@ -439,9 +431,11 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> di
     found = {}
     for name in NAMES:
         errors = [math.nan if row[f"error.{name}"] is None else row[f"error.{name}"] for row in good]
-        correlations = statistics.rank_correlations(columns, [abs(error) if size else error for error in errors])
-        if correlations:
-            found[name] = correlations
+        sizes = [abs(error) if size else error for error in errors]
+        correlations = {label: statistics.rank_correlation(values, sizes) for label, values in columns.items()}
+        varying = {label: figure for label, figure in correlations.items() if not math.isnan(figure.value)}
+        if varying:
+            found[name] = varying
     return found
 
 

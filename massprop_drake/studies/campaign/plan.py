@@ -92,7 +92,8 @@ def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
     for sample in range(len(coordinates)):
         drawn = {quantity.label: column[sample] for quantity, column in zip(campaign.quantities, columns, strict=True)}
         settings = settings_of(campaign, drawn)
-        seed = int(_sequence(file.seed, sample).generate_state(1, np.uint64)[0] >> np.uint64(1))
+        sequence = np.random.SeedSequence(file.seed, spawn_key=(sample,))
+        seed = int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
         for number, cell in enumerate(cells):
             case_id = sample * len(cells) + number
             record = records[sample] if records else None
@@ -171,10 +172,6 @@ def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
             for sample in range(count)
         ]
     )
-
-
-def _sequence(seed: int, sample: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=(sample,))
 
 
 def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array:

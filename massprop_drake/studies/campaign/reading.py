@@ -105,9 +105,9 @@ def read(folder: str | Path) -> Study:
     if not any(cell.rows for cell in cells):
         raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
     reference = _reference(spec, [cell.settings for cell in cells])
-    return Study(
-        path, spec, cells, reference, _labels(drawn), json.loads(facts.get("execution", "{}")), _kept_case_folders(path)
-    )
+    labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
+    execution = json.loads(facts.get("execution", "{}"))
+    return Study(path, spec, cells, reference, labels, execution, _kept_case_folders(path))
 
 
 def status(folder: Path, spec: CampaignSpec) -> Status:
@@ -125,11 +125,6 @@ def _status(cells: Sequence[Cell]) -> Status:
     )
 
 
-def _labels(drawn: Any) -> list[str]:
-    """Returns labels of what is drawn."""
-    return [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
-
-
 def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) -> list[Cell]:
     """Reads the cells of a sweep.
 
@@ -142,7 +137,9 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
     table = store.read_rows(path, wanted)
     place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
     columns = {
-        name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_draw_columns(_labels(drawn)))
+        name: drawn[name].to_pylist()
+        for name in drawn.column_names
+        if name in ("sample", "cell", "seed", "record") or name.startswith("draw.")
     }
     values = {name: [] if table is None else table[name].to_pylist() for name in wanted}
     places = [place[case_id] for case_id in values["case_id"]]
@@ -170,7 +167,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     Args:
         settings: of each cell, what the sweep sets, by dotted key.
     """
-    cells = [_leaves(dict(one)) for one in settings]
+    cells = [leaves(dict(one)) for one in settings]
     columns: dict[str, list[str]] = {}
     rows: list[tuple[str, ...]] = [()] * len(cells)
     for key in dict.fromkeys(key for one in cells for key in one):
@@ -181,15 +178,16 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     return list(columns), rows
 
 
-def _leaves(value: Any, path: str = "") -> dict[str, Any]:
-    """Returns all plain values in nested data, by dotted path; vectors count as plain."""
+def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
+    """Returns all plain values in nested data, by dotted path; `vectors`: whether a list of plain ones is one, too."""
+    nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
         parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
-    elif isinstance(value, (list, tuple)) and any(isinstance(part, (Mapping, list, tuple)) for part in value):
+    elif isinstance(value, (list, tuple)) and not (vectors and not any(isinstance(part, nested) for part in value)):
         parts = {f"{path}[{number}]": part for number, part in enumerate(value)}
     else:
         return {path: value}
-    return {inner: leaf for key, part in parts.items() for inner, leaf in _leaves(part, key).items()}
+    return {inner: leaf for key, part in parts.items() for inner, leaf in leaves(part, key, vectors=vectors).items()}
 
 
 def _in_words(value: Any) -> str:
@@ -200,10 +198,6 @@ def _in_words(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_in_words, value)) + "]"
     return str(value)
-
-
-def _draw_columns(labels: Sequence[str]) -> list[str]:
-    return [f"draw.{label}" for label in labels]
 
 
 def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:

@@ -18,7 +18,8 @@ def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Jso
     plots = []
     if acted:
         curves = {
-            kind.replace("_", " "): merit.detection_curve(group) for kind, group in merit.group_by_kind(acted).items()
+            kind.replace("_", " "): merit.detection_curve(group)
+            for kind, group in merit.group_events(acted, "kind").items()
         }
         if len(curves) > 1:
             curves["all"] = merit.detection_curve(acted)
@@ -27,19 +28,14 @@ def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Jso
         if swept:
             cells = {one.label: merit.detection_curve(merit.events(one.rows)) for one in study.cells}
             plots.append(charts.delays(cells, "delays-cells", "by setting of the sweep"))
-        points = [merit.operating_point(one.rows, _values(one)) for one in study.cells] if swept else []
+        points = [
+            merit.operating_point(one.rows, ", ".join(map(str, one.settings.values())))
+            for one in (study.cells if swept else ())
+        ]
         own = merit.operating_point(cell.rows, cell.label)
-        plots.append(charts.operating_curve(merit.operating_curve(cell.rows), points, own, ", ".join(_names(study))))
+        names = ", ".join(key.rpartition(".")[2] for key in study.spec.file.sweep)
+        plots.append(charts.operating_curve(merit.operating_curve(cell.rows), points, own, names))
     return plots
-
-
-def _names(study: Study) -> list[str]:
-    """Returns the names of swept keys, in short."""
-    return [key.rpartition(".")[2] for key in study.spec.file.sweep]
-
-
-def _values(cell: Cell) -> str:
-    return ", ".join(str(value) for value in cell.settings.values())
 
 
 def confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequence[InjectedEvent]) -> list[charts.Json]:
@@ -78,7 +74,7 @@ def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.J
     errors = [z for _, z in merit.magnitude_errors(acted)]
     if not errors:
         return []
-    groups = {kind.replace("_", " "): group for kind, group in merit.group_by_kind(acted).items()}
+    groups = {kind.replace("_", " "): group for kind, group in merit.group_events(acted, "kind").items()}
     title = "Magnitude, error over claimed sigma"
     return [
         charts.magnitudes(groups, force),

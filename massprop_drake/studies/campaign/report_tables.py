@@ -115,7 +115,7 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
     """Returns shares found and delays by kind of failure."""
     table = []
-    groups = merit.group_by_kind(acted)
+    groups = merit.group_events(acted, "kind")
     for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
         curve = merit.detection_curve(group)
         tested = [event for event in group if event.injected["outcome"] != "not_tested"]
@@ -159,7 +159,7 @@ def _declared_as(event: InjectedEvent) -> str:
 def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
     """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
     table = []
-    for jet, group in merit.group_by_jet(found).items():
+    for jet, group in merit.group_events(found, "jet").items():
         right = [merit.failure_size(event) for event in group if event.right]
         left = [merit.failure_size(event) for event in group if not event.right]
         curve = statistics.size_curve([merit.failure_size(event) for event in group], [event.right for event in group])
@@ -184,7 +184,7 @@ def _size_90(curve: SizeCurve | None, force: str) -> str:
 def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
     """Returns bias, RMS and coverage of magnitudes by kind of failure."""
     table = []
-    for kind, group in merit.group_by_kind(acted).items():
+    for kind, group in merit.group_events(acted, "kind").items():
         pairs = merit.magnitude_errors(group)
         if not pairs:
             continue

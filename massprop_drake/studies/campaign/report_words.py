@@ -74,7 +74,8 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     for sentence in outcome_sentences(study.status):
         say(None, sentence)
     if len(study.cells) > 1:
-        say(None, f"Figures below, unless they say otherwise, are with {cell.label}{_reference_reason(study)}.")
+        why = "the first cell" if study.reference == 0 else "the base scenario's own settings"
+        say(None, f"Figures below, unless they say otherwise, are with {cell.label}, {why}.")
     judged_rows = select_judgeable(cell.rows)
     if judged_rows:
         rate, hours = found["false_declarations_per_hour"], merit.hours(judged_rows)
@@ -102,10 +103,6 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     if counts.tried < counts.planned:
         say(False, progress(counts))
     return sentences
-
-
-def _reference_reason(study: Study) -> str:
-    return ", the first cell" if study.reference == 0 else ", the base scenario's own settings"
 
 
 def _gate_words(of_gate: Sequence[Passed], cells: Sequence[Cell]) -> str:

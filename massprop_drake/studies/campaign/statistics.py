@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -511,9 +511,3 @@ def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
     found = stats.bootstrap([d], np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(0))
     low, high = (scale * float(bound) for bound in found.confidence_interval)
     return Paired(Figure(scale * float(d.mean()), low, high, d.size), up, down, _sign_test_p_value(up, down))
-
-
-def rank_correlations(columns: Mapping[str, Sequence[float]], error: Sequence[float]) -> dict[str, Figure]:
-    """Computes Spearman's rank correlation of an error with each draw that varies."""
-    found = {name: rank_correlation(values, error) for name, values in columns.items()}
-    return {name: figure for name, figure in found.items() if not math.isnan(figure.value)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +59,10 @@ def verdict(made: Design) -> list[dict[str, Any]]:
                 f"predicted, {one.asked:.3g} asked{flown}; no firing makes it less than {one.floor:.2g}.",
             }
         )
-    for jet, pairs in _group_by_jet(made.pairs).items():
+    by_jet: dict[str, list[PairFound]] = {}
+    for pair in made.pairs:
+        by_jet.setdefault(pair.jet, []).append(pair)
+    for jet, pairs in by_jet.items():
         after = [pair.after_s for pair in pairs]
         told = "not told apart" if None in after else f"told after {max(filter(None, after), default=0.0):.2g} s"
         names = [pair.other for pair in pairs if pair.other]
@@ -82,13 +84,6 @@ def _percent(one: TargetFound) -> str:
 
 def _spread(one: TargetFound) -> str:
     return f"{min(one.flown):.3g} to {max(one.flown):.3g}"
-
-
-def _group_by_jet(pairs: Sequence[PairFound]) -> dict[str, list[PairFound]]:
-    found: dict[str, list[PairFound]] = {}
-    for pair in pairs:
-        found.setdefault(pair.jet, []).append(pair)
-    return found
 
 
 def firings(made: Design) -> list[tuple[str, float, float]]:

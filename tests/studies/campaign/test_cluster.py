@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 from campaign_probe import GOOD, Driver, are_gone, environment, fliers, outcome, study
+from dask_probe import client_here
 from distributed import Client
 
 from massprop_drake import InputError
+from massprop_drake.studies.campaign import engine
 from massprop_drake.studies.campaign.campaign import Campaign
 
 
@@ -32,13 +34,13 @@ class Cluster:
         quiet = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"]
         return self._start("scheduler", *quiet)
 
-    def worker(self, *options: str, **environ: str) -> subprocess.Popen[bytes]:
-        return self._start("worker", "--nthreads", "1", "--nworkers", "1", "--no-dashboard", *options, **environ)
+    def worker(self) -> subprocess.Popen[bytes]:
+        return self._start("worker", "--nthreads", "1", "--nworkers", "1", "--no-dashboard")
 
-    def _start(self, what: str, *options: str, **environ: str) -> subprocess.Popen[bytes]:
+    def _start(self, what: str, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "dask", what, "--scheduler-file", str(self._file), *options]
         started = subprocess.Popen(
-            command, env={**self._environ, **environ}, stdout=self._log, stderr=self._log, cwd=self._file.parent
+            command, env=self._environ, stdout=self._log, stderr=self._log, cwd=self._file.parent
         )
         self._processes.append(started)
         return started
@@ -59,8 +61,7 @@ class Cluster:
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    environ = {**environment(tmp_path / "slow", slow_s=0.5), "PROBE_MARK": f"cluster-{tmp_path}"}
-    made = Cluster(tmp_path, environ)
+    made = Cluster(tmp_path, {**environment(tmp_path / "slow", slow_s=0.3), "PROBE_MARK": f"cluster-{tmp_path}"})
     yield made
     made.close()
 
@@ -81,11 +82,10 @@ def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster:
         assert process is not None
         process.kill()
     driver.go_on()
-    for _ in range(2):
-        assert driver.line().startswith("at")
-        driver.go_on()
+    assert driver.line().startswith("at")
     before = Campaign.load(out).status().counts.tried
     scheduler.kill()
+    driver.go_on()
     said = driver.to_the_end()
     assert said, driver.ended()
     assert said.startswith("refused the connection to the Dask scheduler is lost; --resume goes on")
@@ -103,16 +103,22 @@ def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster:
     assert are_gone(mark)
 
 
-def test_a_worker_that_executes_otherwise_is_refused(flown: Path, tmp_path: Path, cluster: Cluster) -> None:
+def test_a_worker_that_executes_otherwise_is_refused(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here = shutil.copytree(flown, tmp_path / "out")
-    cluster.scheduler()
-    cluster.worker(PROBE_PYTHON="2.7")
-    with pytest.raises(InputError, match=r"executes cases differently.*: python 2\.7 instead of 3.*; give all workers"):
-        Campaign.load(here).run(scheduler=cluster.address, only=[0])
+    for name, value in {**environment(tmp_path / "site"), "PROBE_PYTHON": "2.7"}.items():
+        monkeypatch.setenv(name, value)
+    words = r"executes cases differently.*: python 2\.7 instead of 3.*; give all workers"
+    with client_here() as client, pytest.raises(InputError, match=words):
+        Campaign.load(here).run(client=client, only=[0])
     assert outcome(here).equals(outcome(flown))
 
 
-def test_a_scheduler_that_is_not_there_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_CONNECT_S", 0.5)
     file = study(tmp_path, 2)
     for address in ("nonsense", "tcp://127.0.0.1:x"):
         with pytest.raises(InputError, match=f"--scheduler {address}: no Dask scheduler answers there"):

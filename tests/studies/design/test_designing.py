@@ -13,16 +13,16 @@ from typer.testing import CliRunner
 from massprop_drake import Design, Run, design, load_scenario, load_vehicle, simulate
 from massprop_drake.cli.app import app
 from massprop_drake.errors import InputError
-from massprop_drake.studies.design import saving
-
-KNOWN = ["estimation={filter: joint, std_fraction: 0.01}", "plant.mass_properties=null", "plant.thrust_dispersion=0.01"]
+from massprop_drake.inputs.estimation_blocks import CglrBlock
+from massprop_drake.inputs.scenario import ExecutionBlock
+from massprop_drake.studies.design import designing, saving
 
 
 @pytest.fixture(scope="module")
 def weighed() -> Design:
     """The servicer's mass to 2 %, which one firing or two tell, within narrow limits and without two jets."""
     asked = {"rate": "1 deg/s", "time": "20 s"}
-    return design(load_vehicle("servicer"), {"mass": "2%"}, limits=asked, without=["XP1", "XP2"], flights=2)
+    return design(load_vehicle("servicer"), {"mass": "2%"}, limits=asked, without=["XP1", "XP2"], flights=1)
 
 
 def test_flights_are_as_predicted(weighed: Design) -> None:
@@ -36,7 +36,8 @@ def test_flights_are_as_predicted(weighed: Design) -> None:
 
 
 def test_limits_are_kept_in_flight(weighed: Design) -> None:
-    run = simulate(weighed.scenario.model_copy(update={"seed": 3}))
+    quick = {"seed": 3, "detector": CglrBlock(kind="off"), "execution": ExecutionBlock(engine="loop")}
+    run = simulate(weighed.scenario.model_copy(update=quick), look_back=False)
     assert np.linalg.norm(run["rate"], axis=1).max() == pytest.approx(weighed.rate, rel=0.05)
     assert weighed.rate <= math.radians(1.0)
     fired = {pulse.jet for pulse in weighed.scenario.jet_schedule}
@@ -65,13 +66,24 @@ def test_its_folder_flies(weighed: Design, tmp_path: Path) -> None:
     assert saving.save(weighed, folder) == folder  # what is unchanged is replaced
 
 
-def test_wheels_turn_the_vehicle_at_no_cost() -> None:
+def test_the_command_turns_a_vehicle_by_wheels_at_no_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody flies meanwhile: where only wheels turn, an autopilot would undo it by jets."""
-    found = design(load_vehicle("cubesat"), {"Ixx": "5%"}, flights=1)
+    made, out = list[Design](), tmp_path / "out"
+    monkeypatch.setattr(designing, "design", lambda *given, **more: made.append(design(*given, **more)) or made[-1])
+    words = ["design", "cubesat", "--target", "Ixx=5%", "--flights", "1", "--out", str(out)]
+    printed = CliRunner().invoke(app, words)
+    assert printed.exit_code == 0
+    assert "Ixx, 0.041 kg-m^2: 1-sigma" in printed.stdout
+    assert "RWX" in printed.stdout
+    assert (out / "design.html").exists()
+    (found,) = made
     assert found.propellant == 0.0
     assert {pulse.wheel for pulse in found.scenario.wheel_schedule} == {"RWX"}
     assert found.scenario.open_loop
     np.testing.assert_allclose(found.targets[0].flown, found.targets[0].predicted, rtol=0.1)
+    wrong = CliRunner().invoke(app, ["design", "servicer", "--target", "mass", "--out", str(tmp_path / "none")])
+    assert isinstance(wrong.exception, InputError)
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.fixture(scope="module")
@@ -83,11 +95,10 @@ def run() -> Run:
 
 def test_it_goes_on_from_what_a_run_knows(run: Run, tmp_path: Path) -> None:
     folder = run.save(tmp_path / "run", pictures=False, report=False)
-    asked, limits = {"mass": "1%", "inertia": "1%"}, {"rate": "2 deg/s"}
-    ones = [design(run.scenario, asked, known=known, limits=limits) for known in (run, folder)]
-    assert ones[0].targets == ones[1].targets
-    assert ones[0].scenario.jet_schedule == ones[1].scenario.jet_schedule
-    (found, _), (mass, *moments) = ones, ones[0].targets
+    with pytest.raises(InputError, match="the run is of vehicle 'small_satellite', not of 'servicer'"):
+        design(load_vehicle("servicer"), {"mass": "1%"}, known=run)
+    found = design(run.scenario, {"mass": "1%", "inertia": "1%"}, known=folder, limits={"rate": "2 deg/s"})
+    mass, *moments = found.targets
     assert mass.before / mass.value > 0.25  # it has only turned
     assert max(one.before / one.value for one in moments) < 0.02
     assert found.begins_s == 10.0
@@ -119,16 +130,3 @@ def test_what_cannot_be_had_is_one_message(name: str, asked: dict[str, object], 
     with pytest.raises(InputError, match="design: ") as caught:
         design(load_vehicle(name), **asked)  # type: ignore[arg-type]
     assert words in str(caught.value)
-
-
-def test_the_command_writes_and_prints_it(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    words = ["design", "cubesat", "--target", "Ixx=5%", "--flights", "0", "--out", str(out)]
-    printed = CliRunner().invoke(app, words)
-    assert printed.exit_code == 0
-    assert "Ixx, 0.041 kg-m^2: 1-sigma" in printed.stdout
-    assert "RWX" in printed.stdout
-    assert (out / "design.html").exists()
-    wrong = CliRunner().invoke(app, ["design", "servicer", "--target", "mass", "--out", str(tmp_path / "none")])
-    assert isinstance(wrong.exception, InputError)
-    assert not (tmp_path / "none").exists()
