@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
-from massprop_drake.maths.estimation.offline.expected_motion import expected_motion, turning_effects
+from massprop_drake.maths.estimation.offline.expected_motion import stretch_motion, turning_effects
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, relevant_unknowns
 from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
 from massprop_drake.maths.estimation.offline.normal_equations import (
@@ -22,7 +21,6 @@ from massprop_drake.maths.estimation.offline.normal_equations import (
     stretch_equations,
     sum_equations,
 )
-from massprop_drake.maths.estimation.offline.thrust_course import prepare_stretch, thrust_course
 from massprop_drake.maths.linear_algebra import Array
 
 _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
@@ -48,8 +46,7 @@ class _Shown(NamedTuple):
 
 def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
     """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
-    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
-    expected, wanted = expected_motion(at, course, model), relevant_unknowns(model)
+    (expected, at), wanted = stretch_motion(stretch, at, model), relevant_unknowns(model)
     fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
     components = list(components_of(expected, fixed, at, model))
     known = np.flatnonzero(wanted[design.kept])

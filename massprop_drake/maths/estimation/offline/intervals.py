@@ -86,24 +86,13 @@ class Confined(NamedTuple):
 # ----------------------------------------------------------------------------------------- programs
 
 
-class _Scaled(NamedTuple):
-    """Constraints on z, of the order of one, with x = root z."""
-
-    given: Constraints
-    root: Array
-
-
-def _scale_unknowns(given: Constraints) -> _Scaled:
-    """Scales unknowns so that constraints are nearly orthogonal, by a QR decomposition of the matrix.
-
-    Raises:
-        ArithmeticError: when a constraint is no number, as about a point where the motion cannot be computed.
-    """
+def _scale_unknowns(given: Constraints) -> tuple[Constraints, Array]:
+    """Scales unknowns, x = root z, so that constraints on z are nearly orthogonal, by a QR decomposition."""
     if not np.isfinite(given.matrix).all() or np.isnan(given.low).any() or np.isnan(given.high).any():
         raise ArithmeticError("the motion cannot be computed about the estimate")
     factor = np.linalg.qr(given.matrix, mode="r")
     root = np.linalg.inv(factor) * np.sqrt(given.matrix.shape[0])
-    return _Scaled(given._replace(matrix=given.matrix @ root), root)
+    return given._replace(matrix=given.matrix @ root), root
 
 
 class _RowSearch:
@@ -146,8 +135,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     Raises:
         ArithmeticError: when the solver fails, or a constraint is no number.
     """
-    scaled = _scale_unknowns(given)
-    matrix, low, high, always = scaled.given
+    (matrix, low, high, always), root = _scale_unknowns(given)
     n, ones = matrix.shape[1], np.ones((matrix.shape[0] - always, 1))
     kept, edges = np.hstack((matrix[:always], np.zeros((always, 1)))), matrix[always:]
     without = np.full(ones.shape[0], np.inf)
@@ -160,7 +148,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     found = _RowSearch(widened, solve).lowest(-np.eye(n + 1)[n])
     if found is None:
         raise ArithmeticError("the solver finds no point that is closest to all readings")
-    return scaled.root @ found[:n], float(found[n])
+    return root @ found[:n], float(found[n])
 
 
 def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None:
@@ -174,15 +162,15 @@ def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.
     """
-    scaled = _scale_unknowns(given)
-    search = _RowSearch(scaled.given, solve)
+    scaled, root = _scale_unknowns(given)
+    search = _RowSearch(scaled, solve)
     found = np.empty((count, 2, given.matrix.shape[1]))
     for unknown in range(count):
         for side, sign in enumerate((1.0, -1.0)):
-            point = search.lowest(sign * scaled.root[unknown])
+            point = search.lowest(sign * root[unknown])
             if point is None:
                 return None
-            found[unknown, side] = scaled.root @ point
+            found[unknown, side] = root @ point
     return found
 
 
@@ -323,10 +311,7 @@ class _Frame(NamedTuple):
 class _CellRows(NamedTuple):
     """Constraints by a component of a package over a stretch."""
 
-    stretch: int
     package: int
-    axis: int
-    rows: NDArray[np.int_]  # of the stretch, (r,)
     matrix: Array  # quanta for each unknown, (r, n)
     left: Array  # what is read less what is shown, quanta, (r,)
 
@@ -374,7 +359,7 @@ class _Linear:
                 elif rows.size:
                     left -= 0.5 * (left.max() + left.min())
                 quantum = self._cells.quanta[package]
-                yield _CellRows(number, package, axis, rows, matrix / quantum, left / quantum)
+                yield _CellRows(package, matrix / quantum, left / quantum)
 
     @property
     def readings(self) -> int:

@@ -101,21 +101,17 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
         moves = velocity + matrix_vector_products(rotation, cross_products(rate, arm))
         jitter = sensors.jitter_variances[place]
-        variance = _white_covariance(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
+        white = np.diag(np.full(3, sensors.position_variances[place]))
+        variance = white + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
             "position": _EYE,
             "attitude": -rotation @ skew_matrices(arm),
             "center": -rotation,
             f"point:{place}": rotation,
         }
-        rows.add(
-            readings.positions[place] - position - matrix_vector_products(rotation, arm),
-            by,
-            variance,
-            plane,
-            (False, True),
-        )
-        variance = _white_covariance(sensors.attitude_variances[place]) + jitter * rate[:, :, None] * rate[:, None, :]
+        off = readings.positions[place] - position - matrix_vector_products(rotation, arm)
+        rows.add(off, by, variance, plane, (False, True))
+        variance = np.diag(np.full(3, sensors.attitude_variances[place])) + jitter * rate[:, :, None] * rate[:, None, :]
         off = np.full_like(rate, np.nan)
         if np.isfinite(readings.rotations[place]).all():
             off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
@@ -129,13 +125,8 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             "rate": -rotation @ skew_matrices(arm),
             "center": -rotation @ skew_matrices(rate),
         }
-        rows.add(
-            readings.velocities[place] - velocity - matrix_vector_products(rotation, swing),
-            by,
-            variance * _EYE,
-            plane,
-            (False, False),
-        )
+        off = readings.velocities[place] - velocity - matrix_vector_products(rotation, swing)
+        rows.add(off, by, variance * _EYE, plane, (False, False))
     for place, variance in enumerate(params.gyro_variances):
         bias = bank.mean[:, parts.gyro_bias][:, 3 * place : 3 * place + 3]
         by = {"rate": _EYE, f"gyro_bias:{place}": _EYE}
@@ -150,11 +141,6 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
     return rows.compared()
-
-
-def _white_covariance(variance: float) -> Array:
-    """Computes the covariance of three independent components, also where the variance is infinite."""
-    return np.diag(np.full(3, variance))
 
 
 def predict_readings(bank: PoseBank, params: PoseParams) -> PoseReadings:
