@@ -256,7 +256,7 @@ class Flown(NamedTuple):
     named: list[tuple[float, PoseOutcome]]
 
 
-def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts: bool = False) -> Flown:
+def flown(vehicle: Vehicle, truth: Truth, rows: int = 100, late: int = 0, parts: bool = False) -> Flown:
     """Follows a flight whose commands act so many samples late, with parts of possible delays or without."""
     params, period, commands = params_of(vehicle), vehicle.sample_period_s, told(vehicle, rows)
     acting = np.vstack((np.zeros((late, len(vehicle.jets))), commands[: rows - late]))
@@ -266,12 +266,9 @@ def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts:
         seen = PoseReadings(np.append(read[:2], 0.0)[None], turn[None], none, none, none)
         if tried is None:
             first = initialize_bank(seen, params)
-            many = (
-                [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in delays.split_by_delay(first, params)]
-                if parts
-                else []
-            )
-            tried = delays.join_delays(many, params) if parts else pose_hypotheses.begin_hypotheses(first, 0.0, params)
+            every = delays.split_by_delay(first, params) if parts else [first]
+            many = [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in every]
+            tried = delays.join_delays(many, params) if parts else many[0]
             continue
         since = max(row - 40, 0)
         lately = Commands(times_s[since : row + 1], commands[since : row + 1])

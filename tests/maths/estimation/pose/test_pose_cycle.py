@@ -36,44 +36,35 @@ def one_dimension(**more: Any) -> tuple[PoseBank, PoseParams]:
         "pose": Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1), POOR, 5.0),
     }
     params = small_params(**(settings | more))
-    bank = PoseBank(
-        params.start[None],
-        params.covariance[None],
-        np.eye(3)[None],
-        np.array([-1]),
-        np.zeros((1, 3)),
-        np.zeros((1, 3, 3)),
-    )
-    return bank, params
+    still = np.zeros((1, 3)), np.zeros((1, 3, 3))
+    return PoseBank(params.start[None], params.covariance[None], np.eye(3)[None], np.array([-1]), *still), params
 
 
-def cycled(read: float, **more: Any) -> PoseCycled:
+def cycled(read: float, **more: Any) -> tuple[PoseCycled, PoseParams]:
     bank, params = one_dimension(**more)
     readings = nothing_read(params)
     readings.positions[0, 0] = read
-    return step(bank, NOTHING, SPAN, readings, params)
+    return step(bank, NOTHING, SPAN, readings, params), params
 
 
-def ways() -> tuple[tuple[float, float, float], ...]:
-    """Probability of what may happen, 1-sigma of x before the reading, and of the reading."""
-    return (
-        (1.0 - CHANCE - POOR, PRIOR, NOISE),
-        (CHANCE, np.hypot(PRIOR, KICK), NOISE),
-        (POOR, PRIOR, 5.0 * NOISE),
-    )
+# probability of what may happen, 1-sigma of x before the reading, and of the reading
+WAYS = (
+    (1.0 - CHANCE - POOR, PRIOR, NOISE),
+    (CHANCE, np.hypot(PRIOR, KICK), NOISE),
+    (POOR, PRIOR, 5.0 * NOISE),
+)
 
 
 @pytest.mark.parametrize("read", [0.0, 0.12, 0.4])
 def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     x = np.linspace(-1.5, 1.5, 60_001)
-    posterior = sum(chance * norm.pdf(x, scale=before) * norm.pdf(read, x, noise) for chance, before, noise in ways())
+    posterior = sum(chance * norm.pdf(x, scale=before) * norm.pdf(read, x, noise) for chance, before, noise in WAYS)
     posterior = posterior / np.trapezoid(posterior, x)
     mean = np.trapezoid(x * posterior, x)
     variance = np.trapezoid((x - mean) ** 2 * posterior, x)
-    found = cycled(read)
-    likely = sum(chance * norm.pdf(read, scale=np.hypot(before, noise)) for chance, before, noise in ways())
+    found, params = cycled(read)
+    likely = sum(chance * norm.pdf(read, scale=np.hypot(before, noise)) for chance, before, noise in WAYS)
     assert float(found.likelihood[0]) == pytest.approx(np.log(likely), rel=1e-12)
-    _, params = one_dimension()
     whole = found.bank
     if found.doubt is not None:  # what would be after a kick is kept apart for a sample
         whole = merge_banks(found.bank, found.doubt.bank, found.doubt.share, params)
@@ -81,14 +72,12 @@ def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     assert float(whole.covariance[0, 0, 0]) == pytest.approx(variance, rel=1e-6)
     kicked = CHANCE * norm.pdf(read, scale=np.hypot(np.hypot(PRIOR, KICK), NOISE)) / np.exp(found.likelihood[0])
     assert float(found.kicked[0]) == pytest.approx(kicked, rel=1e-9)
-    assert float(found.nis[0]) == pytest.approx(read**2 / (PRIOR**2 + NOISE**2), rel=1e-9)
 
 
 def test_without_kicks_and_poor_readings_it_is_a_kalman_filter() -> None:
     plain = Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1))
-    found = cycled(0.05, kicks_per_s=0.0, pose=plain)
+    found, params = cycled(0.05, kicks_per_s=0.0, pose=plain)
     gain = PRIOR**2 / (PRIOR**2 + NOISE**2)
-    _, params = one_dimension()
     assert float(found.bank.mean[0, params.parts.position.start]) == pytest.approx(gain * 0.05, rel=1e-12)
     assert float(found.bank.covariance[0, 0, 0]) == pytest.approx((1.0 - gain) * PRIOR**2, rel=1e-12)
     np.testing.assert_array_equal(found.kicked, 0.0)
@@ -128,13 +117,11 @@ def test_a_k_that_is_no_bodys_is_only_considered() -> None:
 
 def test_a_covariance_that_is_none_says_so_with_its_time() -> None:
     params = small_params()
-    bank = some_bank(params)
-    readings = nothing_read(params)
+    bank, readings = some_bank(params), nothing_read(params)
     readings.positions[0] = 0.0
     broken = bank._replace(covariance=-np.repeat(np.eye(params.free.size)[None], 2, 0))
-    with pytest.raises(NotPositiveDefiniteError, match="the pose estimator's covariance") as caught:
+    with pytest.raises(NotPositiveDefiniteError, match="the pose estimator's covariance.*1[.]1"):
         step(broken, pulses(), SPAN, readings, params)
-    assert "1.1" in str(caught.value)
 
 
 ELEMENTS = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]

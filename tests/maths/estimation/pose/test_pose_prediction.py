@@ -1,8 +1,4 @@
-"""Prediction over an interval: its linearization against differences, its mean against an integrated rigid body.
-
-The linearization is read from the covariance: a covariance of x_i with the position's x, which nothing else depends
-on, and so small that no product of errors shows, is carried into column i.
-"""
+"""Prediction over an interval: its linearization against differences, its mean against an integrated rigid body."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
-from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
 from massprop_drake.maths.linear_algebra import Array
 
 BEGIN_S, END_S = 1.0, 1.1
@@ -26,33 +22,17 @@ _SMALL = 1e-14
 OUTSIDE = np.array([0.03, -0.05, 0.08, 0.2, -0.3, 0.1])
 
 
-def _after(bank: PoseBank, params: PoseParams) -> PoseBank:
+def _after(bank: PoseBank, params: PoseParams) -> Predicted:
     outside = OUTSIDE if params.of_mass.any() else None
-    return predict_bank(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
-
-
-def jacobian(bank: PoseBank, params: PoseParams) -> Array:
-    """Derivatives of what is free by what was free before, shape (n_filters, n, n)."""
-    n, count = params.free.size, bank.mean.shape[0]
-    with_x = int(np.flatnonzero(params.free == params.parts.position.start)[0])
-    found = np.zeros((count, n, n))
-    for column in range(n):
-        covariance = np.zeros((n, n))
-        covariance[column, with_x] += _SMALL
-        covariance[with_x, column] += _SMALL
-        carried = _after(bank._replace(covariance=np.repeat(covariance[None], count, 0)), params).covariance / _SMALL
-        found[:, :, column] = carried[:, :, with_x]
-        found[:, with_x, column] *= 0.5
-    return found
+    return predict_bank(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params)
 
 
 def differences(bank: PoseBank, params: PoseParams) -> Array:
-    """The same by central differences of the mean."""
+    """Derivatives of what is free by what was free before, central differences, shape (n_filters, n, n)."""
     turn, step = params.parts.attitude, 1e-6
-    still = bank._replace(covariance=np.zeros_like(bank.covariance))
     columns = []
     for place in params.free:
-        ahead, behind = (_after(moved(still, params, place, by), params) for by in (step, -step))
+        ahead, behind = (_after(moved(bank, params, place, by), params).bank for by in (step, -step))
         change = ahead.mean - behind.mean
         between = np.swapaxes(behind.rotation, 1, 2) @ ahead.rotation
         change[:, turn] = Rotation.from_matrix(between).as_rotvec()
@@ -70,7 +50,10 @@ def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: boo
         params = params._replace(of_mass=weights)
     bank = some_bank(params, opens=(-1, 2, 0, PUSHED))
     bank.mean[:, params.parts.pulse] = 0.1, -0.2, 0.05, 0.15
-    found, expected = jacobian(bank, params), differences(bank, params)
+    done = _after(bank._replace(covariance=_SMALL * bank.covariance), params)  # so that no product of errors shows
+    found, expected = done.through, differences(bank._replace(covariance=np.zeros_like(bank.covariance)), params)
+    carried = found @ bank.covariance @ np.swapaxes(found, 1, 2)
+    np.testing.assert_allclose(done.bank.covariance / _SMALL, carried, rtol=0, atol=1e-12)
     parts, free = params.parts, params.free
     rows = {
         name: (free >= part.start) & (free < part.stop) for name, part in zip(parts._fields, parts[:-1], strict=False)
@@ -82,11 +65,9 @@ def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: boo
                 continue
             own, hand = found[:, in_row][..., in_column], expected[:, in_row][..., in_column]
             # of the turn within an interval, .02 rad here, the first order is taken
-            turns = row in ("rate", "attitude") or column == "rate"
-            tolerance = 0.01 if turns else 1e-6
-            np.testing.assert_allclose(
-                own, hand, rtol=0, atol=tolerance * np.abs(hand).max() + 1e-8, err_msg=f"{row} by {column}"
-            )
+            tolerance = 0.01 if row in ("rate", "attitude") or column == "rate" else 1e-6
+            tolerance = tolerance * np.abs(hand).max() + 1e-8
+            np.testing.assert_allclose(own, hand, rtol=0, atol=tolerance, err_msg=f"{row} by {column}")
             checked += int(np.abs(hand).max() > 1e-6)
     assert checked >= 60  # blocks that are not zero
 
@@ -191,7 +172,7 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     assert np.abs(bias).max() > 20.0 * deviation.max() / np.sqrt(drawn.shape[0])  # it shows
     found = done.covariance[0][np.ix_(*[np.flatnonzero((free >= parts.rate.start) & (free < parts.rate.stop))] * 2)]
     np.testing.assert_allclose(found, np.cov(turned.T), atol=0.02 * deviation.max() ** 2)
-    linear = jacobian(bank, params)[0]
+    linear = _after(bank, params).through[0]
     first_order = (linear @ spread @ linear.T)[parts.rate, parts.rate]
     assert np.abs(found - first_order).max() > 0.05 * deviation.max() ** 2  # without the products it is missed
 
