@@ -120,7 +120,7 @@ def test_a_covariance_that_is_none_says_so_with_its_time() -> None:
     bank, readings = some_bank(params), nothing_read(params)
     readings.positions[0] = 0.0
     broken = bank._replace(covariance=-np.repeat(np.eye(params.free.size)[None], 2, 0))
-    with pytest.raises(NotPositiveDefiniteError, match="the pose estimator's covariance.*1[.]1"):
+    with pytest.raises(NotPositiveDefiniteError, match=r"the pose estimator's covariance.*1[.]1"):
         step(broken, pulses(), SPAN, readings, params)
 
 
@@ -134,23 +134,22 @@ def _inverse_root() -> Array:
     return np.asarray(0.01 / MASS * ELEMENTS[:3].mean() * random.standard_normal((6, 6)) / np.sqrt(6.0))
 
 
-def known(parts: Parts, mass_std: float = 0.01, common_std: float = 0.008) -> Beforehand:
-    root = _inverse_root()
-    rest_std = np.full(parts.size, 0.1)
-    return Beforehand(
-        ELEMENTS, MASS**2 * root @ root.T, mass_std, common_std, THRUST_STD, np.full(parts.size, 0.25), rest_std
-    )
+MASS_STD, COMMON_STD = 0.01, 0.008
 
 
-def drawn(count: int, mass_std: float = 0.01, common_std: float = 0.008) -> Array:
+def known(parts: Parts) -> Beforehand:
+    root, rest = MASS * _inverse_root(), (np.full(parts.size, 0.25), np.full(parts.size, 0.1))
+    return Beforehand(ELEMENTS, root @ root.T, MASS_STD, COMMON_STD, THRUST_STD, *rest)
+
+
+def drawn(count: int) -> Array:
     """Factors, common scale and K of vehicles that are drawn, shape (count, 11)."""
     random = np.random.default_rng(12)
-    mass = MASS * (1.0 + mass_std * random.standard_normal(count))
+    mass = MASS * (1.0 + MASS_STD * random.standard_normal((count, 1)))
     inverse = ELEMENTS / MASS + random.standard_normal((count, 6)) @ _inverse_root().T
-    common = common_std * random.standard_normal(count)
+    common = COMMON_STD * random.standard_normal((count, 1))
     own = 1.0 + THRUST_STD * random.standard_normal((count, JETS))
-    factors = MASS / mass[:, None] * own + common[:, None]
-    return np.column_stack((factors, common, mass[:, None] * inverse))
+    return np.hstack((MASS / mass * own + common, common, mass * inverse))
 
 
 def test_the_priors_covariances_are_those_of_drawn_vehicles() -> None:
@@ -204,14 +203,7 @@ def test_the_first_reading_places_the_center_of_mass_with_its_correlations() -> 
 
 
 def _read(params: PoseParams, by: Array, seen: Array, noise: float) -> tuple[Array, Array, float, float]:
-    """State, its covariance, mu and its variance after readings of the state: all of one Gaussian, conditioned.
-
-    Args:
-        params: whose start is the prior.
-        by: what is read of what is free, shape (m, n).
-        seen: the readings, less what the start has, shape (m,).
-        noise: of them, 1-sigma.
-    """
+    """State, its covariance, mu and its variance after readings of the state: all of one Gaussian, conditioned."""
     parts, free, of_mass = params.parts, params.free, params.mass_std**2
     with_mass = np.zeros(parts.size)
     with_mass[parts.thrust], with_mass[parts.spin] = of_mass, -of_mass * ELEMENTS
@@ -239,8 +231,7 @@ def test_the_mass_is_what_the_exact_gaussian_says_of_it() -> None:
 
 
 def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
-    params = _at_the_start(Sensors())
-    params = params._replace(mass_std=0.01, thrust_std=THRUST_STD)
+    params = _at_the_start(Sensors(), mass_std=0.01, thrust_std=THRUST_STD)
     mean = params.start.copy()
     mean[1] = 0.2
     healthy = np.array([True, False, True, True])
