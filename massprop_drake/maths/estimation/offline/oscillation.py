@@ -152,8 +152,7 @@ def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightMo
     degrees[0] = 1.0  # of a frequency of zero there is no phase
     expected = _means_of_neighbors(each)
     rounded = np.floor(expected**2 / (_means_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
-    result: Array = expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
-    return result
+    return expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
 
 
 def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:

@@ -57,7 +57,8 @@ def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     there = np.asarray(~np.isnan(rates).all(axis=0))
     known = np.asarray(there.any(axis=1))
     there[~known] = True
-    rate = interpolate_missing(_mean_gyro_rates(rates), there, row_places(stretch, model))
+    mean = np.nansum(rates, axis=0) / np.maximum((~np.isnan(rates)).sum(axis=0), 1)  # of gyros that read
+    rate = interpolate_missing(mean, there, row_places(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _fit_ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
@@ -235,13 +236,6 @@ def _fit_ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
 def is_off_ticks(stretch: Stretch, model: FlightModel) -> bool:
     """Tests whether stamps of a stretch are off their ticks."""
     return not model.own_times and bool(_fit_ticks(stretch.time_s, model.period_s)[1].any())
-
-
-def _mean_gyro_rates(rates: Array) -> Array:
-    """Computes the mean of the gyros that read, shape (3, m), of shape (n_gyros, 3, m); zero where none does."""
-    known = ~np.isnan(rates)
-    mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return mean
 
 
 def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
