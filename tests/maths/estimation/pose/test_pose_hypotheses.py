@@ -122,25 +122,27 @@ def test_a_push_is_taken_but_may_come_again() -> None:
     assert np.isfinite(tried.likelihood).all()
 
 
-def test_jets_are_named_in_flights_and_nobody_in_a_healthy_one() -> None:
-    """A jet that was weak before the record began, and one that comes to stand open."""
-    healthy = 1.0 + 0.04 * np.random.default_rng(21).standard_normal(8)
-    assert flown(bearing(), Truth(healthy)).named == []
-    weak = flown(bearing(), Truth(np.where(np.arange(8) == 4, 0.25, healthy)))
-    ((time_s, found),) = weak.named
-    assert found.members == (4,)
-    assert abs(found.share[0] - 0.75) < 3.0 * found.share[1]
-    assert time_s < 10.0
-    opens = flown(bearing(), Truth(healthy, open=(2, 0.6, 3.0)))
-    assert [one.members for _, one in opens.named] == [(8 + 2,)]
-    assert float(opens.tried.bank.mean[0, opens.params.parts.open.start]) == pytest.approx(0.6, abs=0.1)
+HEALTHY = 1.0 + 0.04 * np.random.default_rng(21).standard_normal(8)
 
 
-def test_a_push_is_no_jets() -> None:
-    """Along x in the fixed frame, as strong as a jet, while the vehicle turns."""
-    healthy = 1.0 + 0.04 * np.random.default_rng(21).standard_normal(8)
-    named = flown(bearing(), Truth(healthy, push=(0.02, 3.0))).named
-    assert {one.members for _, one in named} == {(16,)}
+@pytest.mark.parametrize(
+    ("truth", "member", "size"),
+    [
+        (Truth(HEALTHY), None, None),
+        (Truth(np.where(np.arange(8) == 4, 0.25, HEALTHY)), 4, 0.75),
+        (Truth(HEALTHY, open=(2, 0.6, 3.0)), 8 + 2, 0.6),
+        (Truth(HEALTHY, push=(0.02, 3.0)), 16, None),
+    ],
+    ids=["healthy", "weak from the beginning", "stands open", "pushed while it turns"],
+)
+def test_what_fails_in_a_flight_is_named_and_nothing_else(truth: Truth, member: int | None, size: float | None) -> None:
+    found = flown(bearing(), truth)
+    assert [one.members for _, one in found.named] == ([] if member is None else [(member,)])
+    for time_s, one in found.named if size is not None else ():
+        assert abs(one.share[0] - size) < 3.0 * one.share[1]
+        assert time_s < 10.0
+    if member == 8 + 2:
+        assert float(found.tried.bank.mean[0, found.params.parts.open.start]) == pytest.approx(0.6, abs=0.1)
 
 
 def _some() -> tuple[Tried, Commands, PoseParams]:
