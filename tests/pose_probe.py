@@ -43,6 +43,8 @@ class Sensors(NamedTuple):
 
 
 ONE_POSE = Sensors()
+QUIET = ("rate_noise", "velocity_noise", "push_walk", "turn_walk", "common_walk", "unseen_std")
+QUIET += ("kicks_per_s", "kick_velocity", "kick_rate")
 
 
 def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed: Any) -> PoseParams:
@@ -54,7 +56,6 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
     start[parts.spin] = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
     start[parts.lag] = np.log(0.02)
     free = np.arange(parts.size) if not planar else in_plane(parts)
-    many = np.ones(3)
     settings: dict[str, Any] = {
         "parts": parts,
         "free": free,
@@ -65,30 +66,21 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "kinds": KINDS,
         "nominal_mass": MASS,
         "mass_std": 0.3,
-        "unseen_std": 0.0,
         "thrust_std": np.array([0.05, 0.03, 0.04, 0.02]),
         "longest_s": 1.0,
-        "rate_noise": 0.0,
-        "velocity_noise": 0.0,
-        "push_walk": 0.0,
-        "turn_walk": 0.0,
-        "common_walk": 0.0,
         "scatter": np.zeros(JETS),
         "pulse_scatter": np.zeros(JETS),
-        "kicks_per_s": 0.0,
-        "kick_velocity": 0.0,
-        "kick_rate": 0.0,
         "pose": Poses(*(1e-6 * (1.0 + np.arange(sensors.poses)) for _ in range(2)), np.zeros(sensors.poses)),
-        "gyro_variances": 1e-6 * many[: sensors.gyros],
+        "gyro_variances": np.full(sensors.gyros, 1e-6),
         "velocity_positions": np.array([[0.1, -0.2, 0.3], [0.0, 0.3, 0.1]])[: sensors.velocities],
-        "velocity_variances": 1e-6 * many[: sensors.velocities],
+        "velocity_variances": np.full(sensors.velocities, 1e-6),
         "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]])[: sensors.accelerometers],
-        "accelerometer_variances": 1e-6 * many[: sensors.accelerometers],
+        "accelerometer_variances": np.full(sensors.accelerometers, 1e-6),
         "planar": planar,
         "of_mass": np.zeros(parts.size),
         "delays": Delays(np.zeros(1), np.zeros(1), np.zeros((2, 2)), 1.0),
     }
-    return PoseParams(**(settings | changed))
+    return PoseParams(**(dict.fromkeys(QUIET, 0.0) | settings | changed))
 
 
 IN_PLANE = {"spin": (2,), "push": (0, 1, 5)} | dict.fromkeys(("attitude", "rate", "gyro_bias"), (2,))

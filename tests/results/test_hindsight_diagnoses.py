@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lsim
 
 from massprop_drake import Run, load_scenario
 from massprop_drake.results.consistency import Diagnosis, Tally, judge_consistency
@@ -98,6 +99,14 @@ def test_what_jets_gave_in_a_gap_is_waited_for(sample_run: Run) -> None:
     assert spans() == [(0, 200), (203, size - 1)]
 
 
+REVERSED = "vehicle.jets[14].direction=[-0.985, 0, -0.174]"
+DELAYED = "delay wrong: commands act 80 ms earlier than they are logged, one sample period"
+
+
+def _noise(read: Array) -> Array:
+    return np.random.default_rng(1).standard_normal(read.shape)
+
+
 def _late(run: Run) -> Array:
     """Errors of readings whose stamps are some milliseconds off."""
     change = np.diff(run["rate"], axis=0, append=run["rate"][-1:]) / 0.08
@@ -109,26 +118,11 @@ def _late(run: Run) -> Array:
     [
         ((), "gyro", lambda read, _: read * np.array([1.0, -1.0, 1.0]), "axis gyro y has the wrong sign"),
         ((), "acc2", lambda read, _: read * np.array([1.0, 1.0, -1.0]), "axis acc2 z has the wrong sign"),
-        (
-            ("vehicle.jets[14].direction=[-0.985, 0, -0.174]",),
-            "gyro",
-            lambda read, _: read,
-            "jet L1A pushes the other way: its direction is reversed",
-        ),
-        ((), "gyro", lambda read, _: read + 3e-6 * np.random.default_rng(1).standard_normal(read.shape), "noise"),
-        (
-            (),
-            "gyro",
-            lambda read, _: read + 1e-6 * np.cumsum(np.random.default_rng(1).standard_normal(read.shape), axis=0),
-            "drift",
-        ),
+        ((REVERSED,), "gyro", lambda read, _: read, "jet L1A pushes the other way: its direction is reversed"),
+        ((), "gyro", lambda read, _: read + 3e-6 * _noise(read), "noise"),
+        ((), "gyro", lambda read, _: read + 1e-6 * np.cumsum(_noise(read), axis=0), "drift"),
         ((), "gyro", lambda read, run: read + _late(run), "jitter"),
-        (
-            (),
-            "command",
-            lambda told, _: np.roll(told, 1, axis=0),
-            "delay wrong: commands act 80 ms earlier than they are logged, one sample period",
-        ),
+        ((), "command", lambda told, _: np.roll(told, 1, axis=0), DELAYED),
     ],
 )
 def test_what_is_wrong_with_readings_or_jets_is_named_alone(
@@ -165,22 +159,18 @@ def test_a_diagnosis_makes_a_run_inconsistent_and_is_kept(sample_run: Run) -> No
 def sloshing(run: Run, frequency_hz: float, share: float) -> Array:
     """Rates that a pendulum of a share of the mass adds, by its spring, driven by the force of the jets, rad/s."""
     vehicle, period_s = run.scenario.vehicle_data, run.scenario.vehicle_data.sample_period_s
-    omega, damping, finer = 2.0 * np.pi * frequency_hz, 0.02, 40
-    moved, speed, speeds = np.zeros(3), np.zeros(3), []
-    for force in np.array(run["force"]):
-        speeds.append(speed)
-        for _ in range(finer):
-            pull = force / vehicle.nominal.mass + 2.0 * damping * omega * speed + omega**2 * moved
-            speed = speed - pull * period_s / finer
-            moved = moved + speed * period_s / finer
+    omega, damping, time_s = 2.0 * np.pi * frequency_hz, 0.02, period_s * np.arange(ROWS)
+    swing = [[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]], [[0.0], [-1.0]], [[0.0, 1.0]], [[0.0]]
+    pulls = np.array(run["force"])[:ROWS].T / vehicle.nominal.mass
+    speeds = np.column_stack([lsim(swing, pull, time_s, interp=False)[1] for pull in pulls])
     arm = np.array([20.0, 3.0, -4.0])  # ft, from the center of mass
-    momentum = share * vehicle.nominal.mass * np.array(speeds)
+    momentum = share * vehicle.nominal.mass * speeds
     return -np.cross(arm, momentum) @ np.linalg.inv(vehicle.nominal.inertia)
 
 
 @pytest.mark.parametrize("frequency_hz", [0.15, 0.5])
 def test_slosh_is_told_with_its_frequency(sample_run: Run, frequency_hz: float) -> None:
-    added = sloshing(sample_run, frequency_hz, 0.02)[:ROWS]
+    added = sloshing(sample_run, frequency_hz, 0.02)
     (found,) = looked(sample_run, gyro=lambda rates: rates + added).diagnoses
     assert found.kind == "oscillation"
     words = re.fullmatch(
