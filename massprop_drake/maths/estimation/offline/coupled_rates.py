@@ -43,8 +43,7 @@ class ImpulseSums(NamedTuple):
 
 def moments_about(wrenches: Array, center: Array) -> Array:
     """Computes torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
-    moments: Array = wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
-    return moments
+    return wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
 
 
 def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:

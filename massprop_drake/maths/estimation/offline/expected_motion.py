@@ -160,8 +160,7 @@ def mean_cross_products(rate: Array, momentum: Array) -> Array:
 def acting_wrenches(at: Array, course: ThrustCourse, model: FlightModel) -> Array:
     """Computes wrenches about the vehicle origin of the jets that ever act in the stretch, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
-    wrenches: Array = (gains[:, None] * mounted_wrenches(at, model)[course.read.on]).T
-    return wrenches
+    return (gains[:, None] * mounted_wrenches(at, model)[course.read.on]).T
 
 
 def mounted_wrenches(at: Array, model: FlightModel) -> Array:

@@ -125,8 +125,7 @@ def least_deviation(
 
 def _deviation(root: Array) -> Array:
     """Computes the 1-sigma of the ten parameters, shape (10,)."""
-    result: Array = np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
-    return result
+    return np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
 
 
 def _root_after_flight(
@@ -149,8 +148,7 @@ def _add_information(root: Array, information: Array) -> Array:
     if not np.isfinite(inner).all():
         return np.full_like(root, np.nan)
     values, vectors = np.linalg.eigh(inner)
-    informed: Array = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
-    return informed
+    return root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
 def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
@@ -183,5 +181,4 @@ def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
 def _covariance_root(matrix: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

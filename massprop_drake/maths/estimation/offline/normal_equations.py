@@ -354,8 +354,7 @@ def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
     squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
-    variance: Array = 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
-    return variance
+    return 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
 
 
 def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:

@@ -174,8 +174,7 @@ def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
 def white_noise_spectrum(intervals: int, length_s: float) -> Array:
     """Computes the expected power of increments of unit white noise, line by line, before means, shape (k + 2,)."""
     angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
-    result: Array = 2.0 * (1.0 - np.cos(angles)) / length_s
-    return result
+    return 2.0 * (1.0 - np.cos(angles)) / length_s
 
 
 class Lines(NamedTuple):
@@ -258,8 +257,7 @@ def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: flo
     damped = omega * math.sqrt(1.0 - damping**2)
     answer = -np.exp(-damping * omega * time_s) * np.sin(damped * time_s) / damped
     size = 2 * time_s.size
-    moved: Array = np.fft.irfft(np.fft.rfft(steps, size) * np.fft.rfft(answer, size), size)[:, : time_s.size]
-    return moved
+    return np.fft.irfft(np.fft.rfft(steps, size) * np.fft.rfft(answer, size), size)[:, : time_s.size]
 
 
 def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
@@ -303,8 +301,7 @@ def _free_motion(part: _Part, frequency_hz: float, damping: float) -> Array:
     """Computes free motion of a mode from before the stretch, two phases, shape (2, m)."""
     omega = 2.0 * math.pi * frequency_hz
     angle = omega * math.sqrt(1.0 - damping**2) * part.time_s
-    ringing: Array = np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
-    return ringing
+    return np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _orthonormal_basis(columns: Array) -> Array:

@@ -80,8 +80,7 @@ def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: Flight
 
 def _subtract_means(rows: Array) -> Array:
     """Subtracts the mean of each row, shape (k, n)."""
-    result: Array = rows - rows.mean(axis=1, keepdims=True)
-    return result
+    return rows - rows.mean(axis=1, keepdims=True)
 
 
 def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
@@ -91,8 +90,7 @@ def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
     together = np.vstack(parts)
     design, wanted = together[:, :-outputs], together[:, -outputs:]
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    result: Array = wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
-    return result
+    return wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
 
 
 _SPANS = (1, 4, 16, 64)  # rows over which gains are compared: the shortest over which enough of them are clear

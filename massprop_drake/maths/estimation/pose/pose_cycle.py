@@ -175,7 +175,8 @@ def _step_without_doubt(
         shown = _values_of_first(shown, run_off)
         others = PoseBank(*(_values_of_first(part, run_off) for part in ahead.bank))._replace(opens=bank.opens)
         ahead = ahead._replace(bank=others, kick=_values_of_first(ahead.kick, run_off))
-        beside = Compared(*(_values_of_first(part, run_off) for part in beside[:3]), *beside[3:])
+        innovation, jacobian, variance = (_values_of_first(part, run_off) for part in beside[:3])
+        beside = beside._replace(innovation=innovation, jacobian=jacobian, variance=variance)
     chance, poor = kick_and_outlier_chances(beside, span_s, params)
     fair, noisy = None, scale_pose_noise(beside, params.pose.outlier_scale) if poor > 0.0 else beside
     uncertain = shown[0].diagonal() > params.pose.tells * beside.variance[0].diagonal()
@@ -212,7 +213,7 @@ def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float
     parts = (expected, beside.innovation, bank.mean, bank.covariance)
     numbers = np.logical_and.reduce([np.isfinite(part).reshape(shown.shape[0], -1).all(axis=1) for part in parts])
     least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(shown.shape[1])))[:, 0]
-    run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
+    run_off = ~(numbers & (least > 0.0))
     if run_off[0]:
         raise NotPositiveDefiniteError(bank.covariance[0], "the pose estimator's covariance", time_s)
     return run_off

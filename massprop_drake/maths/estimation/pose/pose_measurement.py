@@ -49,10 +49,7 @@ class _Rows:
 
     def __init__(self, bank: PoseBank, params: PoseParams):
         self._count, self._params = bank.mean.shape[0], params
-        self._innovations: list[Array] = []
-        self._jacobians: list[Array] = []
-        self._variances: list[Array] = []
-        self._kinds: list[tuple[bool, bool]] = []
+        self._rows: list[tuple[Array, Array, Array, list[tuple[bool, bool]]]] = []
 
     def add(
         self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
@@ -71,22 +68,20 @@ class _Rows:
             columns = getattr(parts, part)
             begin = columns.start + 3 * int(place or 0)
             jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, chosen]
-        self._innovations.append(off[:, chosen])
-        self._kinds += [kind] * int(chosen.size)
-        self._jacobians.append(jacobian[:, :, self._params.free])
-        self._variances.append(np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen])
+        own = np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen]
+        self._rows.append((off[:, chosen], jacobian[:, :, self._params.free], own, [kind] * chosen.size))
 
     def compared(self) -> Compared | None:
         """Returns all readings; None: there were none."""
-        if not self._innovations:
+        if not self._rows:
             return None
-        sizes = [each.shape[1] for each in self._innovations]
-        variance = np.zeros((self._count, sum(sizes), sum(sizes)))
-        ends = np.cumsum(sizes)
-        for end, size, block in zip(ends, sizes, self._variances, strict=True):
-            variance[:, end - size : end, end - size : end] = block
-        innovation, jacobian = (np.concatenate(part, axis=1) for part in (self._innovations, self._jacobians))
-        return Compared(innovation, jacobian, variance, *np.array(self._kinds).T)
+        innovations, jacobians, variances, kinds = zip(*self._rows, strict=True)
+        innovation, jacobian = (np.concatenate(part, axis=1) for part in (innovations, jacobians))
+        variance, end = np.zeros((*innovation.shape, innovation.shape[1])), 0
+        for block in variances:
+            begin, end = end, end + block.shape[1]
+            variance[:, begin:end, begin:end] = block
+        return Compared(innovation, jacobian, variance, *np.concatenate(kinds).T)
 
 
 def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:

@@ -95,8 +95,7 @@ class _Acting(NamedTuple):
 
     def summed(self, amount: Array, each: Array) -> Array:
         """Sums g times an amount times an effect over the jets, shape (n_filters, 3)."""
-        total: Array = np.einsum("hn,hni->hi", self.factor * amount, each)
-        return total
+        return np.einsum("hn,hni->hi", self.factor * amount, each)
 
 
 def _columns(amount: Array, each: Array) -> Array:
@@ -291,8 +290,7 @@ def _add_outside_forces(
         jacobian[:, rows, parts.spin] += over * inverse[..., None] * derivative_by_elements(moment)
         jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skew_matrices(force))
     after[:, parts.rate] += duration * inverse * turns
-    angle: Array = half * inverse * turns
-    return angle
+    return half * inverse * turns
 
 
 def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
@@ -317,7 +315,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
     if params.planar:
         count = rate.shape[0]
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
-    inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
+    inertia = np.linalg.inv(spin)
     momentum = matrix_vector_products(inertia, rate)
     turn = cross_products(rate, momentum)
     over = skew_matrices(rate) @ inertia
