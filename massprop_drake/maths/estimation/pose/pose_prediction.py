@@ -315,7 +315,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
     if params.planar:
         count = rate.shape[0]
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
-    inertia = np.linalg.inv(spin)
+    inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
     momentum = matrix_vector_products(inertia, rate)
     turn = cross_products(rate, momentum)
     over = skew_matrices(rate) @ inertia
