@@ -224,7 +224,7 @@ def jittered(stretch: Stretch, seed: int) -> Stretch:
 
 def test_ticks_that_a_line_through_the_stamps_does_not_know_are_no_misfit() -> None:
     """Its errors, a tenth of a stamp's own, are those of all rows of a stretch at once."""
-    for seed in (1, 3):
+    for seed in (2, 6):
         assert fit_of(jittered(flight(seed), seed), known()[0]).normal.per_reading < 1.1
 
 
