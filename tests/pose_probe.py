@@ -43,6 +43,8 @@ class Sensors(NamedTuple):
 
 
 ONE_POSE = Sensors()
+QUIET = ("rate_noise", "velocity_noise", "push_walk", "turn_walk", "common_walk", "unseen_std")
+QUIET += ("kicks_per_s", "kick_velocity", "kick_rate")
 
 
 def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed: Any) -> PoseParams:
@@ -54,7 +56,6 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
     start[parts.spin] = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
     start[parts.lag] = np.log(0.02)
     free = np.arange(parts.size) if not planar else in_plane(parts)
-    many = np.ones(3)
     settings: dict[str, Any] = {
         "parts": parts,
         "free": free,
@@ -65,47 +66,34 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "kinds": KINDS,
         "nominal_mass": MASS,
         "mass_std": 0.3,
-        "unseen_std": 0.0,
         "thrust_std": np.array([0.05, 0.03, 0.04, 0.02]),
         "longest_s": 1.0,
-        "rate_noise": 0.0,
-        "velocity_noise": 0.0,
-        "push_walk": 0.0,
-        "turn_walk": 0.0,
-        "common_walk": 0.0,
         "scatter": np.zeros(JETS),
         "pulse_scatter": np.zeros(JETS),
-        "kicks_per_s": 0.0,
-        "kick_velocity": 0.0,
-        "kick_rate": 0.0,
         "pose": Poses(*(1e-6 * (1.0 + np.arange(sensors.poses)) for _ in range(2)), np.zeros(sensors.poses)),
-        "gyro_variances": 1e-6 * many[: sensors.gyros],
+        "gyro_variances": np.full(sensors.gyros, 1e-6),
         "velocity_positions": np.array([[0.1, -0.2, 0.3], [0.0, 0.3, 0.1]])[: sensors.velocities],
-        "velocity_variances": 1e-6 * many[: sensors.velocities],
+        "velocity_variances": np.full(sensors.velocities, 1e-6),
         "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]])[: sensors.accelerometers],
-        "accelerometer_variances": 1e-6 * many[: sensors.accelerometers],
+        "accelerometer_variances": np.full(sensors.accelerometers, 1e-6),
         "planar": planar,
         "of_mass": np.zeros(parts.size),
         "delays": Delays(np.zeros(1), np.zeros(1), np.zeros((2, 2)), 1.0),
     }
-    return PoseParams(**(settings | changed))
+    return PoseParams(**(dict.fromkeys(QUIET, 0.0) | settings | changed))
+
+
+IN_PLANE = {"spin": (2,), "push": (0, 1, 5)} | dict.fromkeys(("attitude", "rate", "gyro_bias"), (2,))
+IN_PLANE |= dict.fromkeys(("center", "position", "velocity", "point", "gathered", "acceleration_bias"), (0, 1))
 
 
 def in_plane(parts: Any) -> np.ndarray:
     """Places of what can move in a plane: x, y of places, z of turns, the element zz."""
-    kept: list[int] = []
+    kept = []
     for name, whole in zip(parts._fields[:-1], parts[:-1], strict=True):
-        places = np.arange(whole.start, whole.stop)
-        if name == "spin":
-            places = places[[2]]
-        elif name == "push":
-            places = places[[0, 1, 5]]
-        elif name in ("attitude", "rate", "gyro_bias"):
-            places = places[2::3]
-        elif name in ("center", "position", "velocity", "point", "gathered", "acceleration_bias"):
-            places = np.delete(places, slice(2, None, 3))
-        kept += places.tolist()
-    return np.array(kept)
+        places, size = np.arange(whole.start, whole.stop), 6 if name in ("spin", "push") else 3
+        kept.append(places[np.isin(np.arange(places.size) % size, IN_PLANE[name])] if name in IN_PLANE else places)
+    return np.concatenate(kept)
 
 
 def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 3) -> PoseBank:
@@ -125,15 +113,9 @@ def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 
     mean[:, parts.pulse] = 0.0
     turn = random.standard_normal((count, 3)) * ([0.0, 0.0, 1.0] if params.planar else [1.0, 1.0, 1.0])
     root = 1e-3 * random.standard_normal((count, params.free.size, params.free.size))
-    spun = 0.01 * random.standard_normal((count, 3, 3))
-    return PoseBank(
-        mean,
-        root @ np.swapaxes(root, 1, 2),
-        Rotation.from_rotvec(turn).as_matrix(),
-        np.array(opens),
-        0.02 * random.standard_normal((count, 3)),
-        spun @ np.swapaxes(spun, 1, 2),
-    )
+    spun, reference = 0.01 * random.standard_normal((count, 3, 3)), 0.02 * random.standard_normal((count, 3))
+    covariance, turned = (part @ np.swapaxes(part, 1, 2) for part in (root, spun))
+    return PoseBank(mean, covariance, Rotation.from_rotvec(turn).as_matrix(), np.array(opens), reference, turned)
 
 
 def moved(bank: PoseBank, params: PoseParams, place: int, by: float) -> PoseBank:
@@ -154,29 +136,20 @@ def pulses() -> Commands:
 
 def nothing_read(params: PoseParams) -> PoseReadings:
     """No sensor has read anything."""
-    counts = (params.pose.position_variances.size, params.velocity_variances.size)
-    more = (params.gyro_variances.size, params.accelerometer_variances.size)
-    poses, velocities, gyros, accelerometers = (np.full((count, 3), np.nan) for count in (*counts, *more))
-    return PoseReadings(poses, np.full((counts[0], 3, 3), np.nan), velocities, gyros, accelerometers)
+    sensors = params.pose.position_variances, params.velocity_variances, params.gyro_variances
+    poses, *others = (np.full((part.size, 3), np.nan) for part in (*sensors, params.accelerometer_variances))
+    return PoseReadings(poses, np.full((len(poses), 3, 3), np.nan), *others)
 
 
 # ------------------------------------------------------------------------------------------- flights
 
 
 class Truth(NamedTuple):
-    """What a flight in a plane is of.
+    """What a flight in a plane is of."""
 
-    Attributes:
-        factors: thrust of each jet over nominal.
-        open: (jet, share) that stands open, and since when; None: none.
-        push: acceleration along x, and since when.
-        mass: over nominal.
-    """
-
-    factors: Array
-    open: tuple[int, float, float] | None = None
-    push: tuple[float, float] = (0.0, np.inf)
-    mass: float = 1.0
+    factors: Array  # thrust of each jet over nominal
+    open: tuple[int, float, float] = (0, 0.0, np.inf)  # jet and share that stands open, and since when
+    push: tuple[float, float] = (0.0, np.inf)  # acceleration along x, and since when
 
 
 def bearing(**changed: Any) -> Vehicle:
@@ -219,13 +192,12 @@ def planar_poses(vehicle: Vehicle, commands: Array, truth: Truth, seed: int = 1)
     """
     random, period, jets = np.random.default_rng(seed), vehicle.sample_period_s, len(vehicle.jets)
     lag = np.array([vehicle.jet_kinds[jet.kind].time_constant_s for jet in vehicle.jets])
-    mass = vehicle.nominal.mass * truth.mass
+    jet, share, since_s = truth.open
     turns = np.cross(vehicle.positions, vehicle.thrusts)[:, 2] / vehicle.nominal.inertia[2, 2]
     place, speed, level = np.zeros(3), np.zeros(3), np.zeros(jets)
-    around, steps, rows = vehicle.surroundings, 16, []
-    step = period / steps
-    pose = vehicle.poses[0]
-    noise = np.array([pose.position_std, pose.position_std, pose.attitude_std], dtype=float)
+    around, pose, steps, rows = vehicle.surroundings, vehicle.poses[0], 16, []
+    step, noise = period / steps, np.array([pose.position_std, pose.position_std, pose.attitude_std], dtype=float)
+    walks = np.array([around.velocity_walk, around.velocity_walk, around.rate_walk]) / np.sqrt(step)
     for row, command in enumerate(commands):
         rows.append(place + noise * random.standard_normal(3))
         for part in range(steps):
@@ -233,16 +205,13 @@ def planar_poses(vehicle: Vehicle, commands: Array, truth: Truth, seed: int = 1)
             before = level
             level = command + (level - command) * np.exp(-step / lag)
             acts = 0.5 * (before + level)
-            if truth.open is not None and now >= truth.open[2]:
-                jet, share, _ = truth.open
-                acts[jet] += share * (1.0 - acts[jet])
-            force = (acts * truth.factors) @ vehicle.thrusts / mass
+            acts[jet] += (share if now >= since_s else 0.0) * (1.0 - acts[jet])
+            force = (acts * truth.factors) @ vehicle.thrusts / vehicle.nominal.mass
             cosine, sine = np.cos(place[2]), np.sin(place[2])
             gained = np.array([cosine * force[0] - sine * force[1], sine * force[0] + cosine * force[1], 0.0])
             gained[0] += truth.push[0] if now >= truth.push[1] else 0.0
             gained[2] = (acts * truth.factors) @ turns
-            white = np.array([around.velocity_walk, around.velocity_walk, around.rate_walk]) / np.sqrt(step)
-            gained = gained + white * random.standard_normal(3)
+            gained = gained + walks * random.standard_normal(3)
             place = place + step * speed + 0.5 * step**2 * gained
             speed = speed + step * gained
     return np.array(rows)
@@ -256,7 +225,7 @@ class Flown(NamedTuple):
     named: list[tuple[float, PoseOutcome]]
 
 
-def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts: bool = False) -> Flown:
+def flown(vehicle: Vehicle, truth: Truth, rows: int = 100, late: int = 0, parts: bool = False) -> Flown:
     """Follows a flight whose commands act so many samples late, with parts of possible delays or without."""
     params, period, commands = params_of(vehicle), vehicle.sample_period_s, told(vehicle, rows)
     acting = np.vstack((np.zeros((late, len(vehicle.jets))), commands[: rows - late]))
@@ -266,12 +235,9 @@ def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts:
         seen = PoseReadings(np.append(read[:2], 0.0)[None], turn[None], none, none, none)
         if tried is None:
             first = initialize_bank(seen, params)
-            many = (
-                [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in delays.split_by_delay(first, params)]
-                if parts
-                else []
-            )
-            tried = delays.join_delays(many, params) if parts else pose_hypotheses.begin_hypotheses(first, 0.0, params)
+            every = delays.split_by_delay(first, params) if parts else [first]
+            many = [pose_hypotheses.begin_hypotheses(one, 0.0, params) for one in every]
+            tried = delays.join_delays(many, params) if parts else many[0]
             continue
         since = max(row - 40, 0)
         lately = Commands(times_s[since : row + 1], commands[since : row + 1])

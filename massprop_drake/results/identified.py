@@ -114,14 +114,14 @@ def classify_parameters(
     jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
     jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
     noise = increments_noise(scenario)
-    best = identifiability.predict_best_firing(covariance, jacobian, noise)
+    best, left_by = identifiability.predict_best_firing(covariance, jacobian, noise)
 
     entries = []
     for element, (name, flag) in enumerate(zip(mass_properties.NAMES, found, strict=True)):
-        useful = flag != Flag.NOT_OBSERVABLE and best.left[element] < _WORTH
-        jet = vehicle.jets[int(best.jet[element])].designation if useful else None
+        useful = flag != Flag.NOT_OBSERVABLE and left_by[element] < _WORTH
+        jet = vehicle.jets[int(best[element])].designation if useful else None
         share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
-        left = float(best.left[element]) if useful else None
+        left = float(left_by[element]) if useful else None
         possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
         ratios = float(deviation[element] / limit[element]), float(least[element] / limit[element])
         reason = _reason(flag, share, ratios, jet, left)

@@ -22,13 +22,13 @@ def _spread(seed: int) -> np.ndarray:
 def test_it_is_the_update_of_a_kalman_filter() -> None:
     covariance, random = _spread(1), np.random.default_rng(2)
     rows, noise = random.normal(size=(5, 6, 10)), np.diag(random.uniform(0.1, 2.0, 6))
-    found = predict_best_firing(covariance, rows, noise)
+    jet, found = predict_best_firing(covariance, rows, noise)
     left = []
     for h in rows:  # in information form, another way to the same
         after = np.linalg.inv(np.linalg.inv(covariance) + h.T @ np.linalg.inv(noise) @ h)
         left.append(np.sqrt(after.diagonal() / covariance.diagonal()))
-    np.testing.assert_allclose(found.left, np.min(left, axis=0), rtol=1e-9)
-    np.testing.assert_array_equal(found.jet, np.argmin(left, axis=0))
+    np.testing.assert_allclose(found, np.min(left, axis=0), rtol=1e-9)
+    np.testing.assert_array_equal(jet, np.argmin(left, axis=0))
 
 
 def test_a_product_is_asked_for_beside_its_diagonal() -> None:

@@ -17,11 +17,6 @@ CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] =
 _ELEMENTS = np.array([1.0 * (element == ELEMENT) for element in range(6)])  # (6, 3, 3)
 
 
-def outer_products(left: Array, right: Array) -> Array:
-    """Computes the products of each component with each, shape (3, 3, n), of vectors in columns, shape (3, n) each."""
-    return np.asarray(left[:, None] * right)
-
-
 class MeanRates(NamedTuple):
     """Rates over intervals, at their middles, and their gain, shape (3, m - 1) each, and the mean of w w^T."""
 
@@ -32,8 +27,8 @@ class MeanRates(NamedTuple):
 
 def mean_rates(rate: Array) -> MeanRates:
     """Computes middles, gains and mean products of rates at the rows, shape (3, m), that are linear in between."""
-    middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), outer_products(rate, rate)
-    mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * outer_products(middle, middle)) / 6.0
+    middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), rate[:, None] * rate
+    mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * (middle[:, None] * middle)) / 6.0
     return MeanRates(middle, np.diff(rate), mean)
 
 
@@ -48,8 +43,7 @@ class ImpulseSums(NamedTuple):
 
 def moments_about(wrenches: Array, center: Array) -> Array:
     """Computes torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
-    moments: Array = wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
-    return moments
+    return wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
 
 
 def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
@@ -129,12 +123,12 @@ def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Len
     each[_PULLED] = moments_about(sums.impulse, at[CENTER])
     products = each[_PRODUCTS].reshape(3, 3, 3, n)
     products[0] = moving.square
-    products[1] = outer_products(moving.middle, bows[0]) + outer_products(moving.gained, bows[1])
-    products[2] = outer_products(bows[2], bows[2])
+    products[1] = moving.middle[:, None] * bows[0] + moving.gained[:, None] * bows[1]
+    products[2] = bows[2][:, None] * bows[2]
     force, by_force = each[_SHIFTING][:3], each[_SHIFTING][3:].reshape(2, 3, 3, n)
     force[:] = sums.impulse[3:]
-    by_force[0] = outer_products(moving.middle, sums.bow[0, 3:]) + outer_products(moving.gained, sums.bow[1, 3:])
-    by_force[1] = outer_products(bows[2], sums.bow[2, 3:])
+    by_force[0] = moving.middle[:, None] * sums.bow[0, 3:] + moving.gained[:, None] * sums.bow[1, 3:]
+    by_force[1] = bows[2][:, None] * sums.bow[2, 3:]
     each[_BIASING][:3], each[_BIASING][3:] = moving.middle, bows[0]
     if isinstance(period_s, np.ndarray):
         for part in (each[_PRODUCTS], each[_SHIFTING][3:], each[_BIASING]):
@@ -182,9 +176,9 @@ def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Le
     Returns:
         Of each row, shape (3, 3, m).
     """
-    crossed = outer_products(moving.middle, bowed[0]) + outer_products(moving.gained, bowed[1])
+    crossed = moving.middle[:, None] * bowed[0] + moving.gained[:, None] * bowed[1]
     square = np.zeros((3, 3, whole.shape[1]))
-    each = moving.square + crossed + crossed.transpose(1, 0, 2) + outer_products(bowed[2], bowed[2])
+    each = moving.square + crossed + crossed.transpose(1, 0, 2) + bowed[2][:, None] * bowed[2]
     np.cumsum(each * period_s, axis=-1, out=square[..., 1:])
     turning = square - (CROSS.reshape(9, 3) @ (whole - whole[:, :1])).reshape(square.shape)
     turning[range(3), range(3)] -= np.trace(square)

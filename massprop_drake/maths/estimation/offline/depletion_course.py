@@ -73,23 +73,16 @@ def expand_about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> 
         further, nearer = (_derivatives_by_draw(at + way * wide, seconds, model) for way in (1.0, -1.0))
         slopes[:, :, unknown] = (further - nearer) / (2.0 * wide[unknown])
     within_s = 0.5 * (given_s[:-1] + given_s[1:])
-    after_s, shifts = (
-        within_s[:, 1] - seconds[1],
-        (_parameters_at(at, within_s, model) - middle[:N_PROPERTIES])[:, :MASS].T,
-    )
+    after_s = within_s[:, 1] - seconds[1]
+    shifts = (_parameters_at(at, within_s, model) - middle[:N_PROPERTIES])[:, :MASS].T
     by_jets = (model.tanks.feeds * model.flows * (1.0 + at[places.flow])[:, None])[:, :, None] * after_s.T
     to_draw = np.einsum("kjm,j->km", by_jets, 1.0 + at[places.thrust])
     given = np.einsum("kj,j->j", model.tanks.feeds * (1.0 + at[places.flow])[:, None], 1.0 + at[places.thrust])
     drawn = (given_s[:, 1] - seconds[1]) @ (given * model.flows)
     cut = stretch._replace(used_after=stretch.used_after - drawn_propellant(stretch, model).sum(axis=0) + drawn)
-    through = MiddleDerivatives(by, slopes, by_jets)
-    of_tanks = {
-        "to_draw": to_draw,
-        "by_draw": _derivatives_by_draw(at, seconds, model),
-        "shifts": shifts,
-        "through": through,
-    }
-    return course._replace(read=read._replace(stretch=cut, **of_tanks)), middle
+    by_draw, through = _derivatives_by_draw(at, seconds, model), MiddleDerivatives(by, slopes, by_jets)
+    moved = read._replace(stretch=cut, to_draw=to_draw, by_draw=by_draw, shifts=shifts, through=through)
+    return course._replace(read=moved), middle
 
 
 def _derivatives_by_draw(at: Array, seconds: Array, model: FlightModel) -> Array:

@@ -20,14 +20,17 @@ from massprop_drake.maths.estimation.offline.coupled_rates import (
     rate_derivatives,
     turning_products,
 )
-from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns
+from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
 from massprop_drake.maths.estimation.offline.swings import Locked, Swings, add_modes
 from massprop_drake.maths.estimation.offline.thrust_course import (
     Lengths,
     RecordedStretch,
     ThrustCourse,
     interpolate_missing,
+    prepare_stretch,
     row_places,
+    thrust_course,
 )
 from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -55,6 +58,18 @@ class ExpectedMotion(NamedTuple):
     def rate(self) -> Array:
         """Rate since the beginning, shape (3, m)."""
         return self.gained.rate
+
+
+def stretch_motion(stretch: Stretch, at: Array, model: FlightModel) -> tuple[ExpectedMotion, Array]:
+    """Computes the motion expected over a stretch, and the unknowns there: see `depletion_course`.
+
+    Args:
+        stretch: of at least two rows.
+        at: all unknowns, shape (n,); the inverse inertia positive definite.
+        model: see `FlightModel`.
+    """
+    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
+    return expected_motion(at, course, model), at
 
 
 def expected_motion(at: Array, course: ThrustCourse, model: FlightModel) -> ExpectedMotion:
@@ -145,8 +160,7 @@ def mean_cross_products(rate: Array, momentum: Array) -> Array:
 def acting_wrenches(at: Array, course: ThrustCourse, model: FlightModel) -> Array:
     """Computes wrenches about the vehicle origin of the jets that ever act in the stretch, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
-    wrenches: Array = (gains[:, None] * mounted_wrenches(at, model)[course.read.on]).T
-    return wrenches
+    return (gains[:, None] * mounted_wrenches(at, model)[course.read.on]).T
 
 
 def mounted_wrenches(at: Array, model: FlightModel) -> Array:

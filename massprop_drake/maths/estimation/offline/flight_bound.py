@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
-from massprop_drake.maths.estimation.offline.expected_motion import expected_motion, turning_effects
+from massprop_drake.maths.estimation.offline.expected_motion import stretch_motion, turning_effects
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, relevant_unknowns
 from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
 from massprop_drake.maths.estimation.offline.normal_equations import (
@@ -22,7 +21,6 @@ from massprop_drake.maths.estimation.offline.normal_equations import (
     stretch_equations,
     sum_equations,
 )
-from massprop_drake.maths.estimation.offline.thrust_course import prepare_stretch, thrust_course
 from massprop_drake.maths.linear_algebra import Array
 
 _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
@@ -48,8 +46,7 @@ class _Shown(NamedTuple):
 
 def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
     """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
-    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
-    expected, wanted = expected_motion(at, course, model), relevant_unknowns(model)
+    (expected, at), wanted = stretch_motion(stretch, at, model), relevant_unknowns(model)
     fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
     components = list(components_of(expected, fixed, at, model))
     known = np.flatnonzero(wanted[design.kept])
@@ -128,8 +125,7 @@ def least_deviation(
 
 def _deviation(root: Array) -> Array:
     """Computes the 1-sigma of the ten parameters, shape (10,)."""
-    result: Array = np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
-    return result
+    return np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
 
 
 def _root_after_flight(
@@ -152,8 +148,7 @@ def _add_information(root: Array, information: Array) -> Array:
     if not np.isfinite(inner).all():
         return np.full_like(root, np.nan)
     values, vectors = np.linalg.eigh(inner)
-    informed: Array = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
-    return informed
+    return root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
 def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
@@ -186,5 +181,4 @@ def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
 def _covariance_root(matrix: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -11,7 +11,6 @@ so that the share of each parameter's 1-sigma that would be left can be told bef
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,25 +33,16 @@ class Flag(StrEnum):
     FIXED = "fixed"  # it is known, or plays no part, and is not estimated
 
 
-class Foretold(NamedTuple):
-    """Predicted gain of one second of the best jet, for each parameter.
-
-    Attributes:
-        jet: index of the jet, shape (10,).
-        left: share of the 1-sigma that would be left; NaN where there is none to reduce, shape (10,).
-    """
-
-    jet: NDArray[np.int_]
-    left: Array
-
-
-def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> Foretold:
+def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> tuple[NDArray[np.int_], Array]:
     """Predicts the gain of one second of the most informative jet, for each parameter.
 
     Args:
         covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).
         rows: H of each jet, shape (n_jets, k, 10).
         noise: R, shape (k, k).
+
+    Returns:
+        Index of the jet, and share of the 1-sigma that would be left, NaN where there is none to reduce, shape (10,).
     """
     known = np.flatnonzero(covariance.diagonal() > 0.0)  # NaN is not
     p, h = covariance[np.ix_(known, known)], rows[:, :, known]
@@ -62,7 +52,7 @@ def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> Foretol
     jet, left = np.zeros(10, dtype=int), np.full(10, np.nan)
     jet[known] = share.argmin(axis=0)
     left[known] = np.sqrt(share.min(axis=0))
-    return Foretold(jet, left)
+    return jet, left
 
 
 def requested_deviation(estimate: Array, limits: Array) -> Array:

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.offline import flight_model, normal_equations
 from massprop_drake.maths.estimation.offline.coupled_rates import add_rate_coupling, cross_product_matrices
@@ -86,24 +85,13 @@ class Confined(NamedTuple):
 # ----------------------------------------------------------------------------------------- programs
 
 
-class _Scaled(NamedTuple):
-    """Constraints on z, of the order of one, with x = root z."""
-
-    given: Constraints
-    root: Array
-
-
-def _scale_unknowns(given: Constraints) -> _Scaled:
-    """Scales unknowns so that constraints are nearly orthogonal, by a QR decomposition of the matrix.
-
-    Raises:
-        ArithmeticError: when a constraint is no number, as about a point where the motion cannot be computed.
-    """
+def _scale_unknowns(given: Constraints) -> tuple[Constraints, Array]:
+    """Scales unknowns, x = root z, so that constraints on z are nearly orthogonal, by a QR decomposition."""
     if not np.isfinite(given.matrix).all() or np.isnan(given.low).any() or np.isnan(given.high).any():
         raise ArithmeticError("the motion cannot be computed about the estimate")
     factor = np.linalg.qr(given.matrix, mode="r")
     root = np.linalg.inv(factor) * np.sqrt(given.matrix.shape[0])
-    return _Scaled(given._replace(matrix=given.matrix @ root), root)
+    return given._replace(matrix=given.matrix @ root), root
 
 
 class _RowSearch:
@@ -146,8 +134,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     Raises:
         ArithmeticError: when the solver fails, or a constraint is no number.
     """
-    scaled = _scale_unknowns(given)
-    matrix, low, high, always = scaled.given
+    (matrix, low, high, always), root = _scale_unknowns(given)
     n, ones = matrix.shape[1], np.ones((matrix.shape[0] - always, 1))
     kept, edges = np.hstack((matrix[:always], np.zeros((always, 1)))), matrix[always:]
     without = np.full(ones.shape[0], np.inf)
@@ -160,7 +147,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     found = _RowSearch(widened, solve).lowest(-np.eye(n + 1)[n])
     if found is None:
         raise ArithmeticError("the solver finds no point that is closest to all readings")
-    return scaled.root @ found[:n], float(found[n])
+    return root @ found[:n], float(found[n])
 
 
 def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None:
@@ -174,15 +161,15 @@ def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.
     """
-    scaled = _scale_unknowns(given)
-    search = _RowSearch(scaled.given, solve)
+    scaled, root = _scale_unknowns(given)
+    search = _RowSearch(scaled, solve)
     found = np.empty((count, 2, given.matrix.shape[1]))
     for unknown in range(count):
         for side, sign in enumerate((1.0, -1.0)):
-            point = search.lowest(sign * scaled.root[unknown])
+            point = search.lowest(sign * root[unknown])
             if point is None:
                 return None
-            found[unknown, side] = scaled.root @ point
+            found[unknown, side] = root @ point
     return found
 
 
@@ -303,48 +290,22 @@ def _lever_arm_changes(since: Array, changes: Array, rate: Array, arm: Array, ti
     return more
 
 
-class _Frame(NamedTuple):
-    """Places of a program's unknowns: those of `hindsight`, biases of gyros, and each stretch's starts."""
-
-    wanted: NDArray[np.int_]  # places of the first u
-    biases: int  # of gyros
-    starts: int  # of a stretch: rate, and each component of accelerometers
-
-    @property
-    def common(self) -> int:
-        """Number of unknowns that all stretches have in common."""
-        return self.wanted.size + self.biases
-
-    def begin(self, stretch: int) -> int:
-        """Returns the index of the first unknown that a stretch has of its own."""
-        return self.common + stretch * self.starts
-
-
 class _CellRows(NamedTuple):
     """Constraints by a component of a package over a stretch."""
 
-    stretch: int
     package: int
-    axis: int
-    rows: NDArray[np.int_]  # of the stretch, (r,)
     matrix: Array  # quanta for each unknown, (r, n)
     left: Array  # what is read less what is shown, quanta, (r,)
 
 
 class _Linear:
-    """Readings linearized about a point.
-
-    Args:
-        stretches: of the flight.
-        point: about which.
-        model: see `flight_model.FlightModel`.
-        cells: see `Cells`.
-    """
+    """Readings of a flight linearized about a point."""
 
     def __init__(self, stretches: Sequence[Stretch], point: _Point, model: FlightModel, cells: Cells):
         self._stretches, self._model, self._cells = stretches, model, cells
-        wanted = np.flatnonzero(flight_model.relevant_unknowns(model))
-        self._frame = _Frame(wanted, 3 * model.gyros, 3 + 3 * model.positions.shape[0])
+        self._wanted = np.flatnonzero(flight_model.relevant_unknowns(model))
+        self._common = self._wanted.size + 3 * model.gyros  # unknowns of all stretches, biases of gyros the last
+        self._starts = 3 + 3 * model.positions.shape[0]  # of a stretch: rate, and each component of accelerometers
         thrust = flight_model.columns(model).thrust  # unknown ones of jets that fire
         self._loose = (model.sigma[thrust] > 0.0) & np.any([part.commands.any(axis=0) for part in stretches], axis=0)
         self._parts: list[_CellRows] = []
@@ -358,9 +319,8 @@ class _Linear:
 
     def _of(self, number: int, out: _Outputs) -> Iterator[_CellRows]:
         """Yields the parts of a stretch."""
-        stretch, frame, gyros = self._stretches[number], self._frame, self._model.gyros
-        u, own = frame.wanted.size, frame.begin(number)
-        size = frame.begin(len(self._stretches))
+        stretch, gyros, u = self._stretches[number], self._model.gyros, self._wanted.size
+        own, size = (self._common + count * self._starts for count in (number, len(self._stretches)))
         for package in np.flatnonzero(self._cells.quanta > 0.0).tolist():
             for axis in range(3):
                 readings = stretch.readings[:, package, axis]
@@ -374,7 +334,7 @@ class _Linear:
                 elif rows.size:
                     left -= 0.5 * (left.max() + left.min())
                 quantum = self._cells.quanta[package]
-                yield _CellRows(number, package, axis, rows, matrix / quantum, left / quantum)
+                yield _CellRows(package, matrix / quantum, left / quantum)
 
     @property
     def readings(self) -> int:
@@ -390,14 +350,13 @@ class _Linear:
 
     def _bounds(self) -> Constraints:
         """Returns the constraints of each unknown by itself, in units of its span."""
-        cells, model, frame, point = self._cells, self._model, self._frame, self.point
-        stated = frame.wanted[_N:]
+        cells, model, point, stated = self._cells, self._model, self.point, self._wanted[_N:]
         least = _MARGIN * cells.quanta[: model.gyros]
         biases = np.repeat(np.maximum(SIGMAS * cells.gyro_biases, least), 3)
-        starts = np.full(len(self._stretches) * frame.starts, _FAR * cells.quanta.max())
+        starts = np.full(len(self._stretches) * self._starts, _FAR * cells.quanta.max())
         spans = np.concatenate((self.spans, SIGMAS * model.sigma[stated], biases, starts))
         middle = np.zeros(spans.size)
-        middle[_N : frame.common] = np.concatenate(((model.prior - point.at)[stated], -point.biases.ravel()))
+        middle[_N : self._common] = np.concatenate(((model.prior - point.at)[stated], -point.biases.ravel()))
         return Constraints(np.diag(1.0 / spans), middle / spans - 1.0, middle / spans + 1.0, spans.size)
 
     def constraints(self, more: Array | float) -> Constraints:
@@ -416,9 +375,8 @@ class _Linear:
         """
         worst, point, quanta = 0.0, self.point, self._cells.quanta
         for stretch, rate in zip(self._stretches, point.rates, strict=True):
-            fine, coarse = (
-                each(stretch, point.at, rate, point.biases, self._model).shown for each in (_refined_outputs, _outputs)
-            )
+            about = stretch, point.at, rate, point.biases, self._model
+            fine, coarse = (each(*about).shown for each in (_refined_outputs, _outputs))
             off = np.ptp(fine - coarse, axis=-1)[quanta > 0.0]
             worst = max(worst, float((off / quanta[quanta > 0.0, None]).max()))
         return worst / 3.0
@@ -429,19 +387,17 @@ class _Linear:
         Inverse inertia and 1/m times a factor, and thrusts over it, give the same motion: where thrusts are not exact,
         the point moves by the factor along that curve, and not along its tangent.
         """
-        frame, (at, rates, biases) = self._frame, self.point
+        (at, rates, biases), loose, u = self.point, self._loose, self._wanted.size
         change, thrust = np.zeros_like(at), flight_model.columns(self._model).thrust
-        change[frame.wanted] = move[: frame.wanted.size]
-        loose = self._loose
+        change[self._wanted] = move[:u]
         factor = -float(np.mean(change[thrust][loose])) if loose.any() else 0.0
         moved = at + change
         moved[_SCALED] = np.exp(factor) * (moved[_SCALED] - factor * at[_SCALED])
         gains = 1.0 + at[thrust]
-        moved[thrust] = np.where(
-            loose, np.exp(-factor) * (gains + change[thrust] + factor * gains) - 1.0, moved[thrust]
-        )
-        starts = move[frame.common :].reshape(-1, frame.starts)[:, :3]
-        return _Point(moved, rates + starts, biases + move[frame.wanted.size : frame.common].reshape(-1, 3))
+        scaled = np.exp(-factor) * (gains + change[thrust] + factor * gains) - 1.0
+        moved[thrust] = np.where(loose, scaled, moved[thrust])
+        starts = move[self._common :].reshape(-1, self._starts)[:, :3]
+        return _Point(moved, rates + starts, biases + move[u : self._common].reshape(-1, 3))
 
     def about(self, move: Array) -> _Linear:
         """Linearizes the same readings about another point, at a difference of all unknowns, shape (n,)."""
@@ -449,13 +405,14 @@ class _Linear:
 
     def bend(self, move: Array) -> Array:
         """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
+        if not flight_model.is_physical(self.moved(move).at):
+            return np.full(self.readings, np.inf)
         every = []
-        there = self.about(move)._parts if flight_model.is_physical(self.moved(move).at) else self._parts
-        for here, other in zip(self._parts, there, strict=True):
-            off = here.left - other.left - here.matrix @ move
+        for here, there in zip(self._parts, self.about(move)._parts, strict=True):
+            off = here.left - there.left - here.matrix @ move
             if off.size and here.package >= self._model.gyros:  # an accelerometer may start anywhere
                 off -= 0.5 * (off.max() + off.min())
-            every.append(np.abs(off) if there is not self._parts else np.full(off.size, np.inf))
+            every.append(np.abs(off))
         return np.concatenate(every)
 
 

@@ -78,7 +78,7 @@ def motion_derivatives(
     by_rate, by_velocity = np.zeros((2, kept.size + ticks.shape[1], 3, m))
     by_rate[kept.size :], by_velocity[kept.size :] = ticks
     by_rate[place[:MASS]], by_bias = rate_derivatives(expected.gained, read.period_s, at)
-    by_velocity[place[MASS]] = _mass_derivatives(expected, at)
+    by_velocity[place[MASS]] = cumulative_sums(expected.sums.impulse[3:] * (light / at[MASS]) ** 2)
     if has[places.gyro_bias].any():
         by_rate[place[places.gyro_bias]] = by_bias
     if has[places.lag].any():
@@ -231,11 +231,6 @@ def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, 
     each = by * (arm @ middle) + middle * along[:, None]
     each -= 2.0 * arm[:, None] * np.sum(by * middle, axis=1, keepdims=True)
     return cumulative_sums(period_s * each)
-
-
-def _mass_derivatives(expected: ExpectedMotion, at: Array) -> Array:
-    """Computes derivatives of the velocity by 1/m, shape (3, m)."""
-    return cumulative_sums(expected.sums.impulse[3:] * (expected.lightness / at[MASS]) ** 2)
 
 
 def _lag_derivatives(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightModel) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator, Sequence
 from functools import reduce
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from massprop_drake.maths.estimation.offline.expected_motion import (
     ExpectedMotion,
     TurningEffects,
     expected_motion,
+    stretch_motion,
     turning_effects,
     with_own_coupling,
 )
@@ -36,9 +38,7 @@ from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, 
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_whitener
 from massprop_drake.maths.linear_algebra import Array
 
-_QUICK = (
-    0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
-)
+_QUICK = 0.01  # of a period: a stamp that is so much off moves a reading by its noise where the rate changes fast
 _TOGETHER = 4096  # readings whose derivatives are made at once, but for those of one component
 _TOLD = 10.0  # times the stated torque that accelerometers are taken to feel: as good as unknown, a hundredth is left
 
@@ -76,15 +76,7 @@ class NormalEquations(NamedTuple):
 
     def plus(self, other: NormalEquations) -> NormalEquations:
         """Adds the equations of other readings."""
-        return NormalEquations(
-            self.information + other.information,
-            self.score + other.score,
-            self.misfit + other.misfit,
-            self.readings + other.readings,
-            self.by_package + other.by_package,
-            self.quick + other.quick,
-            self.quiet + other.quiet,
-        )
+        return NormalEquations(*map(operator.add, self, other))
 
 
 class ReadComponent(NamedTuple):
@@ -300,10 +292,8 @@ def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -
     walk, acting = of_rate**2, turning[axis]
     if number >= 0:
         by_rate = (CROSS @ (model.positions[number] - at[CENTER]))[axis]  # derivative of the velocity by the rate
-        walk, acting = (
-            of_velocity**2 + of_rate**2 * float(by_rate @ by_rate),
-            pushing[axis] + _TOLD * (by_rate @ turning),
-        )
+        walk = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate)
+        acting = pushing[axis] + _TOLD * (by_rate @ turning)
     variance = float(model.variances[package])
     return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
 
@@ -347,13 +337,9 @@ def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Res
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
         beginning, shape (6, m).
     """
-    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
-    expected = expected_motion(at, course, model)
-    fixed, design = (
-        turning_effects(expected, at, model),
-        motion_derivatives(expected, at, model, relevant_unknowns(model)),
-    )
-    found = []
+    expected, at = stretch_motion(stretch, at, model)
+    fixed, found = turning_effects(expected, at, model), []
+    design = motion_derivatives(expected, at, model, relevant_unknowns(model))
     for part in components_of(expected, fixed, at, model):
         batch, scale = _make_batch([part]), float(np.sqrt(model.variances[part.package]))
         x = np.zeros((at.shape[0], part.rows.size))
@@ -368,8 +354,7 @@ def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
     squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
-    variance: Array = 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
-    return variance
+    return 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
 
 
 def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
@@ -397,9 +382,8 @@ def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) 
 
 def empty_equations(model: FlightModel) -> NormalEquations:
     """Returns the normal equations of no readings."""
-    n = model.prior.shape[0]
-    packages = model.variances.shape[0]
-    return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
+    n, of_packages = model.prior.size, np.zeros((model.variances.size, 3))
+    return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, of_packages, np.zeros(2), np.zeros(2))
 
 
 def sum_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:

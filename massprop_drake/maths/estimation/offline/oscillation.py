@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import product
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -93,16 +94,13 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
     frequencies = _frequencies(longest_s, model.period_s)
     if not frequencies.size:
         return None
-    best = min((_fit_mode(flight, one, _DAMPING) for one in frequencies.tolist()), key=_misfit)
+    misfit = attrgetter("misfit")
+    best = min((_fit_mode(flight, one, _DAMPING) for one in frequencies.tolist()), key=misfit)
     place = int(np.searchsorted(frequencies, best.frequency_hz))
     about = frequencies[max(place - 1, 0) : place + 2]
     finer = np.linspace(about[0], about[-1], _FINER * about.size).tolist()
-    best = min((best, *(_fit_mode(flight, *pair) for pair in product(finer, _DAMPINGS))), key=_misfit)
+    best = min((best, *(_fit_mode(flight, *pair) for pair in product(finer, _DAMPINGS))), key=misfit)
     return best if best.frequency_hz * longest_s >= _LEAST_TURNS else None
-
-
-def _misfit(mode: OscillationMode) -> float:
-    return mode.misfit
 
 
 def misfit_of(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> tuple[float, float]:
@@ -154,8 +152,7 @@ def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightMo
     degrees[0] = 1.0  # of a frequency of zero there is no phase
     expected = _means_of_neighbors(each)
     rounded = np.floor(expected**2 / (_means_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
-    result: Array = expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
-    return result
+    return expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
 
 
 def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
@@ -177,8 +174,7 @@ def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
 def white_noise_spectrum(intervals: int, length_s: float) -> Array:
     """Computes the expected power of increments of unit white noise, line by line, before means, shape (k + 2,)."""
     angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
-    result: Array = 2.0 * (1.0 - np.cos(angles)) / length_s
-    return result
+    return 2.0 * (1.0 - np.cos(angles)) / length_s
 
 
 class Lines(NamedTuple):
@@ -202,9 +198,8 @@ def increment_spectrum(left: Array, time_s: Array) -> Lines:
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
     power = np.abs(np.fft.rfft(np.diff(evenly))) ** 2 / (count * length_s)
-    return Lines(
-        _means_of_neighbors(power), _means_of_neighbors(white_noise_spectrum(count, length_s)), count, length_s
-    )
+    noise = white_noise_spectrum(count, length_s)
+    return Lines(_means_of_neighbors(power), _means_of_neighbors(noise), count, length_s)
 
 
 def _means_of_neighbors(lines: Array) -> Array:
@@ -217,8 +212,7 @@ def _component_spectra(
 ) -> Iterator[tuple[Residuals, Lines]]:
     """Yields sensor components with enough readings, and the spectra of their residuals' increments."""
     for stretch in stretches:
-        components, _ = residuals(stretch, fit.at, model)
-        for one in components:
+        for one in residuals(stretch, fit.at, model)[0]:
             if one.rows.size >= _FEWEST:
                 yield one, increment_spectrum(one.left - change @ one.derivatives, stretch.time_s[one.rows])
 
@@ -243,11 +237,8 @@ def _frequencies(length_s: float, period_s: float) -> Array:
 
 def _linearize_stretch(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
     """Linearizes a stretch about the fit: residuals, and steps of the structure's acceleration."""
-    components, moved = residuals(stretch, at, model)
-    time_s = stretch.time_s - stretch.time_s[0]
-    acceleration = np.diff(moved) / np.diff(time_s)
-    steps = np.diff(acceleration, prepend=0.0, append=0.0)
-    return _Part(time_s, steps, components)
+    (components, moved), time_s = residuals(stretch, at, model), stretch.time_s - stretch.time_s[0]
+    return _Part(time_s, np.diff(np.diff(moved) / np.diff(time_s), prepend=0.0, append=0.0), components)
 
 
 def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
@@ -266,8 +257,7 @@ def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: flo
     damped = omega * math.sqrt(1.0 - damping**2)
     answer = -np.exp(-damping * omega * time_s) * np.sin(damped * time_s) / damped
     size = 2 * time_s.size
-    moved: Array = np.fft.irfft(np.fft.rfft(steps, size) * np.fft.rfft(answer, size), size)[:, : time_s.size]
-    return moved
+    return np.fft.irfft(np.fft.rfft(steps, size) * np.fft.rfft(answer, size), size)[:, : time_s.size]
 
 
 def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
@@ -311,8 +301,7 @@ def _free_motion(part: _Part, frequency_hz: float, damping: float) -> Array:
     """Computes free motion of a mode from before the stretch, two phases, shape (2, m)."""
     omega = 2.0 * math.pi * frequency_hz
     angle = omega * math.sqrt(1.0 - damping**2) * part.time_s
-    ringing: Array = np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
-    return ringing
+    return np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _orthonormal_basis(columns: Array) -> Array:

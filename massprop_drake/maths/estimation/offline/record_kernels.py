@@ -92,12 +92,5 @@ class Compute(NamedTuple):
 
 def choose_kernels(*, compiled: bool) -> Compute:
     """Returns the row-by-row functions, compiled or not."""
-    return (
-        Compute(
-            compile_kernel_if(select_informative, compiled),
-            compile_kernel_if(lag, compiled),
-            compile_kernel_if(swing_modes, compiled),
-        )
-        if compiled
-        else Compute()
-    )
+    used, lagged = compile_kernel_if(select_informative, compiled), compile_kernel_if(lag, compiled)
+    return Compute(used, lagged, compile_kernel_if(swing_modes, compiled))

@@ -53,11 +53,12 @@ def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     """Collects the data of a stretch that do not depend on the unknowns."""
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
-    rates = _transpose_rows(stretch.readings[:, : model.gyros].swapaxes(0, 1))
+    rates = np.ascontiguousarray(stretch.readings[:, : model.gyros].transpose(1, 2, 0))
     there = np.asarray(~np.isnan(rates).all(axis=0))
     known = np.asarray(there.any(axis=1))
     there[~known] = True
-    rate = interpolate_missing(_mean_gyro_rates(rates), there, row_places(stretch, model))
+    mean = np.nansum(rates, axis=0) / np.maximum((~np.isnan(rates)).sum(axis=0), 1)  # of gyros that read
+    rate = interpolate_missing(mean, there, row_places(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _fit_ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
@@ -122,20 +123,18 @@ class ThrustCourse(NamedTuple):
     bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
 
-def _course_by_lag_errors(read: RecordedStretch, lag_error: Array, model: FlightModel) -> ThrustCourse:
-    """Computes the course of the jets' thrust over a stretch with some errors of their time constants, s."""
+def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
+    """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
-    given, lag_error = model.time_constants_s[on], lag_error[on]
+    given, lag_error = model.time_constants_s[on], at[columns(model).lag][model.kinds][on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
     each = period[:, None] if isinstance(period, np.ndarray) else period
     lagged, left = constants > 0.0, initial_level_decay(constants / each)
     before = read.stretch.before[:, on]
     level = np.concatenate((before, commands))
-    slope, pulses = (
-        np.zeros_like(level),
-        _pulse_corrections(read, constants, left, model.period_s if model.own_times else period),
-    )
+    slope, tick_s = np.zeros_like(level), model.period_s if model.own_times else period
+    pulses = _pulse_corrections(read, constants, left, tick_s)
     if pulses is not None:
         level = level + pulses.tends
     if lagged.any() and isinstance(period, np.ndarray):
@@ -239,13 +238,6 @@ def is_off_ticks(stretch: Stretch, model: FlightModel) -> bool:
     return not model.own_times and bool(_fit_ticks(stretch.time_s, model.period_s)[1].any())
 
 
-def _mean_gyro_rates(rates: Array) -> Array:
-    """Computes the mean of the gyros that read, shape (3, m), of shape (n_gyros, 3, m); zero where none does."""
-    known = ~np.isnan(rates)
-    mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return mean
-
-
 def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
     """Interpolates rates, shape (k, m), linearly over the places of rows where none is read."""
     rate = rate.copy()
@@ -254,16 +246,6 @@ def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> A
     return rate
 
 
-def _transpose_rows(rows: Array) -> Array:
-    """Transposes the last two axes, contiguous in memory."""
-    return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
-
-
 def centered_counts(number: int) -> Array:
     """Returns row numbers counted from the middle, shape (number,)."""
     return np.arange(0.5 * (1.0 - number), 0.5 * number)
-
-
-def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
-    """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
-    return _course_by_lag_errors(read, at[columns(model).lag][model.kinds], model)

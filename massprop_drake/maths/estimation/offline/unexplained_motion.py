@@ -14,11 +14,9 @@ from massprop_drake.maths.estimation.offline.coupled_rates import (
     moments_about,
     turning_products,
 )
-from massprop_drake.maths.estimation.offline.depletion_course import expand_about_middle
-from massprop_drake.maths.estimation.offline.expected_motion import ExpectedMotion, engine_impulses, expected_motion
+from massprop_drake.maths.estimation.offline.expected_motion import ExpectedMotion, engine_impulses, stretch_motion
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.motion_derivatives import wheel_derivatives
-from massprop_drake.maths.estimation.offline.thrust_course import prepare_stretch, thrust_course
 from massprop_drake.maths.linear_algebra import Array, cross_products
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -35,9 +33,8 @@ def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tu
     """
     turned, pushed = list[Array](), list[Array]()
     for stretch in stretches:
-        course = thrust_course(prepare_stretch(stretch, model), model.prior, model)
-        course, at = expand_about_middle(course, model.prior, model)
-        expected, read = expected_motion(at, course, model), course.read
+        expected, at = stretch_motion(stretch, model.prior, model)
+        read = expected.course.read
         moving, n_jets = mean_rates(read.rate), model.flows.size
         by_jets = np.zeros((n_jets, read.late_s.size))
         by_jets[read.on] = cumulative_sums(expected.course.amount.T)
@@ -83,8 +80,7 @@ def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: Flight
 
 def _subtract_means(rows: Array) -> Array:
     """Subtracts the mean of each row, shape (k, n)."""
-    result: Array = rows - rows.mean(axis=1, keepdims=True)
-    return result
+    return rows - rows.mean(axis=1, keepdims=True)
 
 
 def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
@@ -94,8 +90,7 @@ def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
     together = np.vstack(parts)
     design, wanted = together[:, :-outputs], together[:, -outputs:]
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    result: Array = wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
-    return result
+    return wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
 
 
 _SPANS = (1, 4, 16, 64)  # rows over which gains are compared: the shortest over which enough of them are clear
@@ -131,11 +126,10 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
 
 def _readings_and_expected(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
     """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
-    course, at = expand_about_middle(thrust_course(prepare_stretch(stretch, model), at, model), at, model)
-    expected, read = expected_motion(at, course, model), course.read
+    expected, at = stretch_motion(stretch, at, model)
     impulse = expected.sums.impulse
     turned = at[:6][ELEMENT] @ moments_about(impulse, at[CENTER])
-    for package, readings in enumerate(read.readings):
+    for package, readings in enumerate(expected.course.read.readings):
         given = turned
         if package >= model.gyros:
             arm = model.positions[package - model.gyros] - at[CENTER]

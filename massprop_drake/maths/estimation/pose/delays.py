@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.estimation.pose import pose_hypotheses
-from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merge_banks
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, add_weights, merge_banks
 from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseRules, Tried
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Delays, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
@@ -79,9 +79,8 @@ def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
         parts: of each, as at the first sample.
         params: see `PoseParams`.
     """
-    return _order_parts(
-        [one._replace(total=float(chance)) for one, chance in zip(parts, params.delays.chances, strict=True)]
-    )
+    chances = params.delays.chances.tolist()
+    return _order_parts([one._replace(total=chance) for one, chance in zip(parts, chances, strict=True)])
 
 
 def advance_over_delays(
@@ -105,8 +104,7 @@ def advance_over_delays(
             continue
         parts.append(after)
         done.append(cycled)
-    if not parts:
-        assert trouble is not None
+    if trouble is not None and not parts:
         raise trouble
     if len(parts) == 1:
         return parts[0], done[0]
@@ -136,17 +134,13 @@ def is_delay_settled(tried: Tried, lead: float) -> bool:
 
 def merge_delays(tried: Tried, params: PoseParams) -> PoseBank:
     """Merges the first filters of all delays by moment matching, for the report while several are possible."""
-    first = _first_filter(tried.bank)
-    total = log_weight(tried)
+    first, total = tried.bank.select(slice(1)), log_weight(tried)
     for one in tried.elsewhere:
         own = log_weight(one)
         both = float(np.logaddexp(total, own))
-        first, total = merge_banks(first, _first_filter(one.bank), np.array([np.exp(own - both)]), params), both
+        share = np.array([np.exp(own - both)])
+        first, total = merge_banks(first, one.bank.select(slice(1)), share, params), both
     return first
-
-
-def _first_filter(bank: PoseBank) -> PoseBank:
-    return PoseBank(*(part[:1] for part in bank))
 
 
 def log_weight(tried: Tried) -> float:
@@ -196,9 +190,7 @@ def _can_merge(one: Tried, other: Tried, params: PoseParams) -> bool:
 
 def _merge_pair(one: Tried, other: Tried, params: PoseParams) -> Tried:
     """Merges two parts hypothesis by hypothesis by moment matching; the likelier one's leader stays."""
-    first, second = one.total + one.likelihood, other.total + other.likelihood
-    total = np.logaddexp(first, second)
-    share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
+    total, share = add_weights(one.total + one.likelihood, other.total + other.likelihood)
     likelier = one if log_weight(one) >= log_weight(other) else other
     return likelier._replace(
         bank=merge_banks(one.bank, other.bank, share, params),

@@ -1,14 +1,12 @@
 """Commands that still act and hypotheses as a vector, from which a filter continues bit for bit after a restart.
 
 In order: how many commands and parts there are; times and levels of the commands; of each part, which is a delay that
-may be (`delays`), the numbers of `_Numbers`, likelihoods, onsets, what is known, the filters, and where there is such
+may be (`delays`), eight numbers, likelihoods, onsets, what is known, the filters, and where there is such
 what has been foretold apart and what the next sample is to decide. Of covariances the lower triangle. A likelihood of
 minus infinity is kept as NaN.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +18,6 @@ from massprop_drake.maths.linear_algebra import Array
 _MOST = 4096  # of anything that is counted
 
 
-class _Numbers(NamedTuple):
-    filters: float
-    renewed_s: float
-    led_s: float
-    leader: float
-    steady: float
-    total: float
-    has_apart: float
-    has_doubt: float
-
-
 class _PoseReader:
     """Reader of a vector from its beginning."""
 
@@ -38,11 +25,7 @@ class _PoseReader:
         self._vector, self._at = vector, 0
 
     def take(self, *shape: int) -> Array:
-        """Reads the next numbers, with a shape.
-
-        Raises:
-            ValueError: when there are not as many.
-        """
+        """Reads the next numbers, with a shape."""
         end = self._at + int(np.prod(shape))
         if end > self._vector.size:
             raise ValueError("hypotheses are cut short")
@@ -51,11 +34,7 @@ class _PoseReader:
         return found
 
     def count(self) -> int:
-        """Reads the next number, a count.
-
-        Raises:
-            ValueError: when it counts nothing.
-        """
+        """Reads the next number, a count."""
         (number,) = self.take(1)
         if not (0.0 <= number <= _MOST and number == int(number)):
             raise ValueError("hypotheses must be counted by whole numbers")
@@ -93,16 +72,8 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
 
 
 def _pack_part(part: Tried) -> list[Array]:
-    numbers = _Numbers(
-        part.bank.mean.shape[0],
-        part.renewed_s,
-        part.led_s,
-        part.leader,
-        part.steady,
-        part.total,
-        part.apart is not None,
-        part.doubt is not None,
-    )
+    has = part.apart is not None, part.doubt is not None
+    numbers = part.bank.mean.shape[0], part.renewed_s, part.led_s, part.leader, part.steady, part.total, *has
     likelihood = np.where(np.isneginf(part.likelihood), np.nan, part.likelihood)
     blocks = [np.array(numbers, dtype=float), likelihood, part.onset_s, part.known, *_pack_bank(part.bank)]
     if part.apart is not None:
@@ -114,28 +85,17 @@ def _pack_part(part: Tried) -> list[Array]:
 
 def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
     """Reads one part as `_pack_part` packs it."""
-    numbers = _Numbers(*read.take(len(_Numbers._fields)).tolist())
+    filters, renewed_s, led_s, leader, steady, total, has_apart, has_doubt = read.take(8).tolist()
     jets = params.pushes.shape[0]
-    if numbers.filters not in (1.0, 2.0 + 2.0 * jets):
+    if filters not in (1.0, 2.0 + 2.0 * jets):
         raise ValueError("hypotheses are of another number of jets")
-    count = int(numbers.filters)
+    count = int(filters)
     likelihood = read.take(count)
+    likelihood[np.isnan(likelihood)] = -np.inf
     onset_s, known, bank = read.take(count), read.take(1 + 2 * jets), _read_bank(read, count, params)
-    apart = read.take(count, count) if numbers.has_apart else None
-    doubt = Doubt(_read_bank(read, count, params), read.take(count)) if numbers.has_doubt else None
-    return Tried(
-        bank,
-        np.where(np.isnan(likelihood), -np.inf, likelihood),
-        onset_s,
-        known,
-        numbers.renewed_s,
-        numbers.led_s,
-        int(numbers.leader),
-        int(numbers.steady),
-        doubt,
-        apart,
-        numbers.total,
-    )
+    apart = read.take(count, count) if has_apart else None
+    doubt = Doubt(_read_bank(read, count, params), read.take(count)) if has_doubt else None
+    return Tried(bank, likelihood, onset_s, known, renewed_s, led_s, int(leader), int(steady), doubt, apart, total)
 
 
 def _pack_bank(bank: PoseBank) -> list[Array]:

@@ -158,14 +158,11 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
         return once, twice, by_edge, twice_by_edge, once_by, twice_by
 
     begun, ended = parts(on), parts(off)
-    once, twice, _, _, lag_once, lag_twice = (
+    once, twice, delay_once, delay_twice, lag_once, lag_twice = (
         np.sum(levels * (a - b), axis=1) for a, b in zip(begun, ended, strict=True)
     )
-    delay_once = np.sum(levels * (begun[2] - ended[2]), axis=1)
-    delay_twice = np.sum(levels * (begun[3] - ended[3]), axis=1)
     moves = opens & ~clipped
-    late_once = np.sum(np.where(moves, levels * begun[2], 0.0), axis=1)
-    late_twice = np.sum(np.where(moves, levels * begun[3], 0.0), axis=1)
+    late_once, late_twice = (np.sum(np.where(moves, levels * part, 0.0), axis=1) for part in begun[2:4])
     variance = np.sum(np.where(unknown, (begun[0] - ended[0]) ** 2 / 12.0, 0.0), axis=1)
     return Openings(
         once,
@@ -173,6 +170,6 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
         np.stack((delay_once, lag_once, late_once)),
         np.stack((delay_twice, lag_twice, late_twice)),
         variance,
-        np.any(opens & ~clipped & (on > begin_s) & (on <= end_s), axis=1),
+        np.any(moves & (on > begin_s) & (on <= end_s), axis=1),
         np.zeros((0, *once.shape)),
     )

@@ -20,8 +20,9 @@ import numpy as np
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compare_readings
 from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
-from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.mass_properties import ELEMENT
 
 _LEAST = 0.01  # of the nominal K, below which it is no body's
 _DOUBTFUL = 0.3  # probability of a poor sample from which on a kick is kept apart
@@ -36,7 +37,6 @@ class PoseCycled(NamedTuple):
         bank: see `Bank`.
         likelihood: logarithm of the density of the readings given those before, nats, shape (n_filters,).
         innovation: shape (n_filters, m).
-        nis: of the innovation, without a kick; NaN where nothing was read, shape (n_filters,).
         kicked: probability of a kick, shape (n_filters,).
         of_first: NIS of the first filter, of what has probably happened, and components that it is of: of attitude and
             rate, then of place and velocity, shape (2, 2).
@@ -47,7 +47,6 @@ class PoseCycled(NamedTuple):
     bank: PoseBank
     likelihood: Array
     innovation: Array
-    nis: Array
     kicked: Array
     of_first: Array
     doubt: Doubt | None = None
@@ -121,13 +120,18 @@ def step(
         return done
     other = _step_without_doubt(doubt.bank, commands, span_s, readings, params)
     with np.errstate(divide="ignore"):  # of what is impossible
-        ways = np.stack((np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood))
-    total = np.logaddexp.reduce(ways)
-    share = np.where(np.isfinite(total), np.exp(ways[1] - np.where(np.isfinite(total), total, 0.0)), 0.0)
+        total, share = add_weights(np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood)
     of_first = done.of_first + share[0] * (other.of_first - done.of_first)
     kicked = done.kicked + share * (1.0 - done.kicked)
     both = merge_banks(done.bank, other.bank, share, params)
     return done._replace(bank=both, likelihood=total, kicked=kicked, of_first=of_first, doubt=None)
+
+
+def add_weights(one: Array, other: Array) -> tuple[Array, Array]:
+    """Adds two log weights; also returns the share of the second in the sum, zero where both are impossible."""
+    total = np.logaddexp(one, other)
+    share = np.where(np.isfinite(total), np.exp(other - np.where(np.isfinite(total), total, 0.0)), 0.0)
+    return total, share
 
 
 def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
@@ -164,24 +168,21 @@ def _step_without_doubt(
     count = bank.mean.shape[0]
     if beside is None:
         nothing = np.zeros(count)
-        return PoseCycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
-    shown = _predicted_covariance(ahead.bank.covariance, beside)
+        return PoseCycled(ahead.bank, nothing, np.zeros((count, 0)), nothing, np.zeros((2, 2)))
+    shown = beside.jacobian @ ahead.bank.covariance @ np.swapaxes(beside.jacobian, 1, 2)
     run_off = _find_diverged(ahead.bank, beside, shown, span_s[1])
     if run_off.any():  # what is left of it is the first filter, and no likelihood
         shown = _values_of_first(shown, run_off)
-        ahead = ahead._replace(
-            bank=_replace_with_first(ahead.bank, run_off), kick=_values_of_first(ahead.kick, run_off)
-        )
-        beside = beside._replace(
-            **{
-                name: _values_of_first(getattr(beside, name), run_off)
-                for name in ("innovation", "jacobian", "variance")
-            }
-        )
+        others = PoseBank(*(_values_of_first(part, run_off) for part in ahead.bank))._replace(opens=bank.opens)
+        ahead = ahead._replace(bank=others, kick=_values_of_first(ahead.kick, run_off))
+        innovation, jacobian, variance = (_values_of_first(part, run_off) for part in beside[:3])
+        beside = beside._replace(innovation=innovation, jacobian=jacobian, variance=variance)
     chance, poor = kick_and_outlier_chances(beside, span_s, params)
     fair, noisy = None, scale_pose_noise(beside, params.pose.outlier_scale) if poor > 0.0 else beside
-    if poor > 0.0 and _is_indistinguishable(shown[0], beside, params.pose.tells):
-        fair = _mix_log_densities(_log_density(shown, beside), _log_density(shown, noisy), poor)
+    uncertain = shown[0].diagonal() > params.pose.tells * beside.variance[0].diagonal()
+    if poor > 0.0 and uncertain[beside.poses].any():  # a poor reading looks like a good one
+        good, bad = (_gaussian_log_density(shown + one.variance, one.innovation)[1] for one in (beside, noisy))
+        fair = np.logaddexp(np.log1p(-poor) + good, np.log(poor) + bad)
         beside, poor = noisy, 0.0
     happened = list_possibilities(ahead, (beside, noisy), (chance, poor))
     ways = possibility_updates(happened, ahead.bank.mean, params)
@@ -197,12 +198,7 @@ def _step_without_doubt(
     after = mix_possibilities(ahead.bank, happened, ways, share, params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
     whitened = _whitened_innovations(shown, beside)
-    return PoseCycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
-
-
-def _predicted_covariance(covariance: Array, beside: Compared) -> Array:
-    """Computes the state's part of the readings' covariance, shape (n_filters, m, m)."""
-    return np.asarray(beside.jacobian @ covariance @ np.swapaxes(beside.jacobian, 1, 2), dtype=np.float64)
+    return PoseCycled(after, total, beside.innovation, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
 def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
@@ -217,7 +213,7 @@ def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float
     parts = (expected, beside.innovation, bank.mean, bank.covariance)
     numbers = np.logical_and.reduce([np.isfinite(part).reshape(shown.shape[0], -1).all(axis=1) for part in parts])
     least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(shown.shape[1])))[:, 0]
-    run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
+    run_off = ~(numbers & (least > 0.0))
     if run_off[0]:
         raise NotPositiveDefiniteError(bank.covariance[0], "the pose estimator's covariance", time_s)
     return run_off
@@ -226,12 +222,6 @@ def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float
 def _values_of_first(values: Array, chosen: np.ndarray) -> Array:
     """Returns values by filter, with the first filter's in place of those of the chosen ones."""
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
-
-
-def _replace_with_first(bank: PoseBank, chosen: np.ndarray) -> PoseBank:
-    """Puts the first filter in place of the chosen ones; which jet each supposes open stays."""
-    parts = {name: _values_of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
-    return bank._replace(**parts)
 
 
 class Happened(NamedTuple):
@@ -332,7 +322,7 @@ def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.
     after = np.repeat(mean[None, :, part], len(correction), axis=0)
     after[..., params.free[chosen] - part.start] += correction[..., chosen]
     start = np.broadcast_to(params.start[part], (1, *after.shape[1:]))
-    least = np.linalg.eigvalsh(symmetric_matrices(np.concatenate((after, start))))[..., 0]
+    least = np.linalg.eigvalsh(np.concatenate((after, start))[..., ELEMENT])[..., 0]
     return np.asarray(least[:-1] > _LEAST * least[-1])
 
 
@@ -342,22 +332,12 @@ def scale_pose_noise(beside: Compared, scale: float) -> Compared:
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
-def _is_indistinguishable(shown: Array, beside: Compared, tells: float) -> bool:
-    """Tests whether a pose is indistinguishable from a poor one, the position being uncertain, see `Poses.tells`."""
-    return bool((shown.diagonal() > tells * beside.variance[0].diagonal())[beside.poses].any())
-
-
-def _log_density(shown: Array, beside: Compared) -> Array:
-    """Computes the log density of the readings, shape (n_filters,)."""
-    half = np.linalg.cholesky(shown + beside.variance)
-    whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
+def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Array]:
+    """Computes NIS and log density of innovations by their covariance, shape (n_filters,) each."""
+    half = np.linalg.cholesky(expected)
+    nis = np.sum(np.linalg.solve(half, innovation[..., None])[..., 0] ** 2, axis=1)
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
-    return np.asarray(-0.5 * (np.sum(whitened**2, axis=1) + determinant + whitened.shape[1] * _TWO_PI))
-
-
-def _mix_log_densities(one: Array, other: Array, chance: float) -> Array:
-    """Mixes two log densities, the second with some probability."""
-    return np.asarray(np.logaddexp(np.log1p(-chance) + one, np.log(chance) + other))
+    return nis, -0.5 * (nis + determinant + innovation.shape[1] * _TWO_PI)
 
 
 def _nis_by_kind(shown: Array, beside: Compared) -> Array:
@@ -386,14 +366,10 @@ def _joseph_updates(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
     crossed = np.concatenate([one.crossed for one in happened])
     expected = np.concatenate([one.shown + one.beside.variance for one in happened])
     innovation = np.tile(happened[0].beside.innovation, (count, 1))
-    half = np.linalg.cholesky(expected)
+    nis, likelihood = _gaussian_log_density(expected, innovation)
     gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
     gain = gain * np.tile(taken, (count, 1))[..., None]
     learned = crossed - 0.5 * gain @ expected
-    whitened = np.linalg.solve(half, innovation[..., None])[..., 0]
-    nis = np.sum(whitened**2, axis=1)
-    determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
-    likelihood = -0.5 * (nis + determinant + innovation.shape[1] * _TWO_PI)
     correction = (gain @ innovation[..., None])[..., 0]
     parts = (np.split(part, count) for part in (correction, likelihood, nis, gain, learned))
     return [PoseUpdate(*one) for one in zip(*parts, strict=True)]

@@ -18,6 +18,7 @@ the lag.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -29,9 +30,9 @@ from massprop_drake.maths.estimation.pose.pose_cycle import (
     kick_and_outlier_chances,
     list_possibilities,
     mix_possibilities,
+    possibility_updates,
     scale_pose_noise,
 )
-from massprop_drake.maths.estimation.pose.pose_cycle import possibility_updates as updates_of
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Parts, Places, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.pose_measurement import compare_readings
 from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
@@ -41,8 +42,8 @@ from massprop_drake.maths.estimation.pose.pose_start import (
     initialize_bank,
     tracked_point,
 )
-from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT
 
 _INSTANT_S = 1e-9  # a lag that is none
 _MOTION = ("position", "attitude", "velocity", "rate", "gathered")  # what the filter follows
@@ -77,8 +78,8 @@ class PoseRecord(NamedTuple):
     def until(self, time_s: float) -> PoseRecord:
         """Returns the rows before a time."""
         rows = int(np.searchsorted(self.time_s, time_s))
-        outside = None if self.outside is None else self.outside[:rows]
-        return PoseRecord(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside, self.pieces)
+        cut = self._replace(time_s=self.time_s[:rows], levels=self.levels[:rows], readings=self.readings[:rows])
+        return cut if self.outside is None else cut._replace(outside=self.outside[:rows])
 
 
 class Assumed(NamedTuple):
@@ -109,12 +110,7 @@ class PoseEquations(NamedTuple):
 
     def plus(self, other: PoseEquations) -> PoseEquations:
         """Adds the equations of other samples."""
-        return PoseEquations(
-            self.information + other.information,
-            self.score + other.score,
-            self.misfit + other.misfit,
-            self.readings + other.readings,
-        )
+        return PoseEquations(*map(operator.add, self, other))
 
 
 def unknowns_from_state(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
@@ -162,7 +158,7 @@ def select_unknowns(parts: Parts) -> np.ndarray:
 
 def is_physical(at: Array, parts: Parts) -> bool:
     """Tests whether the unknowns are physical: mass and inverse inertia positive, no lag negative."""
-    inverse = symmetric_matrices(at[parts.spin])
+    inverse = at[parts.spin][ELEMENT]
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 
 
@@ -230,7 +226,7 @@ def _advance_sample(
     of_kick, of_poor = kick_and_outlier_chances(beside, span_s, params)
     noisy = scale_pose_noise(beside, params.pose.outlier_scale)
     happened = list_possibilities(ahead, (beside, noisy), (of_kick, of_poor))
-    ways = updates_of(happened, ahead.bank.mean, params)
+    ways = possibility_updates(happened, ahead.bank.mean, params)
     share, misfit = _possibility_shares(happened, ways)
     shows, off = beside.jacobian[0] @ by, beside.innovation[0]
     precisions = np.linalg.inv([one.shown[0] + one.beside.variance[0] for one in happened])

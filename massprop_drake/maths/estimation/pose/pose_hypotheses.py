@@ -28,10 +28,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.pose_cycle import Doubt, PoseCycled, merge_banks, step
+from massprop_drake.maths.estimation.pose.pose_cycle import Doubt, PoseCycled, add_weights, merge_banks, step
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, cross_products, symmetrized_stack
+from massprop_drake.maths.mass_properties import ELEMENT
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
@@ -107,18 +107,23 @@ class PoseOutcome(NamedTuple):
     share: tuple[float, float]
 
 
-def begin_hypotheses(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
-    """Makes the hypotheses at the first sample: no failure, each jet weak, each jet open, and a push.
+def begin_hypotheses(
+    bank: PoseBank, time_s: float, params: PoseParams, known: Array | None = None, chance: float = BEFORE
+) -> Tried:
+    """Makes the hypotheses about a filter: no further failure, each jet weak, each jet open, and a push.
 
     Args:
-        bank: one filter that knows of no failure.
-        time_s: of the sample.
+        bank: of one filter.
+        time_s: now.
         params: see `PoseParams`.
+        known: see `Tried`; None: nothing is.
+        chance: probability of a failure of each kind of each jet.
     """
-    known = np.zeros(1 + 2 * params.pushes.shape[0])
+    known = np.zeros(1 + 2 * params.pushes.shape[0]) if known is None else known
     every = _stack_banks(bank, branch_failures(bank, known, params))
-    likelihood = np.concatenate(([0.0], np.log(BEFORE) + _log_priors(params)))
-    return Tried(every, likelihood, np.full(1 + known.size, time_s), known, time_s, np.nan)
+    onset, likelihood = np.full(1 + known.size, time_s), np.append(0.0, np.log(chance) + _log_priors(params))
+    fresh = Tried(every, likelihood, onset, known, time_s, np.nan)
+    return fresh._replace(likelihood=np.append(0.0, _possible_odds(fresh)))
 
 
 def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
@@ -180,7 +185,7 @@ def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBan
 
 def _largest_accelerations(params: PoseParams) -> Array:
     """Computes the largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
-    spin = symmetric_matrices(params.start[params.parts.spin])
+    spin = params.start[params.parts.spin][ELEMENT]
     moments = cross_products(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
@@ -194,29 +199,21 @@ def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     """Merges into every hypothesis the possibility that its jet fails now, once that is due."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
-    return _renew_now(tried, time_s, params)
-
-
-def _renew_now(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)
-    now = tried.likelihood[0] + chance
     before = tried.likelihood[1:]
-    total = np.logaddexp(before, now)
-    share = np.where(np.isfinite(total), np.exp(now - total), 0.0)
+    total, share = add_weights(before, tried.likelihood[0] + chance)
     share = np.where(np.isneginf(before) & (tried.known > 0.0), 0.0, share)
-    rest = PoseBank(*(part[1:] for part in tried.bank))
-    both = merge_banks(rest, branch_failures(tried.bank, tried.known, params), share, params)
-    possible = _select_possible(tried)
-    likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
+    failing = branch_failures(tried.bank, tried.known, params)
+    both = merge_banks(tried.bank.select(slice(1, None)), failing, share, params)
+    likelihood = np.append(tried.likelihood[:1], np.where(_select_possible(tried), total, _NEVER))
     apart = tried.apart
     if apart is not None:  # what fails now foretells as the first has
         old = np.concatenate(([1.0], 1.0 - share))
         apart = old[:, None] * apart + (1.0 - old)[:, None] * apart[0]
         apart = old * apart + (1.0 - old) * apart[:, :1]
     onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
-    return tried._replace(
-        bank=_stack_banks(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s
-    )._replace(apart=apart)
+    bank = _stack_banks(tried.bank, both)
+    return tried._replace(bank=bank, likelihood=likelihood, onset_s=onset, renewed_s=time_s, apart=apart)
 
 
 def _select_possible(tried: Tried) -> np.ndarray:
@@ -226,6 +223,11 @@ def _select_possible(tried: Tried) -> np.ndarray:
     if tried.bank.opens[0] >= 0:
         possible[jets : 2 * jets] = False
     return possible
+
+
+def _possible_odds(tried: Tried) -> Array:
+    """Returns the likelihoods, minus infinity where a hypothesis cannot become true, shape (1 + 2 n_jets,)."""
+    return np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
 
 
 def advance_hypotheses(
@@ -243,17 +245,12 @@ def advance_hypotheses(
     likelihood = tried.likelihood + done.likelihood
     first = float(likelihood[0])
     after = tried._replace(bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=tried.total + first)
-    return after._replace(apart=_update_separation(tried.apart, done.whitened)), done
-
-
-def _update_separation(apart: Array | None, whitened: Array | None) -> Array | None:
-    """Updates `Tried.apart` with one more sample."""
-    if whitened is None:
-        return apart
-    products = whitened @ whitened.T
+    if done.whitened is None:
+        return after, done
+    products = done.whitened @ done.whitened.T
     squares = products.diagonal()
-    more: Array = np.maximum(squares[:, None] + squares - 2.0 * products, 0.0)
-    return more if apart is None else apart + more
+    more = np.maximum(squares[:, None] + squares - 2.0 * products, 0.0)
+    return after._replace(apart=more if tried.apart is None else tried.apart + more), done
 
 
 def name_failure(
@@ -274,8 +271,9 @@ def name_failure(
     if waits:
         return tried._replace(leader=-1, steady=0), None
     found, tried = _decide_failure(tried, time_s, rules, params)
-    if found is not None and len(found.members) == 1:
-        tried = _commit_hypothesis(tried, found.members[0], time_s, params)
+    if found is not None and len(found.members) == 1:  # all begin again from it
+        bank, known = _take_for_true(tried, found.members[0])
+        tried = begin_hypotheses(bank, time_s, params, known, BEFORE * RENEWAL_S / AGAIN_S)
     return tried, found
 
 
@@ -314,20 +312,25 @@ def leading_hypothesis(tried: Tried, rules: PoseRules) -> Tried | None:
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
     """
-    odds = np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
+    odds = _possible_odds(tried)
     leader = int(np.argmax(odds))
     if not odds[leader] > rules.lead_nothing:
         return None
+    return make_single_filter(*_take_for_true(tried, leader), tried.renewed_s)
+
+
+def _take_for_true(tried: Tried, member: int) -> tuple[PoseBank, Array]:
+    """Returns the filter of a hypothesis, and what is known once that is taken for true."""
     known = tried.known.copy()
-    known[leader] = float(leader < known.size - 1)
-    return make_single_filter(PoseBank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
+    known[member] = float(member < known.size - 1)  # a push may come again
+    return tried.bank.select(slice(1 + member, 2 + member)), known
 
 
 def _decide_failure(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[PoseOutcome | None, Tried]:
     """Finds the failure to name, None: none yet; returns it, and the hypotheses with their leader and times updated."""
-    odds = np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
+    odds = _possible_odds(tried)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
     if best <= rules.lead_nothing:
@@ -350,26 +353,3 @@ def _decide_failure(
     after = float(leads[behind].min()) if behind.any() else np.inf
     share = float(size[leader]), float(deviation[leader])
     return PoseOutcome(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
-
-
-def _commit_hypothesis(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
-    """Commits to one hypothesis: all begin again from it."""
-    known = tried.known.copy()
-    known[member] = float(member < known.size - 1)  # a push may come again
-    return restart_hypotheses(PoseBank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
-
-
-def restart_hypotheses(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tried:
-    """Restarts all hypotheses from one filter.
-
-    Args:
-        first: that filter.
-        known: see `Tried`.
-        time_s: now.
-        params: see `PoseParams`.
-    """
-    every = _stack_banks(first, branch_failures(first, known, params))
-    chance = np.log(BEFORE * RENEWAL_S / AGAIN_S) + _log_priors(params)
-    onset = np.full(1 + known.size, time_s)
-    fresh = Tried(every, np.concatenate(([0.0], chance)), onset, known, time_s, np.nan)
-    return fresh._replace(likelihood=np.concatenate(([0.0], np.where(_select_possible(fresh), chance, _NEVER))))

@@ -202,6 +202,10 @@ class PoseBank(NamedTuple):
     reference: Array
     turned: Array
 
+    def select(self, chosen: slice) -> PoseBank:
+        """Returns some of the filters."""
+        return PoseBank(*(part[chosen] for part in self))
+
 
 class Commands(NamedTuple):
     """Commands to the jets, as far back as they still act, and known outside forces.

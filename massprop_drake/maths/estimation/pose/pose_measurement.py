@@ -49,10 +49,7 @@ class _Rows:
 
     def __init__(self, bank: PoseBank, params: PoseParams):
         self._count, self._params = bank.mean.shape[0], params
-        self._innovations: list[Array] = []
-        self._jacobians: list[Array] = []
-        self._variances: list[Array] = []
-        self._kinds: list[tuple[bool, bool]] = []
+        self._rows: list[tuple[Array, Array, Array, list[tuple[bool, bool]]]] = []
 
     def add(
         self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
@@ -71,22 +68,20 @@ class _Rows:
             columns = getattr(parts, part)
             begin = columns.start + 3 * int(place or 0)
             jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, chosen]
-        self._innovations.append(off[:, chosen])
-        self._kinds += [kind] * int(chosen.size)
-        self._jacobians.append(jacobian[:, :, self._params.free])
-        self._variances.append(np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen])
+        own = np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen]
+        self._rows.append((off[:, chosen], jacobian[:, :, self._params.free], own, [kind] * chosen.size))
 
     def compared(self) -> Compared | None:
         """Returns all readings; None: there were none."""
-        if not self._innovations:
+        if not self._rows:
             return None
-        sizes = [each.shape[1] for each in self._innovations]
-        variance = np.zeros((self._count, sum(sizes), sum(sizes)))
-        ends = np.cumsum(sizes)
-        for end, size, block in zip(ends, sizes, self._variances, strict=True):
-            variance[:, end - size : end, end - size : end] = block
-        innovation, jacobian = (np.concatenate(part, axis=1) for part in (self._innovations, self._jacobians))
-        return Compared(innovation, jacobian, variance, *np.array(self._kinds).T)
+        innovations, jacobians, variances, kinds = zip(*self._rows, strict=True)
+        innovation, jacobian = (np.concatenate(part, axis=1) for part in (innovations, jacobians))
+        variance, end = np.zeros((*innovation.shape, innovation.shape[1])), 0
+        for block in variances:
+            begin, end = end, end + block.shape[1]
+            variance[:, begin:end, begin:end] = block
+        return Compared(innovation, jacobian, variance, *np.concatenate(kinds).T)
 
 
 def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:
@@ -101,21 +96,17 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
         moves = velocity + matrix_vector_products(rotation, cross_products(rate, arm))
         jitter = sensors.jitter_variances[place]
-        variance = _white_covariance(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
+        white = np.diag(np.full(3, sensors.position_variances[place]))
+        variance = white + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
             "position": _EYE,
             "attitude": -rotation @ skew_matrices(arm),
             "center": -rotation,
             f"point:{place}": rotation,
         }
-        rows.add(
-            readings.positions[place] - position - matrix_vector_products(rotation, arm),
-            by,
-            variance,
-            plane,
-            (False, True),
-        )
-        variance = _white_covariance(sensors.attitude_variances[place]) + jitter * rate[:, :, None] * rate[:, None, :]
+        off = readings.positions[place] - position - matrix_vector_products(rotation, arm)
+        rows.add(off, by, variance, plane, (False, True))
+        variance = np.diag(np.full(3, sensors.attitude_variances[place])) + jitter * rate[:, :, None] * rate[:, None, :]
         off = np.full_like(rate, np.nan)
         if np.isfinite(readings.rotations[place]).all():
             off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
@@ -129,13 +120,8 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             "rate": -rotation @ skew_matrices(arm),
             "center": -rotation @ skew_matrices(rate),
         }
-        rows.add(
-            readings.velocities[place] - velocity - matrix_vector_products(rotation, swing),
-            by,
-            variance * _EYE,
-            plane,
-            (False, False),
-        )
+        off = readings.velocities[place] - velocity - matrix_vector_products(rotation, swing)
+        rows.add(off, by, variance * _EYE, plane, (False, False))
     for place, variance in enumerate(params.gyro_variances):
         bias = bank.mean[:, parts.gyro_bias][:, 3 * place : 3 * place + 3]
         by = {"rate": _EYE, f"gyro_bias:{place}": _EYE}
@@ -150,11 +136,6 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
     return rows.compared()
-
-
-def _white_covariance(variance: float) -> Array:
-    """Computes the covariance of three independent components, also where the variance is infinite."""
-    return np.diag(np.full(3, variance))
 
 
 def predict_readings(bank: PoseBank, params: PoseParams) -> PoseReadings:

@@ -36,7 +36,6 @@ from massprop_drake.maths.estimation.pose.turning import (
     matrix_vector_products,
     rotations,
     skew_matrices,
-    symmetric_matrices,
 )
 from massprop_drake.maths.linear_algebra import Array, cross_products, symmetrized_stack
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -96,23 +95,23 @@ class _Acting(NamedTuple):
 
     def summed(self, amount: Array, each: Array) -> Array:
         """Sums g times an amount times an effect over the jets, shape (n_filters, 3)."""
-        total: Array = np.einsum("hn,hni->hi", self.factor * amount, each)
-        return total
+        return np.einsum("hn,hni->hi", self.factor * amount, each)
 
 
-def valve_timing(mean: Array, params: PoseParams) -> OpeningTimes:
-    """Reads delay, lag and opening time of each jet's valve from the state."""
-    parts, kinds = params.parts, params.kinds
-    return OpeningTimes(
+def _columns(amount: Array, each: Array) -> Array:
+    """Multiplies an amount of each jet with its effect, a column each, shape (n_filters, 3, n_jets)."""
+    return np.swapaxes(amount[..., None] * each, 1, 2)
+
+
+def _interval_openings(bank: PoseBank, commands: Commands, span_s: tuple[float, float], params: PoseParams) -> Openings:
+    """Computes the openings of all jets over an interval, by the timing of their valves in the state."""
+    parts, kinds, mean = params.parts, params.kinds, bank.mean
+    timing = OpeningTimes(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
     )
-
-
-def _delay_stds(bank: PoseBank, params: PoseParams) -> Array:
-    """Returns 1-sigma of the delay of each jet's kind, s, shape (n_filters, n_jets)."""
-    part, found = params.parts.delay, np.zeros((bank.mean.shape[0], params.parts.size))
-    found[:, params.free] = np.sqrt(np.maximum(np.diagonal(bank.covariance, axis1=1, axis2=2), 0.0))
-    return found[:, part][:, params.kinds]
+    deviation = np.zeros_like(mean)
+    deviation[:, params.free] = np.sqrt(np.maximum(np.diagonal(bank.covariance, axis1=1, axis2=2), 0.0))
+    return average_openings(commands, span_s, timing, deviation[:, parts.delay][:, kinds])
 
 
 def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
@@ -124,7 +123,7 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
         begin_s, end_s: of the interval.
         params: see `PoseParams`.
     """
-    openings = average_openings(commands, (begin_s, end_s), valve_timing(bank.mean, params), _delay_stds(bank, params))
+    openings = _interval_openings(bank, commands, (begin_s, end_s), params)
     bank, kept = _renew_pulses(bank, openings, params)
     acting = _acting_thrust(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
@@ -155,9 +154,8 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
             after[:, rows] += more
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
     covariance = symmetrized_stack(covariance)
-    moved = PoseBank(
-        after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun
-    )
+    turned = {"rotation": bank.rotation @ rotations(angle), "turned": bank.turned + spun}
+    moved = bank._replace(mean=after, covariance=covariance, **turned)
     return Predicted(moved, _kick_effects(acting, params), through if kept is None else through * kept[:, None, :])
 
 
@@ -204,7 +202,7 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
         middle=middle,
         forces=np.einsum("hij,nj->hni", middle, params.pushes),
         moments=moments,
-        turns=moments @ symmetric_matrices(mean[:, parts.spin]),  # K is symmetric
+        turns=moments @ mean[:, parts.spin][..., ELEMENT],  # K is symmetric
         duration=duration,
     )
 
@@ -225,7 +223,7 @@ def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: P
         by_turn = -acting.middle @ skew_matrices((acting.factor * amount) @ params.pushes)
         jacobian[:, rows, parts.attitude] = by_turn @ back
         jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
-        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.forces, 1, 2)
+        jacobian[:, rows, parts.thrust] = _columns(acting.strength * amount, acting.forces)
         jacobian[:, rows, parts.push][:, :, :3] = over * _EYE
     jacobian[:, parts.velocity, parts.velocity] = left[..., None] * _EYE
     jacobian[:, parts.velocity, parts.drag.start] = -duration * velocity * left
@@ -240,7 +238,7 @@ def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: Pose
     """Fills in the rate after the interval, and derivatives but by valves; returns the angle turned, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
-    spin, half = symmetric_matrices(mean[:, parts.spin]), 0.5 * duration**2
+    spin, half = mean[:, parts.spin][..., ELEMENT], 0.5 * duration**2
     left = np.exp(-drag * duration)
     heading = np.arctan2(acting.middle[:, 1, 0], acting.middle[:, 0, 0])
     tilt, cosine, sine = mean[:, parts.tilt], np.cos(heading), np.sin(heading)
@@ -254,7 +252,7 @@ def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: Pose
         moment = acting.summed(amount, acting.moments)
         jacobian[:, rows, parts.spin] = derivative_by_elements(moment) + over * coupled_by_spin
         jacobian[:, rows, parts.center] = spin @ skew_matrices((acting.factor * amount) @ params.pushes)
-        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.turns, 1, 2)
+        jacobian[:, rows, parts.thrust] = _columns(acting.strength * amount, acting.turns)
         jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
         jacobian[:, rows, parts.rate] = over * coupled_by_rate
         jacobian[:, rows.start + 2, parts.tilt.start] = over * cosine
@@ -277,7 +275,7 @@ def _add_outside_forces(
     parts, duration, (bank, outside) = params.parts, acting.duration, known
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
-    spin, half = symmetric_matrices(bank.mean[:, parts.spin]), 0.5 * duration**2
+    spin, half = bank.mean[:, parts.spin][..., ELEMENT], 0.5 * duration**2
     moment = torque - cross_products(bank.mean[:, parts.center], force)
     moves, turns = acting.middle @ force, matrix_vector_products(spin, moment)
     back = np.swapaxes(acting.middle_turn, 1, 2)
@@ -292,8 +290,7 @@ def _add_outside_forces(
         jacobian[:, rows, parts.spin] += over * inverse[..., None] * derivative_by_elements(moment)
         jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skew_matrices(force))
     after[:, parts.rate] += duration * inverse * turns
-    angle: Array = half * inverse * turns
-    return angle
+    return half * inverse * turns
 
 
 def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
@@ -372,7 +369,7 @@ def _fill_pulse_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, pa
     factor = bank.mean[:, params.parts.thrust]
     for effect, rows, twice in _effects(acting, params):
         amount = factor * (acting.twice if twice else acting.once)
-        jacobian[:, rows, params.parts.pulse] = np.swapaxes(amount[..., None] * effect, 1, 2)
+        jacobian[:, rows, params.parts.pulse] = _columns(amount, effect)
 
 
 def _predict_accelerometers(
@@ -390,7 +387,7 @@ def _predict_accelerometers(
     for rows, bias in zip(_triples(parts.gathered), _triples(parts.acceleration_bias), strict=True):
         after[:, rows] += gained + duration * mean[:, bias]
         jacobian[:, rows, bias] = duration * _EYE
-        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * params.pushes, 1, 2)
+        jacobian[:, rows, parts.thrust] = _columns(acting.strength * acting.once, params.pushes)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
         jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skew_matrices(own)
@@ -418,9 +415,9 @@ def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -
     """Computes mean and covariance on the rate of errors of K times those of angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
-    rows[:, :, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * acting.moments, 1, 2)
+    rows[:, :, parts.thrust] = _columns(acting.strength * acting.once, acting.moments)
     factor = bank.mean[:, parts.thrust]
-    rows[:, :, parts.pulse] = np.swapaxes((factor * acting.once)[..., None] * acting.moments, 1, 2)
+    rows[:, :, parts.pulse] = _columns(factor * acting.once, acting.moments)
     rows[:, :, parts.center] = skew_matrices((acting.factor * acting.once) @ params.pushes)
     for part, by in zip((parts.delay, parts.lag, parts.opening), acting.openings.once_by, strict=True):
         for kind in range(part.stop - part.start):
@@ -504,14 +501,11 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
                 whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
         noise += whole[:, free[:, None], free]
     turning = np.concatenate((np.full(3, 1.0), np.full(3, 0.5 * duration)))  # of rate and of attitude
-    axes = np.concatenate(
-        (np.arange(parts.rate.start, parts.rate.stop), np.arange(*parts.attitude.indices(parts.size)))
-    )
+    axes = np.r_[parts.rate, parts.attitude]
     there = np.isin(axes, free)
     places, axis = np.searchsorted(free, axes[there]), np.tile(np.arange(3), 2)[there]
-    noise[:, places[:, None], places] += (
-        np.outer(turning, turning)[np.ix_(there, there)] * product[:, axis[:, None], axis]
-    )
+    both = np.outer(turning, turning)[np.ix_(there, there)]
+    noise[:, places[:, None], places] += both * product[:, axis[:, None], axis]
     return noise
 
 

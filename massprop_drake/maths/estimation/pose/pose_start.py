@@ -75,7 +75,8 @@ def initialize_bank(readings: PoseReadings, params: PoseParams) -> PoseBank:
     for place, read in enumerate(readings.rotations):
         if np.isfinite(read).all():
             rotation = read.copy()
-            _make_independent(whole, parts.attitude, poor * params.pose.attitude_variances[place])
+            whole[parts.attitude], whole[:, parts.attitude] = 0.0, 0.0
+            whole[parts.attitude, parts.attitude] = poor * params.pose.attitude_variances[place] * np.eye(3)
             break
     located = first_pose_sensor(readings)
     if located is not None:
@@ -87,20 +88,14 @@ def initialize_bank(readings: PoseReadings, params: PoseParams) -> PoseBank:
         rows[:, parts.attitude] = rotation @ skew_matrices(arm)
         whole[parts.position] = rows @ whole
         whole[:, parts.position] = whole[parts.position].T
-        own = rows @ whole[:, :] @ rows.T
+        own = rows @ whole @ rows.T
         whole[parts.position, parts.position] = own + poor * params.pose.position_variances[located] * np.eye(3)
     gathered = readings.gathered.ravel()
     mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
     covariance = symmetrized(whole[np.ix_(params.free, params.free)])
     rate = mean[parts.rate]
-    return PoseBank(
-        mean[None],
-        covariance[None],
-        rotation[None],
-        np.array([-1]),
-        rate[None].copy(),
-        np.zeros((1, 3, 3)),
-    )
+    still = np.zeros((1, 3, 3))
+    return PoseBank(mean[None], covariance[None], rotation[None], np.array([-1]), rate[None].copy(), still)
 
 
 def can_initialize(readings: PoseReadings, params: PoseParams) -> bool:
@@ -120,10 +115,3 @@ def first_pose_sensor(readings: PoseReadings) -> int | None:
 def tracked_point(place: int, parts: Parts) -> slice:
     """Returns the place of the point that a pose sensor tracks, in the state."""
     return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
-
-
-def _make_independent(whole: Array, part: slice, variance: float) -> None:
-    """Replaces a part's covariance by an independent variance, in place."""
-    whole[part] = 0.0
-    whole[:, part] = 0.0
-    whole[part, part] = variance * np.eye(part.stop - part.start)

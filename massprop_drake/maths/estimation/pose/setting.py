@@ -115,10 +115,8 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     """
     thrust, valves = setup.thrust, tracking.valves
     mass = 1.0 / float(setup.nominal[MASS_RECIPROCAL])
-    n_poses = tracking.position_stds.size
-    gyros, accelerometers = setup.gyros, setup.accelerometers
-    counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
-    parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
+    jets = thrust.flows.size, valves.delays_s.size
+    parts = make_parts(*jets, tracking.position_stds.size, setup.gyros.quanta.size, setup.accelerometers.quanta.size)
     shown, unseen = _mass_stds(setup, tracking)
     known = _make_prior(setup, tracking, parts, shown)
     supposed = _select_supposed(known, parts, hypotheses=hypotheses)
@@ -128,16 +126,9 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
     delays = divide_delays(valves.delays_s, valves.delay_stds_s, setup.period_s)
-    longest = (
-        np.max(delays.shifts_s)
-        + _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0)
-        + np.max(
-            np.abs(valves.delays_s)
-            + np.abs(valves.openings_s)
-            + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
-            initial=_NEVER_S,
-        )
-    )
+    lagging = _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0)
+    unsure = _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s)
+    late = np.max(np.abs(valves.delays_s) + np.abs(valves.openings_s) + unsure, initial=_NEVER_S)
     made = PoseParams(
         parts=parts,
         free=free,
@@ -150,7 +141,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         mass_std=shown,
         unseen_std=unseen,
         thrust_std=thrust.uncertainty,
-        longest_s=float(longest),
+        longest_s=float(np.max(delays.shifts_s) + lagging + late),
         rate_noise=around.rate_walk,
         velocity_noise=around.velocity_walk,
         push_walk=around.slope_walk,
@@ -202,23 +193,17 @@ def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
     deviation[parts.push] = np.repeat((around.slope_std, around.turn_std), 3)
     deviation[parts.tilt] = around.heading_turn_std
     arm = max(setup.thrust.arm, np.finfo(float).tiny)
-    for part, size in (
-        (parts.position, arm),
-        (parts.attitude, np.pi),
-        (parts.velocity, arm / setup.period_s),
-        (parts.rate, min(_TURN / setup.period_s, _FASTEST)),
-    ):
-        deviation[part] = size
+    deviation[parts.position], deviation[parts.velocity] = arm, arm / setup.period_s
+    deviation[parts.attitude], deviation[parts.rate] = np.pi, min(_TURN / setup.period_s, _FASTEST)
     rest[parts.point] = tracking.points.ravel()
     deviation[parts.point] = np.repeat(tracking.point_stds, 3)
     for part, packages in ((parts.gyro_bias, setup.gyros), (parts.acceleration_bias, setup.accelerometers)):
         deviation[part] = np.repeat(packages.bias_std, 3)
     deviation[parts.gathered] = np.repeat(np.sqrt(setup.accelerometer_variances), 3)
-    spin = setup.nominal[:6] * mass
-    covariance = setup.covariance[:6, :6] * mass**2
-    covariance[tracking.fixed[:6]] = 0.0
-    covariance[:, tracking.fixed[:6]] = 0.0
-    return Beforehand(spin, covariance, mass_std, tracking.common_std, setup.thrust.uncertainty, rest, deviation)
+    covariance, known = setup.covariance[:6, :6] * mass**2, tracking.fixed[:6]
+    covariance[known], covariance[:, known] = 0.0, 0.0
+    spin, each = setup.nominal[:6] * mass, setup.thrust.uncertainty
+    return Beforehand(spin, covariance, mass_std, tracking.common_std, each, rest, deviation)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
@@ -240,20 +225,11 @@ def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     if not np.isfinite(tracking.attitude_stds).any():
         fixed[parts.attitude] = True
     if tracking.planar:
-        kept = parts.spin.start + 2
-        fixed[parts.spin.start : kept] = True
-        fixed[kept + 1 : parts.spin.stop] = True
-        for part in (
-            parts.center,
-            parts.position,
-            parts.velocity,
-            parts.point,
-            parts.gathered,
-            parts.acceleration_bias,
-        ):
+        fixed[parts.spin] |= np.arange(6) != 2
+        fixed[parts.push.start + 2 : parts.push.start + 5] = True
+        moving = parts.center, parts.position, parts.velocity, parts.point
+        for part in (*moving, parts.gathered, parts.acceleration_bias):
             fixed[part.start + 2 : part.stop : 3] = True
-        fixed[parts.push.start + 2] = True
-        fixed[parts.push.start + 3 : parts.push.start + 5] = True
         for part in (parts.attitude, parts.rate, parts.gyro_bias):
             fixed[part.start : part.stop : 3] = True
             fixed[part.start + 1 : part.stop : 3] = True

@@ -64,11 +64,6 @@ def rotation_vectors(matrices: Array) -> Array:
     return factor * chosen[..., 1:]
 
 
-def symmetric_matrices(elements: Array) -> Array:
-    """Computes the symmetric matrix of each six elements (xx, yy, zz, yz, xz, xy), shape (..., 3, 3)."""
-    return elements[..., ELEMENT]
-
-
 def derivative_by_elements(vectors: Array) -> Array:
     """Computes the derivative of a symmetric matrix times each vector by the six elements, shape (..., 3, 6)."""
     result = np.zeros((*vectors.shape, 6))

@@ -36,44 +36,35 @@ def one_dimension(**more: Any) -> tuple[PoseBank, PoseParams]:
         "pose": Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1), POOR, 5.0),
     }
     params = small_params(**(settings | more))
-    bank = PoseBank(
-        params.start[None],
-        params.covariance[None],
-        np.eye(3)[None],
-        np.array([-1]),
-        np.zeros((1, 3)),
-        np.zeros((1, 3, 3)),
-    )
-    return bank, params
+    still = np.zeros((1, 3)), np.zeros((1, 3, 3))
+    return PoseBank(params.start[None], params.covariance[None], np.eye(3)[None], np.array([-1]), *still), params
 
 
-def cycled(read: float, **more: Any) -> PoseCycled:
+def cycled(read: float, **more: Any) -> tuple[PoseCycled, PoseParams]:
     bank, params = one_dimension(**more)
     readings = nothing_read(params)
     readings.positions[0, 0] = read
-    return step(bank, NOTHING, SPAN, readings, params)
+    return step(bank, NOTHING, SPAN, readings, params), params
 
 
-def ways() -> tuple[tuple[float, float, float], ...]:
-    """Probability of what may happen, 1-sigma of x before the reading, and of the reading."""
-    return (
-        (1.0 - CHANCE - POOR, PRIOR, NOISE),
-        (CHANCE, np.hypot(PRIOR, KICK), NOISE),
-        (POOR, PRIOR, 5.0 * NOISE),
-    )
+# probability of what may happen, 1-sigma of x before the reading, and of the reading
+WAYS = (
+    (1.0 - CHANCE - POOR, PRIOR, NOISE),
+    (CHANCE, np.hypot(PRIOR, KICK), NOISE),
+    (POOR, PRIOR, 5.0 * NOISE),
+)
 
 
 @pytest.mark.parametrize("read", [0.0, 0.12, 0.4])
 def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     x = np.linspace(-1.5, 1.5, 60_001)
-    posterior = sum(chance * norm.pdf(x, scale=before) * norm.pdf(read, x, noise) for chance, before, noise in ways())
+    posterior = sum(chance * norm.pdf(x, scale=before) * norm.pdf(read, x, noise) for chance, before, noise in WAYS)
     posterior = posterior / np.trapezoid(posterior, x)
     mean = np.trapezoid(x * posterior, x)
     variance = np.trapezoid((x - mean) ** 2 * posterior, x)
-    found = cycled(read)
-    likely = sum(chance * norm.pdf(read, scale=np.hypot(before, noise)) for chance, before, noise in ways())
+    found, params = cycled(read)
+    likely = sum(chance * norm.pdf(read, scale=np.hypot(before, noise)) for chance, before, noise in WAYS)
     assert float(found.likelihood[0]) == pytest.approx(np.log(likely), rel=1e-12)
-    _, params = one_dimension()
     whole = found.bank
     if found.doubt is not None:  # what would be after a kick is kept apart for a sample
         whole = merge_banks(found.bank, found.doubt.bank, found.doubt.share, params)
@@ -81,14 +72,12 @@ def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     assert float(whole.covariance[0, 0, 0]) == pytest.approx(variance, rel=1e-6)
     kicked = CHANCE * norm.pdf(read, scale=np.hypot(np.hypot(PRIOR, KICK), NOISE)) / np.exp(found.likelihood[0])
     assert float(found.kicked[0]) == pytest.approx(kicked, rel=1e-9)
-    assert float(found.nis[0]) == pytest.approx(read**2 / (PRIOR**2 + NOISE**2), rel=1e-9)
 
 
 def test_without_kicks_and_poor_readings_it_is_a_kalman_filter() -> None:
     plain = Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1))
-    found = cycled(0.05, kicks_per_s=0.0, pose=plain)
+    found, params = cycled(0.05, kicks_per_s=0.0, pose=plain)
     gain = PRIOR**2 / (PRIOR**2 + NOISE**2)
-    _, params = one_dimension()
     assert float(found.bank.mean[0, params.parts.position.start]) == pytest.approx(gain * 0.05, rel=1e-12)
     assert float(found.bank.covariance[0, 0, 0]) == pytest.approx((1.0 - gain) * PRIOR**2, rel=1e-12)
     np.testing.assert_array_equal(found.kicked, 0.0)
@@ -128,13 +117,11 @@ def test_a_k_that_is_no_bodys_is_only_considered() -> None:
 
 def test_a_covariance_that_is_none_says_so_with_its_time() -> None:
     params = small_params()
-    bank = some_bank(params)
-    readings = nothing_read(params)
+    bank, readings = some_bank(params), nothing_read(params)
     readings.positions[0] = 0.0
     broken = bank._replace(covariance=-np.repeat(np.eye(params.free.size)[None], 2, 0))
-    with pytest.raises(NotPositiveDefiniteError, match="the pose estimator's covariance") as caught:
+    with pytest.raises(NotPositiveDefiniteError, match=r"the pose estimator's covariance.*1[.]1"):
         step(broken, pulses(), SPAN, readings, params)
-    assert "1.1" in str(caught.value)
 
 
 ELEMENTS = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
@@ -147,23 +134,22 @@ def _inverse_root() -> Array:
     return np.asarray(0.01 / MASS * ELEMENTS[:3].mean() * random.standard_normal((6, 6)) / np.sqrt(6.0))
 
 
-def known(parts: Parts, mass_std: float = 0.01, common_std: float = 0.008) -> Beforehand:
-    root = _inverse_root()
-    rest_std = np.full(parts.size, 0.1)
-    return Beforehand(
-        ELEMENTS, MASS**2 * root @ root.T, mass_std, common_std, THRUST_STD, np.full(parts.size, 0.25), rest_std
-    )
+MASS_STD, COMMON_STD = 0.01, 0.008
 
 
-def drawn(count: int, mass_std: float = 0.01, common_std: float = 0.008) -> Array:
+def known(parts: Parts) -> Beforehand:
+    root, rest = MASS * _inverse_root(), (np.full(parts.size, 0.25), np.full(parts.size, 0.1))
+    return Beforehand(ELEMENTS, root @ root.T, MASS_STD, COMMON_STD, THRUST_STD, *rest)
+
+
+def drawn(count: int) -> Array:
     """Factors, common scale and K of vehicles that are drawn, shape (count, 11)."""
     random = np.random.default_rng(12)
-    mass = MASS * (1.0 + mass_std * random.standard_normal(count))
+    mass = MASS * (1.0 + MASS_STD * random.standard_normal((count, 1)))
     inverse = ELEMENTS / MASS + random.standard_normal((count, 6)) @ _inverse_root().T
-    common = common_std * random.standard_normal(count)
+    common = COMMON_STD * random.standard_normal((count, 1))
     own = 1.0 + THRUST_STD * random.standard_normal((count, JETS))
-    factors = MASS / mass[:, None] * own + common[:, None]
-    return np.column_stack((factors, common, mass[:, None] * inverse))
+    return np.hstack((MASS / mass * own + common, common, mass * inverse))
 
 
 def test_the_priors_covariances_are_those_of_drawn_vehicles() -> None:
@@ -217,14 +203,7 @@ def test_the_first_reading_places_the_center_of_mass_with_its_correlations() -> 
 
 
 def _read(params: PoseParams, by: Array, seen: Array, noise: float) -> tuple[Array, Array, float, float]:
-    """State, its covariance, mu and its variance after readings of the state: all of one Gaussian, conditioned.
-
-    Args:
-        params: whose start is the prior.
-        by: what is read of what is free, shape (m, n).
-        seen: the readings, less what the start has, shape (m,).
-        noise: of them, 1-sigma.
-    """
+    """State, its covariance, mu and its variance after readings of the state: all of one Gaussian, conditioned."""
     parts, free, of_mass = params.parts, params.free, params.mass_std**2
     with_mass = np.zeros(parts.size)
     with_mass[parts.thrust], with_mass[parts.spin] = of_mass, -of_mass * ELEMENTS
@@ -252,8 +231,7 @@ def test_the_mass_is_what_the_exact_gaussian_says_of_it() -> None:
 
 
 def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
-    params = _at_the_start(Sensors())
-    params = params._replace(mass_std=0.01, thrust_std=THRUST_STD)
+    params = _at_the_start(Sensors(), mass_std=0.01, thrust_std=THRUST_STD)
     mean = params.start.copy()
     mean[1] = 0.2
     healthy = np.array([True, False, True, True])

@@ -68,10 +68,8 @@ def test_derivatives_of_the_state() -> None:
     for place in places(made):
         step = np.zeros_like(at)
         step[place] = 1e-6 * max(abs(at[place]), 0.01)
-        change = pose_hindsight.state_from_unknowns(at + step, made) - pose_hindsight.state_from_unknowns(
-            at - step, made
-        )
-        np.testing.assert_allclose(by[:, place], change / (2.0 * step[place]), rtol=1e-6, atol=1e-8)
+        ahead, back = (pose_hindsight.state_from_unknowns(at + move, made) for move in (step, -step))
+        np.testing.assert_allclose(by[:, place], (ahead - back) / (2.0 * step[place]), rtol=1e-6, atol=1e-8)
 
 
 def test_a_vehicles_own_record_has_no_misfit_and_no_score() -> None:

@@ -1,8 +1,4 @@
-"""Prediction over an interval: its linearization against differences, its mean against an integrated rigid body.
-
-The linearization is read from the covariance: a covariance of x_i with the position's x, which nothing else depends
-on, and so small that no product of errors shows, is carried into column i.
-"""
+"""Prediction over an interval: its linearization against differences, its mean against an integrated rigid body."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
-from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predict_bank
 from massprop_drake.maths.linear_algebra import Array
 
 BEGIN_S, END_S = 1.0, 1.1
@@ -26,33 +22,17 @@ _SMALL = 1e-14
 OUTSIDE = np.array([0.03, -0.05, 0.08, 0.2, -0.3, 0.1])
 
 
-def _after(bank: PoseBank, params: PoseParams) -> PoseBank:
+def _after(bank: PoseBank, params: PoseParams) -> Predicted:
     outside = OUTSIDE if params.of_mass.any() else None
-    return predict_bank(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
-
-
-def jacobian(bank: PoseBank, params: PoseParams) -> Array:
-    """Derivatives of what is free by what was free before, shape (n_filters, n, n)."""
-    n, count = params.free.size, bank.mean.shape[0]
-    with_x = int(np.flatnonzero(params.free == params.parts.position.start)[0])
-    found = np.zeros((count, n, n))
-    for column in range(n):
-        covariance = np.zeros((n, n))
-        covariance[column, with_x] += _SMALL
-        covariance[with_x, column] += _SMALL
-        carried = _after(bank._replace(covariance=np.repeat(covariance[None], count, 0)), params).covariance / _SMALL
-        found[:, :, column] = carried[:, :, with_x]
-        found[:, with_x, column] *= 0.5
-    return found
+    return predict_bank(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params)
 
 
 def differences(bank: PoseBank, params: PoseParams) -> Array:
-    """The same by central differences of the mean."""
+    """Derivatives of what is free by what was free before, central differences, shape (n_filters, n, n)."""
     turn, step = params.parts.attitude, 1e-6
-    still = bank._replace(covariance=np.zeros_like(bank.covariance))
     columns = []
     for place in params.free:
-        ahead, behind = (_after(moved(still, params, place, by), params) for by in (step, -step))
+        ahead, behind = (_after(moved(bank, params, place, by), params).bank for by in (step, -step))
         change = ahead.mean - behind.mean
         between = np.swapaxes(behind.rotation, 1, 2) @ ahead.rotation
         change[:, turn] = Rotation.from_matrix(between).as_rotvec()
@@ -70,7 +50,10 @@ def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: boo
         params = params._replace(of_mass=weights)
     bank = some_bank(params, opens=(-1, 2, 0, PUSHED))
     bank.mean[:, params.parts.pulse] = 0.1, -0.2, 0.05, 0.15
-    found, expected = jacobian(bank, params), differences(bank, params)
+    done = _after(bank._replace(covariance=_SMALL * bank.covariance), params)  # so that no product of errors shows
+    found, expected = done.through, differences(bank._replace(covariance=np.zeros_like(bank.covariance)), params)
+    carried = found @ bank.covariance @ np.swapaxes(found, 1, 2)
+    np.testing.assert_allclose(done.bank.covariance / _SMALL, carried, rtol=0, atol=1e-12)
     parts, free = params.parts, params.free
     rows = {
         name: (free >= part.start) & (free < part.stop) for name, part in zip(parts._fields, parts[:-1], strict=False)
@@ -82,11 +65,9 @@ def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: boo
                 continue
             own, hand = found[:, in_row][..., in_column], expected[:, in_row][..., in_column]
             # of the turn within an interval, .02 rad here, the first order is taken
-            turns = row in ("rate", "attitude") or column == "rate"
-            tolerance = 0.01 if turns else 1e-6
-            np.testing.assert_allclose(
-                own, hand, rtol=0, atol=tolerance * np.abs(hand).max() + 1e-8, err_msg=f"{row} by {column}"
-            )
+            tolerance = 0.01 if row in ("rate", "attitude") or column == "rate" else 1e-6
+            tolerance = tolerance * np.abs(hand).max() + 1e-8
+            np.testing.assert_allclose(own, hand, rtol=0, atol=tolerance, err_msg=f"{row} by {column}")
             checked += int(np.abs(hand).max() > 1e-6)
     assert checked >= 60  # blocks that are not zero
 
@@ -136,12 +117,9 @@ def test_free_motion_is_that_of_an_integrated_rigid_body(outside: Array) -> None
     parts, mean = params.parts, after.mean[0]
     first = bank.mean[0]
     # what turns while it turns is of third order in a tenth of a second: some parts in a thousand of what changes
-    for found, true, before in (
-        (mean[parts.velocity], velocity, first[parts.velocity]),
-        (mean[parts.position], position, first[parts.position]),
-        (mean[parts.rate], rate, first[parts.rate]),
-    ):
-        np.testing.assert_allclose(found - before, true - before, rtol=0, atol=5e-3 * np.abs(true - before).max())
+    for part, true in ((parts.velocity, velocity), (parts.position, position), (parts.rate, rate)):
+        change = true - first[part]
+        np.testing.assert_allclose(mean[part] - first[part], change, rtol=0, atol=5e-3 * np.abs(change).max())
     off = Rotation.from_matrix(after.rotation[0].T @ rotation).magnitude()
     assert off < 5e-3 * Rotation.from_matrix(bank.rotation[0].T @ rotation).magnitude()
 
@@ -191,21 +169,15 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     assert np.abs(bias).max() > 20.0 * deviation.max() / np.sqrt(drawn.shape[0])  # it shows
     found = done.covariance[0][np.ix_(*[np.flatnonzero((free >= parts.rate.start) & (free < parts.rate.stop))] * 2)]
     np.testing.assert_allclose(found, np.cov(turned.T), atol=0.02 * deviation.max() ** 2)
-    linear = jacobian(bank, params)[0]
+    linear = _after(bank, params).through[0]
     first_order = (linear @ spread @ linear.T)[parts.rate, parts.rate]
     assert np.abs(found - first_order).max() > 0.05 * deviation.max() ** 2  # without the products it is missed
 
 
-def _noisy(planar: bool = False, **more: Any) -> PoseParams:
-    settings: dict[str, Any] = {
-        "rate_noise": 0.01,
-        "velocity_noise": 0.02,
-        "push_walk": 1e-3,
-        "turn_walk": 2e-3,
-        "common_walk": 0.01,
-        "scatter": np.array([0.3, 0.1, 0.2, 0.4]),
-    }
-    return small_params(Sensors(accelerometers=2), planar=planar, **(settings | more))
+def _noisy(**more: Any) -> PoseParams:
+    noise = {"rate_noise": 0.01, "velocity_noise": 0.02}
+    walks = {"push_walk": 1e-3, "turn_walk": 2e-3, "common_walk": 0.01}
+    return small_params(Sensors(accelerometers=2), **(noise | walks | more))
 
 
 def _added(params: PoseParams, commands: Commands | None = None) -> Array:
@@ -216,7 +188,7 @@ def _added(params: PoseParams, commands: Commands | None = None) -> Array:
 
 
 def test_white_accelerations_are_those_of_a_wiener_process_and_its_integral() -> None:
-    params = _noisy(scatter=np.zeros(JETS), common_walk=0.0, push_walk=0.0, turn_walk=0.0)
+    params = _noisy(common_walk=0.0, push_walk=0.0, turn_walk=0.0)
     found, parts = _added(params)[0], params.parts
     for once, twice, density in ((parts.velocity, parts.position, 4e-4), (parts.rate, parts.attitude, 1e-4)):
         np.testing.assert_allclose(found[once, once], density * SPAN_S * np.eye(3), rtol=1e-12)
@@ -225,20 +197,16 @@ def test_white_accelerations_are_those_of_a_wiener_process_and_its_integral() ->
 
 
 def test_an_accelerometer_feels_what_changes_the_velocity() -> None:
-    params = _noisy(scatter=np.zeros(JETS), kicks_per_s=0.1, kick_velocity=0.3, kick_rate=0.1)
+    params = _noisy(kicks_per_s=0.1, kick_velocity=0.3, kick_rate=0.1)
     bank, parts = some_bank(params, opens=(-1,)), params.parts
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
     ahead = predict_bank(bank, pulses(), BEGIN_S, END_S, params)
     turn = bank.rotation[0] @ Rotation.from_rotvec(0.5 * SPAN_S * bank.mean[0, parts.rate]).as_matrix()
     for found in (ahead.bank.covariance[0], ahead.kick[0] @ ahead.kick[0].T):
-        first = slice(parts.gathered.start, parts.gathered.start + 3)
-        second = slice(parts.gathered.start + 3, parts.gathered.stop)
-        np.testing.assert_allclose(
-            turn @ found[first, first] @ turn.T, found[parts.velocity, parts.velocity], rtol=1e-9, atol=1e-12
-        )
-        np.testing.assert_allclose(
-            turn @ found[first, parts.velocity], found[parts.velocity, parts.velocity], rtol=1e-9, atol=1e-12
-        )
+        first, second = (slice(begin, begin + 3) for begin in range(parts.gathered.start, parts.gathered.stop, 3))
+        own = found[parts.velocity, parts.velocity]
+        for felt in (found[first, first] @ turn.T, found[first, parts.velocity]):
+            np.testing.assert_allclose(turn @ felt, own, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(found[first, second], found[first, first], atol=1e-12)
 
 
@@ -258,10 +226,8 @@ def test_a_pulse_scatters_as_a_whole_until_the_next_one_opens() -> None:
         now = predict_bank(now, commands, 0.4, 0.8, params).bank
         spreads.append(np.sqrt(np.trace(now.covariance[0][parts.velocity, parts.velocity])))
     size = np.linalg.norm(bank.mean[0, 0] * params.pushes[0])
-    lag_s, delay_s, late_s = (
-        np.exp(bank.mean[0, parts.lag.start]),
-        *bank.mean[0, [parts.delay.start, parts.opening.start]],
-    )
+    delay_s, late_s = bank.mean[0, [parts.delay.start, parts.opening.start]]
+    lag_s = np.exp(bank.mean[0, parts.lag.start])
     on_s = 0.8 - delay_s - late_s - lag_s  # of what has been given by then
     assert spreads[0] == pytest.approx(0.2 * size * on_s, rel=0.02)
     first_s, second_s = 0.37 - late_s, 0.35 - delay_s - late_s - lag_s
@@ -269,8 +235,7 @@ def test_a_pulse_scatters_as_a_whole_until_the_next_one_opens() -> None:
 
 
 def test_the_common_scale_takes_all_factors_with_it() -> None:
-    quiet = {"rate_noise": 0.0, "velocity_noise": 0.0, "push_walk": 0.0, "turn_walk": 0.0, "scatter": np.zeros(JETS)}
-    params = _noisy(**quiet)
+    params = small_params(common_walk=0.01)
     found, parts = _added(params, Commands(np.zeros(0), np.zeros((0, JETS))))[0], params.parts
     factors = some_bank(params).mean[0, parts.thrust]
     places = [*range(JETS), parts.common.start]
