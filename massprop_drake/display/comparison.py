@@ -49,7 +49,7 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
     content = {
         "title": " and ".join(name for name, _ in runs),
         "names": [name for name, _ in runs],
-        "parameters": _parameters(runs),
+        "parameters": _parameter_rows(runs),
         "found": [_findings_text(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
         "from_zero": any(one.time_s[0] != run.time_s[0] for (_, one), (_, run) in zip(sources, shown, strict=True)),
@@ -95,6 +95,7 @@ def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
 
 
 def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
+    """Overlays the same plot of several runs, over the times of the longest."""
     longest = max(same, key=lambda plot: float(plot.time_s[-1]))
     panels = []
     for parts in zip(*(plot.panels for plot in same), strict=True):
@@ -102,7 +103,7 @@ def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
         for number, (panel, name) in enumerate(zip(parts, names, strict=True)):
             color = COLORS[number % len(COLORS)]
             marks += [mark for mark in (_recolor_mark(mark, color, name) for mark in panel.marks) if mark is not None]
-        panels.append(parts[0]._replace(marks=tuple(marks), scale=_scale(parts), limits=_limits(parts)))
+        panels.append(parts[0]._replace(marks=tuple(marks), scale=_common_scale(parts), limits=_common_limits(parts)))
     windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in same))
     moments = tuple(dict.fromkeys(moment for plot in same for moment in plot.moments))
     banded = any(isinstance(mark, Band) for panel in panels for mark in panel.marks)
@@ -121,7 +122,8 @@ def _recolor_mark(mark: Mark, color: str, name: str) -> Mark | None:
             return None
 
 
-def _scale(parts: Sequence[Panel]) -> Any:
+def _common_scale(parts: Sequence[Panel]) -> Any:
+    """Returns the scale that panels share; symmetric logarithmic only if all are, from least to largest."""
     scales = [panel.scale for panel in parts]
     symmetric = [scale for scale in scales if isinstance(scale, SymmetricLog)]
     if len(symmetric) < len(scales):
@@ -129,7 +131,7 @@ def _scale(parts: Sequence[Panel]) -> Any:
     return SymmetricLog(min(scale.small for scale in symmetric), max(scale.large for scale in symmetric))
 
 
-def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
+def _common_limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
     given = [panel.limits for panel in parts if panel.limits is not None]
     return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
 
@@ -141,17 +143,17 @@ def _findings_text(run: RunContent) -> tuple[str, str, str]:
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
 
 
-def _parameters(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, Any]]:
+def _parameter_rows(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, Any]]:
     """Formats the ten parameters, a row for each with the cells of every run."""
     units = mass_property_units(runs[0][1].scenario.vehicle_data.unit_names)
     rows = []
     for index, (symbol, unit) in enumerate(zip(SYMBOLS, units, strict=True)):
-        cells = [_cells(run.results.parameters[index], unit) for _, run in runs]
+        cells = [_parameter_cells(run.results.parameters[index], unit) for _, run in runs]
         rows.append({"symbol": symbol, "unit": unit, "cells": cells})
     return rows
 
 
-def _cells(one: Parameter, unit: str) -> tuple[str, str, str]:
+def _parameter_cells(one: Parameter, unit: str) -> tuple[str, str, str]:
     """Formats estimate, error and 1-sigma: in percent or, of a value near zero, in the parameter's unit."""
     if math.isnan(one.estimate):
         return "not observable", "", ""

@@ -1,4 +1,4 @@
-"""Plots of the detector: statistics and probabilities of faults, their size, and the time of each word."""
+"""Plots of the detector: statistics and probabilities of faults, their size, and the times of declarations."""
 
 from __future__ import annotations
 

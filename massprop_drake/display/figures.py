@@ -196,7 +196,7 @@ def _draw_column(plot: Plot) -> Figure:
     names = _WINDOW_STEP * (max(levels, default=-1) + 1)  # height of the windows' names
     spaces = [_GAP + _KEY * len(rows) for rows in keys]  # above each panel
     spaces[0] += names
-    heights = [_height(panel) for panel in plot.panels]
+    heights = [_panel_height(panel) for panel in plot.panels]
     total = _TITLE + sum(spaces) + sum(heights) + _BOTTOM
     with mpl.rc_context(_STYLE):
         figure = Drawing(figsize=(_WIDTH, total), dpi=DOTS_PER_INCH)
@@ -238,7 +238,7 @@ def _continue_grid(axes: Sequence[Axes]) -> None:
         above.add_collection(grid, autolim=False)
 
 
-def _height(panel: Panel) -> float:
+def _panel_height(panel: Panel) -> float:
     """Returns the height of a panel, inches."""
     return _PANEL if len(panel.rows) <= _FEW_ROWS else max(_PANEL, _ROW * len(panel.rows))
 
@@ -276,7 +276,7 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
     match mark:
         case Line():
             (line,) = axes.plot(mark.x, mark.y, color=mark.color, linewidth=mark.width, label=mark.label)
-            line.set_linestyle(_dashes(mark.dashed))
+            line.set_linestyle(_line_style(mark.dashed))
             line.set_drawstyle("steps-post" if mark.steps else "default")
         case Points(drawn=True):
             symbol = _SYMBOLS[mark.symbol]
@@ -307,7 +307,7 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
 _SYMBOLS = {"dot": ".", "tick": "|", "up": "^", "down": "v"}
 
 
-def _dashes(dashed: bool) -> Literal["--", "-"]:
+def _line_style(dashed: bool) -> Literal["--", "-"]:
     return "--" if dashed else "-"
 
 
@@ -406,13 +406,13 @@ def _draw_key(figure: Figure, rows: Sequence[Sequence[Mark]], bottom: float) -> 
     for number, row in enumerate(reversed(rows)):
         at, level = _WIDTH - _RIGHT - _key_width(row), (bottom + _KEY * (number + 0.5)) / height
         for mark in row:
-            figure.add_artist(_handle(mark, at / width, (at + _HANDLE) / width, level))
+            figure.add_artist(_key_symbol(mark, at / width, (at + _HANDLE) / width, level))
             label = "" if isinstance(mark, Bars) else mark.label
             figure.text((at + _HANDLE + 0.06) / width, level, label, fontsize=KEY_SIZE, va="center_baseline")
             at += _entry_width(mark)
 
 
-def _handle(mark: Mark, left: float, right: float, level: float) -> Line2D:
+def _key_symbol(mark: Mark, left: float, right: float, level: float) -> Line2D:
     """Makes the symbol of a mark in a key, in fractions of the figure."""
     middle = 0.5 * (left + right)
     match mark:
@@ -425,6 +425,6 @@ def _handle(mark: Mark, left: float, right: float, level: float) -> Line2D:
             handle.set_solid_capstyle("butt")
             return handle
         case Line():
-            return Line2D([left, right], [level, level], color=mark.color, linestyle=_dashes(mark.dashed))
+            return Line2D([left, right], [level, level], color=mark.color, linestyle=_line_style(mark.dashed))
         case _:
             return Line2D([left, right], [level, level], color=mark.color, linestyle="--", linewidth=THIN_LINE)

@@ -36,30 +36,30 @@ DIAGONAL, PRODUCTS, CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # of the ten param
 
 def inverse_inertia_diagonal(run: Source) -> Plot:
     """Plots errors of the diagonal of the inverse inertia (figure 5-6a)."""
-    return _parameters(run, "inverse_inertia_diagonal", DIAGONAL, "Inverse inertia, diagonal")
+    return _parameter_plot(run, "inverse_inertia_diagonal", DIAGONAL, "Inverse inertia, diagonal")
 
 
 def inverse_inertia_products(run: Source) -> Plot:
     """Plots errors of the products of the inverse inertia (figure 5-6b)."""
-    return _parameters(run, "inverse_inertia_products", PRODUCTS, "Inverse inertia, products")
+    return _parameter_plot(run, "inverse_inertia_products", PRODUCTS, "Inverse inertia, products")
 
 
 def center_of_mass(run: Source) -> Plot:
     """Plots errors of the center of mass (figure 5-7)."""
-    return _parameters(run, "center_of_mass", CENTER, "Center of mass")
+    return _parameter_plot(run, "center_of_mass", CENTER, "Center of mass")
 
 
 def mass_reciprocal(run: Source) -> Plot:
     """Plots the error of the mass reciprocal (figure 5-12)."""
-    return _parameters(run, "mass_reciprocal", (9,), "Mass reciprocal")
+    return _parameter_plot(run, "mass_reciprocal", (9,), "Mass reciprocal")
 
 
-def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
+def _parameter_plot(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
     """Plots estimation errors with their 3-sigma band; without the truth the estimates with theirs.
 
     Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
     """
-    panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
+    panel, what = (_error_panel, "estimation error") if run.simulated else (_estimate_panel, "estimate")
     return plot(run, name, f"{title}: {what}", [panel(run, element) for element in estimated_elements(run, elements)])
 
 
@@ -112,7 +112,7 @@ def surroundings(run: Source) -> Plot:
     return plot(run, "surroundings", "Delay of commands, and surroundings", panels, meaning=meaning)
 
 
-def _error(run: Source, element: int) -> Panel:
+def _error_panel(run: Source, element: int) -> Panel:
     """Makes the estimation error in percent of the truth, or in the parameter's unit where the truth is zero."""
     truth = run.signals["truth"]
     true = truth[:, element]
@@ -134,7 +134,7 @@ def _error(run: Source, element: int) -> Panel:
     )
 
 
-def _estimate(run: Source, element: int) -> Panel:
+def _estimate_panel(run: Source, element: int) -> Panel:
     """Makes the estimate of a parameter, on a scale that the end of the record sets."""
     value = run.signals["estimate"][:, element]
     band = 3.0 * run.signals["standard_deviation"][:, element]
@@ -177,7 +177,7 @@ def consistency(run: Source) -> Plot:
         nis = run.signals[f"{name}_nis"][used, 0]
         marks = (
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
-            Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
+            Points(run.time_s[used], nis, color, _nis_label(run, name, nis)),
         )
         most = float(nis.max(initial=NIS_LIMITS[1]))
         panels.append(Panel(f"{name} filter", "", marks, scale="log", limits=(_LEAST_NIS, 2.0 * most)))
@@ -248,7 +248,8 @@ def _edge_triangles(time_s: Array, values: Array, limit: float, color: str) -> l
     ]
 
 
-def _mean_nis(run: Source, name: str, nis: Array) -> str:
+def _nis_label(run: Source, name: str, nis: Array) -> str:
+    """Labels a curve of the NIS with its mean, or with that within the 99 % point where few samples dominate it."""
     means = run.consistency
     if means is None:
         mean = float(nis.mean()) if nis.size else None

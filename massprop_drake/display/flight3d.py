@@ -157,7 +157,7 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     scenario, time_s = run.scenario, np.asarray(run.time_s)
     failed, found = event_marks.failure_marks(scenario, float(time_s[-1])), event_marks.detection_marks(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
-    levels = _levels(run)
+    levels = _thrust_levels(run)
     lists = {
         **motion.classify_plumes(levels, asked, truly_failing(time_s, scenario)),
         "failed": _marked_jets(run, failed),
@@ -167,7 +167,7 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     columns = {
         "time": time_s[:, None],
         "attitude": _attitudes(run),
-        "center": _center(run),
+        "center": _camera_target(run),
         "estimate": estimate,
         "deviation": deviation,
         **instruments.columns(run),
@@ -177,7 +177,7 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
         told["columns"].append(PLACE)
         columns[PLACE] = place
     if stage.links:
-        columns[LINKS] = np.array([stage.links.poses(row) for row in _joints(run)])
+        columns[LINKS] = np.array([stage.links.poses(row) for row in _joint_positions(run)])
     return {
         **told,
         "live": False,
@@ -188,7 +188,7 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
         },
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
         "moments": narration(scenario, float(time_s[0]), failed, found),
-        "events": _ticks(run, failed, found),
+        "events": _slider_events(run, failed, found),
     }
 
 
@@ -220,7 +220,7 @@ def _positions(run: RunContent) -> Array | None:
     return np.asarray(places[rows])
 
 
-def _joints(run: RunContent) -> Array:
+def _joint_positions(run: RunContent) -> Array:
     """Returns the positions of the joints at every sample, shape (n, n_joints)."""
     return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
@@ -267,7 +267,7 @@ def narration(
     ]
 
 
-def _ticks(
+def _slider_events(
     run: RunContent, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
     """Lists the events for the slider: failures and jumps, and declarations."""
@@ -285,14 +285,14 @@ def _ticks(
     return sorted(ticks, key=lambda tick: float(str(tick["at"])))
 
 
-def _center(run: RunContent) -> Array:
+def _camera_target(run: RunContent) -> Array:
     """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
     if "truth" in run.signals:
         return np.asarray(run["truth"])[:, CENTER_OF_MASS]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))
 
 
-def _levels(run: RunContent) -> Array:
+def _thrust_levels(run: RunContent) -> Array:
     """Returns true thrust over full thrust or, where the truth is unknown, the command, shape (n, n_jets)."""
     if "thrust" in run.signals:
         return np.asarray(run["thrust"]) / np.linalg.norm(run.scenario.vehicle_data.thrusts, axis=1)

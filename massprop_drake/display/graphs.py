@@ -18,8 +18,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 
 
-class Drawn(NamedTuple):
-    """Diagram of the gallery.
+class GalleryDiagram(NamedTuple):
+    """Diagram of the gallery that `massprop graph` draws.
 
     Attributes:
         module: that builds it.
@@ -33,17 +33,19 @@ class Drawn(NamedTuple):
 
 
 DIAGRAMS = {
-    "vehicle": Drawn("vehicle", "sample_maneuver"),
-    "vehicle_tracked": Drawn("vehicle", "air_bearing_pulses", "The vehicle with sensors in a fixed frame."),
-    "autopilot": Drawn("autopilot", "sample_maneuver"),
-    "estimation": Drawn("estimation", "sample_maneuver"),
-    "estimation_joint": Drawn("estimation", "leak_named", "The estimators, with the joint filter and its detector."),
-    "estimation_pose": Drawn(
+    "vehicle": GalleryDiagram("vehicle", "sample_maneuver"),
+    "vehicle_tracked": GalleryDiagram("vehicle", "air_bearing_pulses", "The vehicle with sensors in a fixed frame."),
+    "autopilot": GalleryDiagram("autopilot", "sample_maneuver"),
+    "estimation": GalleryDiagram("estimation", "sample_maneuver"),
+    "estimation_joint": GalleryDiagram(
+        "estimation", "leak_named", "The estimators, with the joint filter and its detector."
+    ),
+    "estimation_pose": GalleryDiagram(
         "estimation", "air_bearing_pulses", "The estimators, with the filter in a fixed frame and its detector."
     ),
-    "closed_loop": Drawn("closed_loop", "sample_maneuver"),
-    "open_loop": Drawn("open_loop", "jet_pulses"),
-    "replay": Drawn("replay", "sample_maneuver"),
+    "closed_loop": GalleryDiagram("closed_loop", "sample_maneuver"),
+    "open_loop": GalleryDiagram("open_loop", "jet_pulses"),
+    "replay": GalleryDiagram("replay", "sample_maneuver"),
 }
 
 

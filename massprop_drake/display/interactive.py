@@ -67,7 +67,7 @@ def plotly_figure(plot: Plot) -> Json:
     shapes: list[Json] = []
     axes: Json = {}
     views: dict[str, float] = {}
-    heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
+    heights = [_panel_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
     axis_above = _BOTTOM if plot.panels[0].over else 0  # height of the horizontal axis of the panel above
     spaces = [_GAP + _key_height(panel) + axis_above * (number > 0) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
@@ -89,7 +89,7 @@ def plotly_figure(plot: Plot) -> Json:
             vertical["anchor"] = f"x{suffix}"
             _set_quantity_axis(traces[-len(marks) :], panel, panel.over, suffix)
         else:
-            shapes += _shapes(plot, panel, suffix)
+            shapes += _spanning_shapes(plot, panel, suffix)
         axes[f"yaxis{suffix}"] = vertical
         axes[f"legend{suffix}"] = {
             "orientation": "h", "x": 1.0, "xanchor": "right", "y": top / total, "yanchor": "bottom",
@@ -106,7 +106,7 @@ def plotly_figure(plot: Plot) -> Json:
         "height": total + _TOP + _BOTTOM,
         "margin": {"l": _LEFT, "r": 12, "t": _TOP, "b": _BOTTOM},
         "shapes": shapes,
-        "annotations": [_label(panel, number) for number, panel in enumerate(plot.panels, 1) if not panel.rows],
+        "annotations": [_axis_label(panel, number) for number, panel in enumerate(plot.panels, 1) if not panel.rows],
         **axes,
     }
     return {
@@ -181,7 +181,7 @@ def round_times(plot_time_s: Array) -> list[float]:
     return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
 
 
-def _height(panel: Panel, *, alone: bool) -> int:
+def _panel_height(panel: Panel, *, alone: bool) -> int:
     """Returns the height of a panel, pixels."""
     return max(_ROW * len(panel.rows), _ONE_PANEL if alone or panel.over else _PANEL)
 
@@ -216,7 +216,7 @@ def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix:
     traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
 
 
-def _label(panel: Panel, number: int) -> Json:
+def _axis_label(panel: Panel, number: int) -> Json:
     """Writes the label of a vertical axis beside it, in a fixed place: plotly's titles move into the numbers."""
     suffix = "" if number == 1 else str(number)
     return {
@@ -250,15 +250,15 @@ def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
     for mark in marks:
         match mark:
             case Line():
-                found.append(_line(plot, mark))
+                found.append(_line_trace(plot, mark))
             case Points():
-                found.append(_points(mark))
+                found.append(_points_trace(mark))
             case Whiskers():
-                found.append(_whiskers(mark))
+                found.append(_whiskers_trace(mark))
             case Band():
-                found += _band(plot, mark)
+                found += _band_traces(plot, mark)
             case Bars():
-                found.append(_bars(mark, panel.rows))
+                found.append(_bars_trace(mark, panel.rows))
     return found
 
 
@@ -268,22 +268,22 @@ def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
     for mark in marks:
         match mark:
             case Line():
-                linear.append(_line(plot, mark))
-                log.append(_line(plot, mark._replace(y=np.abs(mark.y))))
+                linear.append(_line_trace(plot, mark))
+                log.append(_line_trace(plot, mark._replace(y=np.abs(mark.y))))
             case Band():
-                linear += _band(plot, mark)
-                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label, dashed=True)))
+                linear += _band_traces(plot, mark)
+                log.append(_line_trace(plot, Line(mark.x, mark.high, mark.color, mark.label, dashed=True)))
             case _:
                 raise TypeError(f"{type(mark).__name__} has no logarithmic view")
     return [{**trace, "view": "linear"} for trace in linear] + [{**trace, "view": "log"} for trace in log]
 
 
-def _line(plot: Plot, mark: Line) -> Json:
+def _line_trace(plot: Plot, mark: Line) -> Json:
     style = {
         "color": mark.color,
         "width": mark.width * _PIXELS_PER_POINT,
         "dash": "dash" if mark.dashed else "solid",
-        "shape": _shape(mark.steps),
+        "shape": _line_shape(mark.steps),
     }
     content = {**_trace_times(plot, mark.x), "y": rounded_numbers(mark.y), "mode": "lines", "line": style}
     return _trace(mark.label, {**content, "meta": _reading_name(mark.label)})
@@ -294,7 +294,7 @@ def _reading_name(label: str, **more: Any) -> Json:
     return {"label": label.partition(",")[0], **more}
 
 
-def _points(mark: Points) -> Json:
+def _points_trace(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol != "dot":
         marker["symbol"] = _SYMBOLS[mark.symbol]
@@ -312,16 +312,16 @@ def _points(mark: Points) -> Json:
 _SYMBOLS = {"tick": "line-ns-open", "up": "triangle-up", "down": "triangle-down"}
 
 
-def _whiskers(mark: Whiskers) -> Json:
+def _whiskers_trace(mark: Whiskers) -> Json:
     gap = np.full(mark.x.shape, np.nan)
     x, y = (np.stack(parts, axis=1).ravel() for parts in ((mark.x, mark.x, gap), (mark.low, mark.high, gap)))
     style = {"color": mark.color, "width": mark.width * _PIXELS_PER_POINT}
     return _trace(mark.label, {"x": rounded_numbers(x), "y": rounded_numbers(y), "mode": "lines", "line": style})
 
 
-def _band(plot: Plot, mark: Band) -> list[Json]:
+def _band_traces(plot: Plot, mark: Band) -> list[Json]:
     """Makes two edges without lines, the upper one filled down to the lower."""
-    edge = {**_trace_times(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
+    edge = {**_trace_times(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _line_shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": rounded_numbers(mark.low), "hoverinfo": "skip"})
     high = {**edge, "y": rounded_numbers(mark.high), **face}
@@ -329,7 +329,7 @@ def _band(plot: Plot, mark: Band) -> list[Json]:
     return [low, _trace(mark.label, high | meta)]
 
 
-def _bars(mark: Bars, rows: Sequence[str]) -> Json:
+def _bars_trace(mark: Bars, rows: Sequence[str]) -> Json:
     gap = np.full(mark.begin.shape, np.nan)
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
@@ -364,7 +364,7 @@ def _trace_times(plot: Plot, x: Array) -> Json:
     return {} if x is plot.time_s else {"x": rounded_numbers(x)}
 
 
-def _shape(steps: bool) -> str:
+def _line_shape(steps: bool) -> str:
     return "hv" if steps else "linear"
 
 
@@ -380,7 +380,7 @@ def _round_number(value: float, digits: int = _DIGITS) -> float:
 # ------------------------------------------------------------------------------------------ shapes
 
 
-def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
+def _spanning_shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
     """Makes shapes that span a panel: windows and moments over all values, levels and zones over all times."""
     over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}

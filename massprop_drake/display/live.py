@@ -39,7 +39,7 @@ class Live:
         self._full = np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
         self._began: float | None = None
         self._before: Moment | None = None
-        self._said: list[str] = []
+        self._lines: list[str] = []
         self._news = threading.Condition()
         failed = event_marks.failure_marks(scenario, scenario.duration_s)
         page, stage = flight3d.build_scene(scenario, truth=True)
@@ -70,20 +70,21 @@ class Live:
         ahead_s = moment.time_s / self._speed - (time.monotonic() - self._began)
         if ahead_s > 0.0:
             time.sleep(ahead_s)
-        line = json.dumps(self._row(moment), allow_nan=False, separators=(",", ":"))
+        line = json.dumps(self._make_row(moment), allow_nan=False, separators=(",", ":"))
         self._before = moment
         with self._news:
-            self._said.append(line)
+            self._lines.append(line)
             self._news.notify_all()
 
-    def said(self, after: int) -> list[str]:
-        """Returns the rows from a number on, as the page takes them; waits a while for one."""
+    def wait_for_rows(self, after: int) -> list[str]:
+        """Returns the rows from a number on as JSON; waits up to a second where there is none."""
         with self._news:
-            if len(self._said) <= after:
+            if len(self._lines) <= after:
                 self._news.wait(_WAIT_S)
-            return self._said[after:]
+            return self._lines[after:]
 
-    def _row(self, moment: Moment) -> dict[str, Any]:
+    def _make_row(self, moment: Moment) -> dict[str, Any]:
+        """Makes the page's row of a moment: its values, and the jets in each state."""
         now = np.array([moment.time_s])
         failing = truly_failing(now, self._scenario)[0]
         asked = np.nan_to_num(moment.command) > 0.0
@@ -101,7 +102,7 @@ class Live:
             moment.standard_deviation[CENTER_OF_MASS],
             np.degrees(moment.rate),
             np.array([moment.nis]),
-            np.array([self._apart(moment)]),
+            np.array([self._package_deviation(moment)]),
             *([self._links.poses(moment.joint_positions)] if self._links else []),
         )
         listed = (interactive.rounded_numbers(value, digits=flight3d.DIGITS) for value in values)
@@ -110,7 +111,8 @@ class Live:
         told["sizes"] = flight3d.plume_sizes(self._scenario, level, lists["given"], lists["untold"])
         return {"row": row, "lists": told}
 
-    def _apart(self, moment: Moment) -> float:
+    def _package_deviation(self, moment: Moment) -> float:
+        """Computes the largest deviation of packages from their median in the last interval, 1-sigma; NaN at first."""
         if self._before is None:
             return float("nan")
         both = (self._before, moment)
@@ -124,16 +126,16 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            """Answers a request."""
+            """Serves the page, or streams its rows."""
             if self.path == "/":
-                self._begin("text/html; charset=utf-8", len(page))
+                self._send_headers("text/html; charset=utf-8", len(page))
                 self.wfile.write(page)
             elif self.path == "/rows":
-                self._begin("text/event-stream", None)
+                self._send_headers("text/event-stream", None)
                 told = 0
                 try:
                     while True:
-                        news = live.said(told)
+                        news = live.wait_for_rows(told)
                         told += len(news)
                         self.wfile.write(("".join(f"data: {line}\n\n" for line in news) or ": waiting\n\n").encode())
                         self.wfile.flush()
@@ -142,7 +144,7 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
             else:
                 self.send_error(404)
 
-        def _begin(self, kind: str, length: int | None) -> None:
+        def _send_headers(self, kind: str, length: int | None) -> None:
             self.send_response(200)
             self.send_header("Content-Type", kind)
             if length is not None:

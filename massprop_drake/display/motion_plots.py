@@ -112,7 +112,7 @@ def _symmetric_limit(values: Array, least: float) -> float:
 
 
 def rates_estimated(run: Source) -> Plot:
-    """Plots the angular rate as the filter has it, of a vehicle without gyro."""
+    """Plots the angular rate that the filter estimates, of a vehicle without gyro."""
     title = "Angular rate, estimated"
     return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=DEGREES, axes=run.turning)
 
@@ -141,7 +141,7 @@ def accelerometer_velocities(run: Source) -> Plot:
 
 
 def against_rates(run: Source) -> Plot:
-    """Plots the angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
+    """Plots the angular rate as read by the gyro in use, and as simulated with the same commands."""
     name = params.gyro(run.scenario).name
     return _plot_against_simulation(run, "against_rates", name, "Angular rate", "deg/s", DEGREES)
 

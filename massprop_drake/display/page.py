@@ -86,14 +86,14 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
         "injected": [_injected_row(run, number, shown_by) for number in range(len(results.injected or ()))],
-        "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
+        "detections": [_format_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "probable": results.fault_probability and results.fault_probability.in_words(units),
         "against": results.against and _comparison_data(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
-        "autopilot": _autopilot(run),
-        "quality": _quality(results),
+        "autopilot": _autopilot_sentences(run),
+        "quality": _quality_rows(results),
         "scenario": yaml_text(scenario),
         "replay": replay,
     }
@@ -296,7 +296,7 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
     return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
 
 
-def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
+def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
     """Formats a detection: what failed, when, by how much, and its certainty.
 
     Args:
@@ -317,7 +317,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
     }
 
 
-def _autopilot(run: RunContent) -> list[str]:
+def _autopilot_sentences(run: RunContent) -> list[str]:
     """Describes in sentences the autopilot's activity."""
     found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
     lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
@@ -341,7 +341,7 @@ def _comparison_data(found: Against) -> dict[str, Any]:
     }
 
 
-def _quality(results: Summary) -> list[tuple[str, str]]:
+def _quality_rows(results: Summary) -> list[tuple[str, str]]:
     """Formats the findings about a record as rows of heading and text; empty ones are left out."""
     if results.data_quality is None:
         return []

@@ -115,7 +115,7 @@ class Run(RunContent):
         data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
 
-            def put(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
+            def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
                 try:
                     write(partial / name)
                 except Exception as error:
@@ -124,18 +124,20 @@ class Run(RunContent):
                     _remove_unfinished(partial / name)
                     parts.note(name, error)
 
-            put("scenario.yaml", lambda path: _write_text(path, yaml_text(self.scenario) + _END), data)
-            put("telemetry.csv", self.write_telemetry, data)
-            put("history.npz", self.write_history, data)
+            write_part("scenario.yaml", lambda path: _write_text(path, yaml_text(self.scenario) + _END), data)
+            write_part("telemetry.csv", self.write_telemetry, data)
+            write_part("history.npz", self.write_history, data)
             if self.state:
-                put(STATE_FILE, lambda path: _write_text(path, _json(self.filter_state(), FilterState, data)), data)
+                write_part(
+                    STATE_FILE, lambda path: _write_text(path, _json(self.filter_state(), FilterState, data)), data
+                )
             shown = self.shown() if any(pages.values()) else self  # once: it takes a while
             if pages.get("figures"):
-                put("figures", shown._draw, drawn)
+                write_part("figures", shown._write_figures, drawn)
             if pages.get("replay.html"):
-                put("replay.html", shown._write_replay, drawn)
+                write_part("replay.html", shown._write_replay, drawn)
             if pages.get("report.html"):
-                put("report.html", shown._write_report, drawn)
+                write_part("report.html", shown._write_report, drawn)
             noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
             results = replace(self.results, missing=noted) if noted else self.results
             content = reduce_to_storable(results.as_json(), SummaryFile, lost := PartsMade())
@@ -144,7 +146,7 @@ class Run(RunContent):
             _write_text(partial / "summary.json", _text(content))
         return data.error or drawn.error or lost.error
 
-    def _draw(self, folder: Path) -> None:
+    def _write_figures(self, folder: Path) -> None:
         folder.mkdir()
         self.plot.save(folder)
 

@@ -34,12 +34,12 @@ def rotation(solid: Solid) -> Array:
 
 def extent(vehicle: Vehicle) -> float:
     """Computes the largest dimension of a vehicle, jets and solids, along an axis, ft or m."""
-    return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
+    return float(np.ptp(_outer_points(vehicle), axis=0).max()) or 1.0
 
 
 def radius(vehicle: Vehicle) -> float:
     """Computes the distance from the nominal center of mass of the farthest point of a vehicle, ft or m."""
-    return float(np.linalg.norm(_corners(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
+    return float(np.linalg.norm(_outer_points(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
 
 
 def nozzle_length(vehicle: Vehicle) -> float:
@@ -195,13 +195,13 @@ def _ball() -> tuple[Array, NDArray[np.int_]]:
     return vertices, np.array(faces)
 
 
-def _corners(vehicle: Vehicle) -> Array:
+def _outer_points(vehicle: Vehicle) -> Array:
     """Returns points on the outside of a vehicle, jets and solids, ft or m, shape (n, 3)."""
-    solids = [_outside(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
+    solids = [_solid_corners(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
     return np.vstack([vehicle.positions, *solids])
 
 
-def _outside(solid: Solid) -> Array:
+def _solid_corners(solid: Solid) -> Array:
     """Returns corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
     match solid:
         case PlateSolid():

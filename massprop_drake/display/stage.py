@@ -65,7 +65,7 @@ class MeshcatStage:
         self.axis = solids.round_length(0.45 * self._extent)
         self.spread = solids.spread_limits(vehicle)
         self.meshcat = _start_quiet_meshcat()
-        self._prepare()
+        self._set_up_world()
         self._draw_body()
         self._draw_axes()
         self._draw_jets()
@@ -91,7 +91,8 @@ class MeshcatStage:
 
     # --------------------------------------------------------------------------------------- parts
 
-    def _prepare(self) -> None:
+    def _set_up_world(self) -> None:
+        """Scales the world with z down, sets the background, and points the camera at the vehicle."""
         scale = _EXTENT / self._extent
         self.meshcat.SetTransform("/world", np.diag([scale, -scale, -scale, 1.0]))  # z of the body points down
         for path in ("/Grid", "/Axes"):

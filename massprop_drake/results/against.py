@@ -212,7 +212,7 @@ def explain_differences(
 Equations = NormalEquations | PoseEquations  # of readings by unknowns, about a point
 
 
-class Called(NamedTuple):
+class UnknownLabel(NamedTuple):
     """Name of an unknown, its unit in reports, and the scale to that unit."""
 
     what: str
@@ -222,7 +222,7 @@ class Called(NamedTuple):
 
 def find_causes(
     about: Callable[[Array], Equations],
-    of: tuple[Array, Sequence[Called | None]],
+    of: tuple[Array, Sequence[UnknownLabel | None]],
     possible: Callable[[Array], bool],
     *,
     chance: float = 0.0,
@@ -250,7 +250,7 @@ def find_causes(
 def _select_causes(
     first: Equations,
     about: Callable[[Array], Equations],
-    of: tuple[Array, Sequence[Called | None]],
+    of: tuple[Array, Sequence[UnknownLabel | None]],
     possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
     """Selects the unknowns that explain the difference; arguments as those of `find_causes`."""
@@ -333,13 +333,13 @@ def _misfit_gain(normal: Equations, places: list[int]) -> float:
 _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
-def name_mass_property(symbol: str, unit: str, value: float) -> Called:
+def name_mass_property(symbol: str, unit: str, value: float) -> UnknownLabel:
     """Returns the name of a mass property, with the value that a percentage refers to."""
     of_itself = symbol in _IN_PERCENT and value != 0.0
-    return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
+    return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if of_itself else UnknownLabel(symbol, unit, 1.0)
 
 
-def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
+def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[UnknownLabel | None]:
     """Returns the name of each unknown of the model; None: it is not fitted."""
     names: Names = vehicle_names(scenario)
     places = columns(made)
@@ -357,7 +357,7 @@ def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[Cal
     found += [(f"angular momentum {letter} of wheels", f"{names.torque}-s", 1.0) for letter in AXES]
     sensors = (*names.gyros, *names.accelerometers)
     found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
-    return [*named, *(Called(*one) for one in found), *[None] * (places.shift.stop - places.shift.start)]
+    return [*named, *(UnknownLabel(*one) for one in found), *[None] * (places.shift.stop - places.shift.start)]
 
 
 _IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")

@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRec
 from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
 from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, mass_property_units
 from massprop_drake.results import against
-from massprop_drake.results.against import Called, Explanation, Residual, name_mass_property
+from massprop_drake.results.against import Explanation, Residual, UnknownLabel, name_mass_property
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -97,11 +97,11 @@ def explain_differences(
         )
 
 
-def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
+def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[UnknownLabel | None]:
     """Returns the name of each unknown of the estimator's state; None: it is not fitted."""
     vehicle, parts = scenario.vehicle_data, made.parts
     length = vehicle.unit_names["length"]
-    found: list[Called | None] = [None] * parts.size
+    found: list[UnknownLabel | None] = [None] * parts.size
     values = np.concatenate((at[parts.spin], at[parts.center], at[parts.common]))
     units = mass_property_units(vehicle.unit_names)
     places = [*range(*parts.spin.indices(parts.size)), *range(*parts.center.indices(parts.size)), parts.common.start]
@@ -130,5 +130,5 @@ def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[Call
         ),
     ]
     for part, of_part, unit, scale in named:
-        found[part] = [Called(what, unit, scale) for what in of_part]
+        found[part] = [UnknownLabel(what, unit, scale) for what in of_part]
     return found

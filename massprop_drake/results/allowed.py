@@ -109,7 +109,7 @@ def allowed_intervals(
         return _no_intervals("time stamps scatter about the ticks at which commands switch", until_s)
     if any(part.onsets_s is not None and has_pulse(part.commands[:-1], part.onsets_s[:-1]) for part in chosen):
         return _no_intervals("jets open and close within samples", until_s)
-    cells = _cells(scenario, made)
+    cells = _reading_cells(scenario, made)
     begin = made.prior.copy()
     if flight_model.is_physical(estimate):  # NaN is not
         begin[:10] = estimate
@@ -128,7 +128,7 @@ def _reason_unconfined(scenario: Scenario) -> str | None:
     vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
     if scenario.estimation.filter == "pose":
         return "sensors in a fixed frame confine nothing"
-    if not any(_confines(package.quantum, package.noise_std) for package in params.gyros(scenario)):
+    if not any(_is_mostly_rounding(package.quantum, package.noise_std) for package in params.gyros(scenario)):
         return "no gyro is quantized with noise of a tenth of its quantum at most"
     if joint and (scenario.joint.rate_walk > 0.0 or scenario.joint.velocity_walk > 0.0):
         return "joint.rate_walk and joint.velocity_walk state torques or forces that no reading confines"
@@ -148,15 +148,17 @@ def _reason_unconfined(scenario: Scenario) -> str | None:
     return None
 
 
-def _confines(quantum: float, noise: float) -> bool:
+def _is_mostly_rounding(quantum: float, noise: float) -> bool:
+    """Tests whether the noise of a reading is small beside its quantum, so that its cell bounds the true value."""
     return quantum > 0.0 and noise <= _QUIET * quantum
 
 
-def _cells(scenario: Scenario, made: FlightModel) -> Cells:
+def _reading_cells(scenario: Scenario, made: FlightModel) -> Cells:
+    """Returns the cells of the readings: the quantum of each package, 0 where noise is larger, noise and bias."""
     setup = params.filter_setup(scenario)
     packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
     quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
-    used = np.array([_confines(one.quantum, one.noise_std) for one in packages])
+    used = np.array([_is_mostly_rounding(one.quantum, one.noise_std) for one in packages])
     return Cells(np.where(used, quanta, 0.0), noise, setup.gyros.bias_std, _WIDEST * setup.widest)
 
 
@@ -179,6 +181,7 @@ def _list_assumptions(made: FlightModel, cells: Cells, parts: Sequence[Stretch])
 
 
 def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
+    """Makes the intervals of the ten parameters from the solved limits, or states why there are none."""
     if allowed.is_contradicted:
         words = f"no vehicle explains all readings: some are at least {-allowed.depth:.2g} quanta beyond their cells"
         return _no_intervals(words, until_s)._replace(contradicted=True, given=given)
@@ -188,6 +191,7 @@ def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | 
 
 
 def _intervals_by_name(allowed: Confined) -> Intervals:
+    """Arranges the limits as matrix, vector and number, with the middle of each as the best value."""
     pairs = [
         None if math.isnan(low) else (low, high)
         for low, high in zip(allowed.low.tolist(), allowed.high.tolist(), strict=True)

@@ -145,7 +145,7 @@ def is_mean_dominated(mean: float, within: float) -> bool:
 
 
 class Tally:
-    """Count of the NIS of one filter, in whatever blocks they come.
+    """Running count of the NIS of one filter, its mean and its excess beyond chi-square limits.
 
     Attributes:
         NUMBERS: names of the numbers that it comes to.
@@ -174,7 +174,7 @@ class Tally:
         return np.array([self.n, *sums, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
-        """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
+        """Counts the NIS of used samples, and the components of each, see `used_nis`, shape (n,) each."""
         from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
         self.n += nis.size
@@ -192,7 +192,7 @@ class Tally:
         ]
 
     def add_averaged(self, nis: Array, components: Array) -> None:
-        """Takes in samples of which means over several are known, shape (n,) each; see the module.
+        """Counts samples of which only the mean NIS over several is known, shape (n,) each; see the module.
 
         Args:
             nis: means, scaled to three components.
@@ -212,15 +212,15 @@ class Tally:
         for index, least in enumerate((_TAIL, _QUARTER)):
             self._beyond[index] += float(chdtrc(degrees, chdtri(degrees, least) / factor).sum())
 
-    def take(self, seen: Innovations) -> None:
-        """Takes in the samples that were used."""
+    def add_innovations(self, seen: Innovations) -> None:
+        """Counts the NIS of those innovations that the filter used."""
         for add, chosen in ((self.add, ~seen.averaged), (self.add_averaged, seen.averaged)):
             there = seen.used & chosen
             if there.any():
                 add(seen.nis[there], seen.components[there])
 
-    def explain(self, nis: Array, components: Array) -> None:
-        """Takes in again, as no fault, the samples in which a payload had come or left before it was declared."""
+    def exclude_from_faults(self, nis: Array, components: Array) -> None:
+        """Excludes from `faults` the samples between the coming or leaving of a payload and its declaration."""
         of_these = Tally()
         of_these.add(nis, components)
         self._explained = [float(of_these.n), *of_these._beyond]
@@ -266,7 +266,7 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
-    """Returns innovations of a filter by sample; arguments as of `used_nis`."""
+    """Returns use, NIS and components of a filter's innovations by sample; arguments as of `used_nis`."""
     used = signals[f"{name}_used"][:, 0] != 0.0
     nis = signals[f"{name}_nis"][:, 0]
     components = signals[COMPONENTS[name]][:, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)

@@ -117,9 +117,9 @@ def update_detections(
     for event in events:
         match event.kind:
             case "failed" | "group":
-                records.append(_make_failure(vehicle, event))
+                records.append(_make_failure_record(vehicle, event))
             case "jump":
-                records.append(_make_jump(event))
+                records.append(_make_jump_record(event))
             case "withdrawn":
                 records = _change_records(records, event, withdrawn_s=event.time_s)
             case "changed":
@@ -155,14 +155,14 @@ def note_mass_before_jumps(
         reciprocal, deviation: estimate of 1/m in these, and its 1-sigma, shape (n,) each.
     """
 
-    def weighed(record: DetectionRecord) -> DetectionRecord:
+    def with_mass_before(record: DetectionRecord) -> DetectionRecord:
         at = int(np.searchsorted(time_s, record.time_s))
         known = record.kind != JUMP or record.before is not None or record.measured_s is not None
         if known or not 0 < at < time_s.size or not np.isfinite(reciprocal[at - 1]):
             return record
         return record._replace(before=(float(reciprocal[at - 1]), float(deviation[at - 1])))
 
-    return [weighed(record) for record in records]
+    return [with_mass_before(record) for record in records]
 
 
 def finalize_detections(
@@ -251,13 +251,14 @@ def _compute_jump_sizes(records: Sequence[DetectionRecord], at_the_end: tuple[fl
     return result[::-1]
 
 
-def _make_failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
+def _make_failure_record(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
+    """Makes the record of a declared jet failure, its kind by the size of the force."""
     assert event.magnitude is not None
     assert event.magnitude_std is not None
     assert event.jet_index is not None
     alone = event.kind == "failed" and bool(event.jets)
     thrust = vehicle.jets[event.jet_index].thrust
-    lost: Kind = "jet_off" if _is_all(event.magnitude, event.magnitude_std, thrust) else "jet_degraded"
+    lost: Kind = "jet_off" if _is_full_thrust(event.magnitude, event.magnitude_std, thrust) else "jet_degraded"
     return DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
@@ -277,7 +278,8 @@ def _make_failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
     )
 
 
-def _make_jump(event: EventRecord) -> DetectionRecord:
+def _make_jump_record(event: EventRecord) -> DetectionRecord:
+    """Makes the record of a declared mass-property jump, with its mass where that is significant."""
     record = DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
@@ -303,7 +305,7 @@ def _size_fields(event: EventRecord) -> dict[str, Any]:
     return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
 
 
-def _is_all(magnitude: float, std: float, thrust: float) -> bool:
+def _is_full_thrust(magnitude: float, std: float, thrust: float) -> bool:
     """Tests whether a force, too much or missing, is all of the thrust, as far as it is known."""
     return abs(magnitude) > _NEARLY_ALL * thrust or abs(abs(magnitude) - thrust) < _SIGNIFICANT * std
 
@@ -324,7 +326,7 @@ def fault_mode(record: DetectionRecord) -> Mode | None:
         return "drift" if record.pattern == "drifting" else "intermittent"
     if record.magnitude is None or record.magnitude_std is None or record.thrust is None:
         return None
-    whole = _is_all(record.magnitude, record.magnitude_std, record.thrust)
+    whole = _is_full_thrust(record.magnitude, record.magnitude_std, record.thrust)
     if record.magnitude > 0.0:
         return "stuck_on" if whole else "leak"
     return "stuck_off" if whole else "loss"

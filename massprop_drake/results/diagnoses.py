@@ -37,7 +37,9 @@ SCATTER = 1.3  # times the stated variance: less may be rounding that is not whi
 _CONFIDENT = 5.0  # sigma of a ratio of variances
 
 
-class _Suspect(NamedTuple):
+class _TestedGroup(NamedTuple):
+    """Group of unknowns with the score test of their stated values."""
+
     kind: str
     group: NDArray[np.int_]
     score: ScoreTest
@@ -97,7 +99,7 @@ class _Explanation(NamedTuple):
 
 def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> Iterator[_Explanation]:
     """Yields causes with which a new fit explains the readings."""
-    suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
+    suspects = [one for one in _test_assumptions(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
         cause = _describe_cause(one, fit, made, names)
@@ -253,7 +255,8 @@ def fit_cost(fit: FlightFit, made: FlightModel) -> float:
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 
 
-def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
+def _unknown_groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
+    """Returns the indices of the unknowns that one assumption is about, by the kind of that assumption."""
     places = flight_model.columns(made)
     every = {
         "thrust": places.thrust,
@@ -278,7 +281,8 @@ def _test_group(
     made: FlightModel,
     clear: float = np.inf,
     common: Reckoned | None = None,
-) -> _Suspect:
+) -> _TestedGroup:
+    """Tests the stated values of a group of unknowns by its score statistic, against a chi-square threshold."""
     stated = float(made.sigma[group].max())
     score = regression.score_test(fit, group, made, stated, clear, common)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
@@ -289,12 +293,13 @@ def _test_group(
         alike = float(made.positions.shape[0])
     left = fit.normal.misfit if stated > 0.0 else score.least
     scaled = score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))  # where readings vary more than stated
-    return _Suspect(kind, group, score, scaled / alike, threshold)
+    return _TestedGroup(kind, group, score, scaled / alike, threshold)
 
 
-def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
+def _test_assumptions(fit: FlightFit, made: FlightModel) -> Iterator[_TestedGroup]:
+    """Yields the score test of every assumption; thrust lags one by one, then together."""
     places, common = flight_model.columns(made), regression.estimated_unknowns(fit, made)
-    for kind, group in _groups(made).items():
+    for kind, group in _unknown_groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
             yield _test_group(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
     lags = [
@@ -309,7 +314,7 @@ def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
 
 
 class _Cause(NamedTuple):
-    """Cause, and the unknowns of the model that it makes wrong."""
+    """Possible cause of residuals, in words, and the unknowns of the model that it would change."""
 
     kind: str
     reason: str
@@ -317,7 +322,7 @@ class _Cause(NamedTuple):
     sigma: float
 
 
-def _describe_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+def _describe_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Describes a failed test as a cause."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
@@ -336,7 +341,7 @@ def _describe_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names: N
     return _Cause(kind, words, group, 1.0 if kind in ("gyro_bias", "mounting") else 1e6)
 
 
-def _find_single_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+def _find_single_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     common = regression.estimated_unknowns(fit, made)
@@ -369,7 +374,7 @@ def _find_single_cause(worst: _Suspect, fit: FlightFit, made: FlightModel, names
     return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
 
 
-def _describe_engine_cause(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
+def _describe_engine_cause(gain: float, suspect: _TestedGroup, names: Names, place: int, *, alone: bool) -> _Cause:
     """Describes a cause by an error of an engine: by how much, or that there are several."""
     if not alone:
         return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)

@@ -189,7 +189,7 @@ def _events_of_hypotheses(
     at, row = told
     how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
     for jets in jets_by_declaration(row["verdict_group"], row["verdict_place"]):
-        event = _event_of_jets(vehicle, time_s, jets, row)._replace(**how)
+        event = _make_jet_event(vehicle, time_s, jets, row)._replace(**how)
         yield event._replace(pattern=_classify_pattern(earlier, event)) if event.kind == "erratic" else event
     if not np.isnan(row["jump_measured"][0]):
         onsets = [one.onset_s for one in earlier if one.kind == "jump"]
@@ -200,8 +200,8 @@ def _events_of_hypotheses(
             onsets[-1] if row["jump_measured"][0] and onsets else at["onset"],
             mass=float(row["jump_mass"][0]) if known else None,
             mass_std=float(row["jump_mass_std"][0]) if known else None,
-            position=_three(row["jump_position"]) if there else None,
-            position_std=_three(row["jump_position_std"]) if there else None,
+            position=_to_triple(row["jump_position"]) if there else None,
+            position_std=_to_triple(row["jump_position_std"]) if there else None,
             **how,
         )
     if not np.isnan(row["lying_component"][0]):
@@ -215,7 +215,8 @@ def _events_of_hypotheses(
         yield event._replace(torque_std=torque, force_std=force)
 
 
-def _event_of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
+def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
+    """Makes the event of a declared jet, or of a group of jets that look alike."""
     jet = jets[0]
     by, after_s = float(row["verdict_apart_by"][jet]), float(row["verdict_apart_after"][jet])
     return EventRecord(
@@ -239,7 +240,7 @@ def _classify_pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Liter
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
 
 
-def _three(values: Array) -> tuple[float, float, float]:
+def _to_triple(values: Array) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
 

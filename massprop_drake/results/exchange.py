@@ -41,14 +41,14 @@ class Stage:
         self._path = path
         self.partial = path / _PARTIAL
 
-    def finished(self, name: str) -> Path:
-        """Declares the folder of a name in `partial` to be finished, and returns where it is now."""
+    def finish(self, name: str) -> Path:
+        """Marks a folder in `partial` as finished by moving it, and returns its new path."""
         whole = self._path / _WHOLE / name
         (self.partial / name).rename(whole)
         return whole
 
-    def exchanged(self, whole: Path, target: Path) -> Path:
-        """Puts a finished folder in place of another at once, and returns where that is now."""
+    def exchange(self, whole: Path, target: Path) -> Path:
+        """Exchanges a folder with its finished replacement, and returns the new path of the old one."""
         if swap_folders(whole, target):
             return whole
         old = self._path / _OLD / target.name
@@ -87,7 +87,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 def stage(folder: Path) -> Iterator[Stage]:
     """Yields a stage in a folder, and removes it with everything in it that is not finished."""
     with lock_folder(folder):
-        _tidy(folder)
+        _recover_stages(folder)
         path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
         descriptor = os.open(path, os.O_RDONLY)
         lock(descriptor)
@@ -113,7 +113,7 @@ def recover(path: Path) -> None:
         with contextlib.suppress(OSError):  # where nothing may be changed, what is there can still be read
             if any(_leftover_stages(folder)):
                 with lock_folder(folder):
-                    _tidy(folder)
+                    _recover_stages(folder)
 
 
 def set_aside(path: Path, name: Path) -> Path:
@@ -139,7 +139,7 @@ def _leftover_stages(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def _tidy(folder: Path) -> None:
+def _recover_stages(folder: Path) -> None:
     """Finishes the work of killed processes in a folder; the folder is locked."""
     for path in _leftover_stages(folder):
         # another user's, of a living process, or of one that has just removed it
@@ -147,12 +147,12 @@ def _tidy(folder: Path) -> None:
             descriptor = os.open(path, os.O_RDONLY)
             try:
                 if lock(descriptor, wait=False):
-                    _settle(path)
+                    _recover_stage(path)
             finally:
                 os.close(descriptor)
 
 
-def _settle(left: Path) -> None:
+def _recover_stage(left: Path) -> None:
     """Finishes the work of a killed process: finished work takes its place if that is free, the rest is removed."""
     if {path.name for path in left.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
         return  # no stage of ours

@@ -51,7 +51,7 @@ class Place(NamedTuple):
         now = manifest.read(self.path)
         return (None if now is None else now.id) == self.found
 
-    def named(self, beside: Path) -> Path:
+    def name_beside(self, beside: Path) -> Path:
         """Returns a path beside the folder as the user would give it."""
         return beside if self.shown.is_symlink() else self.shown.with_name(beside.name)
 
@@ -81,7 +81,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
             if force:
                 _require_apart(target, path, _inner_work_folders(path))
             elif path.exists():
-                _require_ours(target, path, found)
+                _require_only_ours(target, path, found)
         return Place(path, target, force, None if found is None else found.id)
 
 
@@ -130,18 +130,20 @@ def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> It
         partial.mkdir()
         yield partial
         (partial / manifest.NAME).write_bytes(manifest.listing(partial).as_bytes())
-        whole = prepared.finished(path.name)
+        whole = prepared.finish(path.name)
         with lock_folder(path.parent):
             try:
                 replaced = _put_in_place(whole, place._replace(force=place.force or beside()), prepared)
             except (InputError, OSError) as error:
-                kept = place.named(set_aside(whole, path))
+                kept = place.name_beside(set_aside(whole, path))
                 raise InputError(
                     f"{place.shown}: {error} since the work began, and is left as it is; the new result is in {kept}"
                 ) from None
             rest = None if replaced is None else drop(replaced, path)
         if rest is not None:
-            raise InputError(f"{place.shown}: is written; what is not ours of the old one is in {place.named(rest)}")
+            raise InputError(
+                f"{place.shown}: is written; what is not ours of the old one is in {place.name_beside(rest)}"
+            )
 
 
 def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
@@ -163,7 +165,7 @@ def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
             raise InputError(f"has got files that are not ours ({others})")
         if found is None or found.id != place.found:
             raise InputError("has got another run")
-        return prepared.exchanged(whole, path)
+        return prepared.exchange(whole, path)
 
 
 def require_no_run(folder: Path) -> None:
@@ -301,8 +303,8 @@ class _Rule(NamedTuple):
                 return f"belongs to the work in {above}; give another place"
         return None
 
-    def in_the_way(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
-        """Lists names of existing files that have to get another name.
+    def files_to_set_aside(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
+        """Lists existing files that may not be replaced and have to be renamed first.
 
         Raises:
             InputError: when it must not, or that is not asked for.
@@ -335,7 +337,7 @@ def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> 
         path.mkdir(parents=True, exist_ok=True)
         with stage(path):  # can be made
             pass
-        rule.in_the_way(folder, path, names)
+        rule.files_to_set_aside(folder, path, names)
 
 
 def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str | None = None) -> None:
@@ -355,7 +357,7 @@ def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str |
                 if found is not None and (before is None or before.id != found):
                     raise InputError(f"{folder}: has been replaced meanwhile; try again")
                 own = [manifest.NAME] if rule.kind is None else []
-                for name in rule.in_the_way(folder, path, [*files, *own]):
+                for name in rule.files_to_set_aside(folder, path, [*files, *own]):
                     set_aside(path / name, path / name)
                 begun = before or (manifest.empty() if own else None)
                 if begun is None:
@@ -477,7 +479,8 @@ def _explain_os_error(target: Path) -> Iterator[None]:
         raise InputError(f"{target}: cannot be written: {reason}{hint}") from None
 
 
-def _require_ours(target: Path, path: Path, found: Manifest | None) -> None:
+def _require_only_ours(target: Path, path: Path, found: Manifest | None) -> None:
+    """Raises InputError where a folder holds files that its manifest does not list unchanged."""
     others = _foreign_in_words(path, found)
     if not others:
         return

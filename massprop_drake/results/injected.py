@@ -168,7 +168,7 @@ def _match_declarations(
     for number, one in sorted(enumerate(injected), key=lambda item: item[1].start_s):
         if one.first_acted_s is None:
             continue
-        standing = next((index for index in right.values() if _stands(one, found[index])), None)
+        standing = next((index for index in right.values() if _is_true_declaration(one, found[index])), None)
         for index, entry in enumerate(found):
             if (
                 index not in right.values()
@@ -183,7 +183,7 @@ def _match_declarations(
     return right
 
 
-def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
+def _is_true_declaration(one: InjectedRecord, entry: DetectionRecord) -> bool:
     """Tests whether a declaration names a failure's jet, and is not withdrawn before the failure acts."""
     acted = one.first_acted_s
     over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
@@ -191,7 +191,7 @@ def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
 
 
 def _is_match(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Tests whether a declaration matches a failure."""
+    """Tests whether a declaration names a failed jet, alone or within its group or cluster; or both are jumps."""
     if one.jet is None or entry.kind == JUMP:
         return one.jet is None and entry.kind == JUMP
     if entry.jet is not None:
@@ -220,7 +220,8 @@ def _name_declared(entry: DetectionRecord) -> str:
 # ----------------------------------------------------------------------------- when a failure acts
 
 
-def _make_followers(scenario: Scenario) -> list[_Followed]:
+def _make_followers(scenario: Scenario) -> list[_EventFollower]:
+    """Makes a follower for each jet failure and each payload that comes or leaves."""
     vehicle = scenario.vehicle_data
     thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
     lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
@@ -229,15 +230,19 @@ def _make_followers(scenario: Scenario) -> list[_Followed]:
         kind, jet = failure.kind.name.lower(), failure.jet
         record = _unacted_record(kind, vehicle.designations[jet], failure.start_s)
         response = float(lag.remaining[jet]), float(lag.mean[jet])
-        followed.append(_Followed(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s))
-    return followed + [_Followed(_unacted_record(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps]
+        followed.append(
+            _EventFollower(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s)
+        )
+    return followed + [
+        _EventFollower(_unacted_record(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps
+    ]
 
 
 def _unacted_record(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
     return InjectedRecord(kind, jet, start_s, None, None, None, "never_acted")
 
 
-class _Followed:
+class _EventFollower:
     """Failure or jump, followed through a run block by block.
 
     Args:
@@ -268,7 +273,7 @@ class _Followed:
 
     @property
     def record(self) -> InjectedRecord:
-        """Record of it so far."""
+        """Record of the failure or jump as far as the run has been followed."""
         force = None
         if self._forces:
             forces, shares = np.hstack(self._forces)
@@ -279,8 +284,8 @@ class _Followed:
         return self._begun._replace(first_acted_s=self._acted_s, first_alarm_s=self._alarm_s, force=force)
 
     def add(self, time_s: Array, signals: Mapping[str, Array]) -> None:
-        """Takes in a block of rows; signals by name, shape (n, components)."""
-        acting = self._acting(time_s, signals)
+        """Updates first effect, first alarm and force by a block of rows; signals by name, shape (n, components)."""
+        acting = self._find_acting_rows(time_s, signals)
         if self._acted_s is None and acting.any():
             # a payload comes or leaves when it is told to, and a jet whose sample has begun no sooner than it fails
             start_s = self._begun.start_s
@@ -293,8 +298,8 @@ class _Followed:
         if self._alarm_s is None and alarms.size:
             self._alarm_s = float(alarms[0])
 
-    def _acting(self, time_s: Array, signals: Mapping[str, Array]) -> NDArray[np.bool_]:
-        """Finds rows in which the jet gives other than a healthy one would, or the payload has come or left."""
+    def _find_acting_rows(self, time_s: Array, signals: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """Mask of rows with thrust other than a healthy jet's, or after the payload came or left, shape (n,)."""
         if self._jet is None or self._response is None:
             return time_s >= self._begun.start_s - _ACTS
         remaining, mean = self._response

@@ -57,7 +57,7 @@ class Manifest(_Model):
         """Tests whether a path in the folder is one of its files, by its name or by another one."""
         name = path.relative_to(folder).as_posix()
         alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
-        return any(one == name or _is_same(folder / one, path) for one in alike)
+        return any(one == name or _is_same_file(folder / one, path) for one in alike)
 
     def holds(self, folder: str) -> bool:
         """Tests whether a folder, by its name with slashes, is one of its own or has files of its own."""
@@ -170,7 +170,7 @@ def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
         waiting += [Path(item.path) for item in reversed(found) if item.is_dir(follow_symlinks=False)]
 
 
-def _is_same(one: Path, other: Path) -> bool:
+def _is_same_file(one: Path, other: Path) -> bool:
     try:
         return one.samefile(other)
     except OSError:

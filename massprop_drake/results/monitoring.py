@@ -56,18 +56,18 @@ _WINDOW = 512  # samples that are kept one by one: memory budget, of a fork that
 _KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  # signals of the last sample
 
 
-class Said(NamedTuple):
+class Declarations(NamedTuple):
     """Declarations of a detector so far. Never changed; an event makes a new one.
 
     Attributes:
-        events: in the order in which they were said.
+        events: in the order in which they were declared.
         detections: see `results.detections.update_detections`.
     """
 
     events: tuple[EventRecord, ...] = ()
     detections: tuple[DetectionRecord, ...] = ()
 
-    def __deepcopy__(self, _memo: Any) -> Said:
+    def __deepcopy__(self, _memo: Any) -> Declarations:
         """Returns itself: a clone of a context shares what is never changed."""
         return self
 
@@ -83,9 +83,9 @@ class FlightMonitor:
         reports: layout of each report, by its port.
 
     Attributes:
-        counts: at the start, what `counted` goes on from, shape (17 + 2 n_jets + 10 w,), w samples being kept: 512
-            where hypotheses are followed, else 1.
-        said: at the start, what `told` goes on from.
+        counts: at the start, what `count_innovations` goes on from, shape (17 + 2 n_jets + 10 w,), w samples being
+            kept: 512 where hypotheses are followed, else 1.
+        declarations: at the start, what `update_declarations` goes on from.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: Sequence[str], reports: Mapping[str, Layout]):
@@ -102,15 +102,15 @@ class FlightMonitor:
         unknown = (math.nan,) * 3
         older, rows = empty_recent(_WINDOW if followed_by else 1)
         self.counts = self._layout.pack((older, older, *unknown, self._no_force, self._no_force, rows, rows))
-        self.said = Said()
+        self.declarations = Declarations()
 
     def has_event(self, detector_report: Array) -> bool:
         """Tests whether a detector declares something at a sample."""
         _, place = self._places["detector_event"]
         return bool(detector_report[place] != 0.0)
 
-    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Counts innovations after a sample, with the data that the next one needs.
+    def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+        """Returns the counts of innovations after a sample, with the data that the next one needs.
 
         Args:
             counts: before it.
@@ -119,11 +119,11 @@ class FlightMonitor:
         """
         after = counts.copy()
         for name in self._filters:
-            recent = self._recent(counts, name).followed_on(time_s, *self._seen(name, reports))
+            recent = self._recent(counts, name).append_sample(time_s, *self._filter_result(name, reports))
             if "history_since" in self._places:
                 since_s, nis, components = (self._value(signal, reports) for signal in fork_signals(name))
                 if math.isfinite(since_s):
-                    recent = recent.replaced(since_s, nis, components)
+                    recent = recent.replace_history(since_s, nis, components)
             after[self._layout.slice(name)] = recent.older
             after[self._layout.slice(f"recent_{name}")] = recent.rows.ravel()
         after[self._layout.slice("time_s")] = time_s
@@ -132,8 +132,8 @@ class FlightMonitor:
                 after[self._layout.slice(name)] = self._value(name, reports)
         return after
 
-    def _seen(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
-        """Returns a filter's result at one sample: whether it used it, NIS and components."""
+    def _filter_result(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
+        """Returns a filter's result at one sample: 1 if it used it, NIS and components."""
         used, nis = (self._value(f"{name}_{what}", reports) for what in ("used", "nis"))
         return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
 
@@ -147,16 +147,18 @@ class FlightMonitor:
         port, place = self._places[signal]
         return reports[port][place]
 
-    def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
-        """Updates the detector's declarations after a sample at which there are any; arguments as of `counted`."""
+    def update_declarations(
+        self, declared_before: Declarations, counts: Array, time_s: float, reports: Mapping[str, Array]
+    ) -> Declarations:
+        """Updates the declarations after a sample at which there are any; arguments as of `count_innovations`."""
         signals = self._signals(reports)
-        events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
-        records = update_detections(self._vehicle, events, said_before.detections)
+        events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, declared_before.events)
+        records = update_detections(self._vehicle, events, declared_before.detections)
         if "verdict" not in signals:
-            last = self._layout.columns(np.vstack([counts, self.counted(counts, time_s, reports)]))
+            last = self._layout.columns(np.vstack([counts, self.count_innovations(counts, time_s, reports)]))
             times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
             records = note_mass_before_jumps(records, times_s, reciprocal, np.sqrt(variance))
-        return Said((*said_before.events, *events), tuple(records))
+        return Declarations((*declared_before.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
         """Returns signals of one sample by name, shape (1, components)."""
@@ -166,16 +168,16 @@ class FlightMonitor:
             for name, values in self._reports[port].columns(row[None]).items()
         }
 
-    def detections(self, said_now: Said, counts: Array) -> tuple[DetectionRecord, ...]:
+    def detections(self, declared: Declarations, counts: Array) -> tuple[DetectionRecord, ...]:
         """Returns detections so far, their sizes as they are known now."""
         now = self._layout.read(counts)
         forces = now.known_force, now.known_force_variance
-        return finalize_detections(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
+        return finalize_detections(declared.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
 
-    def failed_jets(self, said_now: Said) -> Array:
+    def failed_jets(self, declared: Declarations) -> Array:
         """Marks with 1 each jet that a standing declaration names, alone or among others, shape (n_jets,)."""
         failed = self._no_force.copy()
-        for record in said_now.detections:
+        for record in declared.detections:
             if record.kind != JUMP and record.withdrawn_s is None:
                 of_cluster = (jet.designation for jet in self._vehicle.jets if jet.cluster == record.cluster)
                 for jet in record.jets or of_cluster:
@@ -183,7 +185,7 @@ class FlightMonitor:
         return failed
 
     def verdict(self, counts: Array) -> Consistency:
-        """Returns the verdict on the innovations so far."""
+        """Judges whether the innovations so far are consistent."""
         rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
         return judge_consistency(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)
 
@@ -202,14 +204,14 @@ class Recent(NamedTuple):
     older: Array
     rows: Array
 
-    def followed_on(self, time_s: float, used: float, nis: float, components: float) -> Recent:
-        """Returns the innovations after one more sample; arguments as the fields of `Innovations`."""
+    def append_sample(self, time_s: float, used: float, nis: float, components: float) -> Recent:
+        """Returns the innovations with one more sample, the oldest counted; arguments: see `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
         was_used = rows[0, 1] != 0.0
         return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
-    def replaced(self, since_s: float, nis: float, components: float) -> Recent:
-        """Returns the innovations once another history is the likeliest; of an old fork its share of those kept.
+    def replace_history(self, since_s: float, nis: float, components: float) -> Recent:
+        """Returns the innovations by the history that is likeliest now; of an old fork its share of those kept.
 
         Args:
             since_s: time of the fork, s.
@@ -246,5 +248,5 @@ def _innovations(rows: Array) -> Innovations:
 
 def _add_counts(older: Array, rows: Array) -> Array:
     tally = Tally.of(older)
-    tally.take(_innovations(rows))
+    tally.add_innovations(_innovations(rows))
     return tally.numbers

@@ -24,7 +24,7 @@ class Ended(NamedTuple):
 
 
 class PartsMade:
-    """Makes parts, and notes those that cannot be made.
+    """Makes parts of a run's output, and notes those that fail.
 
     Args:
         strict: raise what a part raises, instead.

@@ -31,7 +31,7 @@ _SCALES = np.isin(np.arange(10), [*_DIAGONAL, MASS_RECIPROCAL])
 
 
 class _Departure(NamedTuple):
-    """Distance of estimates from the start.
+    """Distance of the final estimates from the prior, as chi-square statistic and in sigmas.
 
     Attributes:
         statistic: chi-square distributed at the most, if the start is true.
@@ -55,8 +55,8 @@ class _Departure(NamedTuple):
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
-class _Start(NamedTuple):
-    """Knowledge before a run, with the change by propellant that is used.
+class _Prior(NamedTuple):
+    """Prior of the ten parameters, with the drift by propellant used during the run.
 
     Attributes:
         values: the ten parameters, shape (10,).
@@ -69,7 +69,7 @@ class _Start(NamedTuple):
     tested: NDArray[np.bool_]
 
     def departure(self, estimate: Array) -> _Departure:
-        """Measures how far estimates are from the start.
+        """Computes the distance of estimates from the prior.
 
         A scale that is larger counts by its logarithm, so that a truth is no farther off where it was drawn by a
         factor than where it was drawn by a difference.
@@ -88,7 +88,7 @@ class _Start(NamedTuple):
 
 
 def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
-    """Finds a contradiction of final estimates with the start; None: there is none, or the start claims nothing.
+    """Finds a contradiction of final estimates with the prior; None: there is none, or the prior claims nothing.
 
     Args:
         scenario: as run, from its start on, without a jump of the mass properties.
@@ -101,12 +101,12 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
     begun = estimate.copy()
     if begun[MASS_RECIPROCAL] > 0.0:
         begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
-    start = _start(scenario, signals, begun, used)
+    start = _make_prior(scenario, signals, begun, used)
     if not start.tested.any():
         return None
     found = start.departure(begun)
     explaining: list[tuple[float, _Group, float]] = []
-    for group in _groups(scenario, start, begun):
+    for group in _scale_groups(scenario, start, begun):
         factor, sigmas = _common_factor(start, begun, group.members)
         left = start.departure(_divide_by_factor(begun, group.members, factor))
         if not left.is_allowed:
@@ -132,7 +132,8 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
     return Diagnosis("start", words, found.statistic, limit)
 
 
-def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> _Start:
+def _make_prior(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> _Prior:
+    """Makes the prior of the ten parameters, its covariance inflated by propellant used and by the final 1-sigma."""
     values, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
     known = covariance.diagonal() > 0.0
     tested = known & np.isfinite(estimate) & ~params.known_parameters(scenario)
@@ -140,11 +141,11 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
     drift = propellant_drift(values, used, vehicle.tank_fraction, vehicle.rms_arm)
     deviation = np.nan_to_num(signals.last("standard_deviation"))
     covariance = covariance + np.diag(np.where(known, drift + deviation**2, 1.0))
-    return _Start(values, covariance, tested)
+    return _Prior(values, covariance, tested)
 
 
 class _Group(NamedTuple):
-    """Scales that may be off by a common factor.
+    """Group of parameters that an error of units or scale would change by a common factor.
 
     Attributes:
         members: which of the ten parameters, shape (10,).
@@ -168,7 +169,7 @@ class _Group(NamedTuple):
         return f"as if {self.cause} were {format_factor(size)} times what acts{likely}"
 
 
-def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Group]:
+def _scale_groups(scenario: Scenario, start: _Prior, estimate: Array) -> Iterator[_Group]:
     """Yields groups of parameters that may be off by a common factor, those by jets first."""
     units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
     usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
@@ -182,8 +183,8 @@ def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Gro
         yield _Group(mass, "accelerometers", "mass alone ends", factors.velocity_factors(units, period_s), False)
 
 
-def _common_factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
-    """Computes the factor that some scales have in common, and its significance in sigmas if their errors are one."""
+def _common_factor(start: _Prior, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
+    """Computes the common factor of some parameters over the prior, and its significance in sigmas."""
     logarithms = np.log(estimate[members] / start.values[members])
     relative = np.sqrt(start.covariance.diagonal()[members]) / start.values[members]
     weights = 1.0 / relative**2

@@ -57,7 +57,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     for block in _windows(signals, *wanted, *(package.name for package in packages), *wheels, *engines):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
-        burns = _burns(scenario, block, setting)
+        burns = _engine_burns(scenario, block, setting)
         setting = burns.setting
         spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * lengths_s(time_s) + burns.used)))
         used = float(spent[-1])
@@ -90,8 +90,8 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         opened = opened if onsets_s is None else _append_rows(opened, onsets_s[:-1])
 
 
-class _Burns(NamedTuple):
-    """Engines in rows of a record, of which the first was the last of those before."""
+class _EngineBurns(NamedTuple):
+    """Engine burns between the rows of a block, whose first row is the last of the block before."""
 
     points: Array | None  # see `Stretch.burns`; None: there are no engines
     used: Array  # propellant of each interval, (m - 1,)
@@ -99,12 +99,12 @@ class _Burns(NamedTuple):
     setting: EngineSettings | None  # after the last row
 
 
-def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _Burns:
-    """Computes the state of the engines in some rows."""
+def _engine_burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _EngineBurns:
+    """Computes burns, propellant and final setting of the engines between the rows of a block."""
     vehicle, rows = scenario.vehicle_data, block["time_s"].size
     used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
     if not any(engine.name in block for engine in vehicle.engines):
-        return _Burns(None, used, loose, before)
+        return _EngineBurns(None, used, loose, before)
     setup = params.filter_setup(scenario)
     made, has, period_s = setup.engines, channel_mask(setup.engines), setup.period_s
     least = np.sqrt([each.min(initial=np.inf) for each in (setup.gyro_variances, setup.accelerometer_variances)])
@@ -122,7 +122,7 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
             given = engine_impulse(burn, nothing, length_s, made)
             points[row - 1], used[row - 1] = burn.points, given.used
             loose[row - 1] = (motion_sigma(given.noise, vehicle.nominal) > least).any()
-    return _Burns(points, used, loose, before)
+    return _EngineBurns(points, used, loose, before)
 
 
 def _lingering_intervals(scenario: Scenario) -> int:

@@ -97,7 +97,7 @@ def make_model(scenario: Scenario) -> FlightModel:
         sigma=sigma,
         compute=record_kernels.choose_kernels(compiled=scenario.execution.compiled),
         at_stamps=(scenario.joint.switching == "stamps" or params.steps_by_readings(scenario)) if joint else None,
-        walks=_walks(scenario, setup) if joint else (0.0, 0.0),
+        walks=_random_walks(scenario, setup) if joint else (0.0, 0.0),
         disturbance=setup.disturbance if joint else NO_DISTURBANCE,
         wheels=setup.wheels,
         engines=setup.engines,
@@ -124,7 +124,7 @@ def make_model(scenario: Scenario) -> FlightModel:
     return made
 
 
-def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
+def _random_walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     """Computes random walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
 
     By so much a flight with engines may drift all through, though it does so as long as they burn alone.

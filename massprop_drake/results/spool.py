@@ -30,7 +30,7 @@ _LISTED = 10  # signals that a short text of them names
 
 
 class Signals(dict[str, Array]):
-    """Signals by name, shape (n_samples, components), with a short text of them."""
+    """Signals by name, shape (n_samples, components), whose `repr` is a short description."""
 
     def __repr__(self) -> str:
         return describe_signals({name: values.shape for name, values in self.items()})
@@ -75,7 +75,7 @@ class Spool(Mapping[str, Array]):
         self._n_waiting = 0
         self.n_rows = 0
         if folder is not None:  # a place that cannot be written is told before the work, not in the midst of it
-            self._created().close()
+            self._create_file().close()
 
     def __del__(self) -> None:
         file = getattr(self, "_file", None)
@@ -83,7 +83,7 @@ class Spool(Mapping[str, Array]):
             file.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns everything, on disk as well: a run may be copied, or sent to another process."""
+        """Returns all rows, those on disk included: a run may be copied, or sent to another process."""
         content = None
         if self._file is not None:
             self._file.seek(0)
@@ -93,7 +93,7 @@ class Spool(Mapping[str, Array]):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _file=None)
         if state["_file"] is not None:
-            self._file = self._created()
+            self._file = self._create_file()
             self._file.write(state["_file"])
 
     def __iter__(self) -> Iterator[str]:
@@ -144,21 +144,22 @@ class Spool(Mapping[str, Array]):
         self._n_waiting += count
         self.n_rows += count
         if self._n_waiting >= self._rows_per_piece:
-            self._put_away()
+            self._write_pieces()
 
     def last(self, name: str) -> Array:
         """Returns the last row of a signal, shape (components,)."""
         if self._waiting:
             return self._waiting[-1][name][-1]
-        return self._read(self._pieces[name][-1])[-1]
+        return self._read_piece(self._pieces[name][-1])[-1]
 
-    def _put_away(self) -> None:
+    def _write_pieces(self) -> None:
+        """Compresses all full pieces of the waiting rows into the file; the rest stays in memory."""
         size = self._rows_per_piece
         full = self._n_waiting // size * size
         rest: dict[str, Array] = {}
         try:
             if self._file is None:
-                self._file = self._created()
+                self._file = self._create_file()
             for name in self.names:
                 values = np.concatenate([block.pop(name) for block in self._waiting])
                 for first in range(0, full, size):
@@ -169,23 +170,23 @@ class Spool(Mapping[str, Array]):
                     self._pieces.setdefault(name, []).append(place)
                 rest[name] = values[full:].copy()
         except OSError as error:
-            raise self._cannot_be_written(error) from None
+            raise self._make_write_error(error) from None
         self._n_waiting -= full
         self._waiting = [rest] if self._n_waiting else []
 
-    def _created(self) -> IO[bytes]:
+    def _create_file(self) -> IO[bytes]:
         try:
             return tempfile.TemporaryFile(dir=self._folder)
         except OSError as error:
-            raise self._cannot_be_written(error) from None
+            raise self._make_write_error(error) from None
 
-    def _cannot_be_written(self, error: OSError) -> InputError:
+    def _make_write_error(self, error: OSError) -> InputError:
         return InputError(f"{self._folder or tempfile.gettempdir()}: cannot be written: {error.strerror}")
 
     def blocks(self, *names: str) -> Iterator[dict[str, Array]]:
         """Yields some signals from beginning to end, block by block."""
         for index in range(len(next(iter(self._pieces.values()), []))):
-            yield {name: self._read(self._pieces[name][index]) for name in names}
+            yield {name: self._read_piece(self._pieces[name][index]) for name in names}
         if len(self._waiting) > 1:
             self._waiting = [
                 {name: np.concatenate([block[name] for block in self._waiting]) for name in self._waiting[0]}
@@ -193,7 +194,8 @@ class Spool(Mapping[str, Array]):
         for block in self._waiting:
             yield {name: block[name] for name in names}
 
-    def _read(self, piece: _Piece) -> Array:
+    def _read_piece(self, piece: _Piece) -> Array:
+        """Reads one piece of a signal back from the file, shape (rows, components)."""
         assert self._file is not None
         self._file.seek(piece.offset)
         data = zlib.decompress(self._file.read(piece.size))
@@ -220,11 +222,11 @@ def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str
         for name in signals.names if isinstance(signals, Spool) else signals:
             _write_member(archive, name, blocks(signals, name), _shape(signals, name))
         text = np.array(json.dumps(description))
-        with archive.open(_member("_description"), "w") as file:
+        with archive.open(_archive_entry("_description"), "w") as file:
             np.lib.format.write_array(file, text, allow_pickle=False)
 
 
-def _member(name: str) -> zipfile.ZipInfo:
+def _archive_entry(name: str) -> zipfile.ZipInfo:
     member = zipfile.ZipInfo(f"{name}.npy")  # without a date, so the same bytes each time
     member.compress_type = zipfile.ZIP_DEFLATED
     member.external_attr = 0o644 << 16
@@ -241,7 +243,7 @@ def _write_member(
     archive: zipfile.ZipFile, name: str, parts: Iterator[Mapping[str, Array]], shape: tuple[int, ...]
 ) -> None:
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
-    with archive.open(_member(name), "w", force_zip64=True) as file:
+    with archive.open(_archive_entry(name), "w", force_zip64=True) as file:
         np.lib.format.write_array_header_1_0(file, header)
         for part in parts:
             file.write(np.ascontiguousarray(part[name], dtype="<f8").tobytes())

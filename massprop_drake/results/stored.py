@@ -90,6 +90,7 @@ def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) 
 
 
 def _replace_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
+    """Replaces numbers that are not finite by null at any depth, and notes the place of each."""
     if isinstance(content, Mapping):
         return {key: _replace_infinite(value, (*path, key), parts) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -131,7 +132,7 @@ class EstimatorState(Model):
         return None if self.command_onset is None else np.array(self.command_onset, dtype=float)
 
     @model_validator(mode="after")
-    def _says_what_it_is_of(self) -> EstimatorState:
+    def _require_origin(self) -> EstimatorState:
         if self.format > 1 and self.made_with is None:
             raise ValueError("has no 'made_with': nothing says which vehicle and settings it is of")
         return self
@@ -156,13 +157,13 @@ class FilterState(EstimatorState):
 
     @field_validator("recent_s")
     @classmethod
-    def _goes_forward(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+    def _require_increasing_times(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         if any(later <= earlier for earlier, later in pairwise(value)):
             raise ValueError("must go forward")
         return value
 
     @model_validator(mode="after")
-    def _ends(self) -> FilterState:
+    def _require_matching_counts_and_end(self) -> FilterState:
         jets = len(self.command)
         if self.commanded and [len(row) for row in self.commanded] != [jets, jets]:
             raise ValueError(f"commanded: must be two counts for each of {jets} jets")
@@ -228,7 +229,7 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
     if made.settings == here:
         return
     there = validate_data(Scenario, made.settings, source=f"{source}: made_with.settings")  # with what is new since
-    differences = list(_differences(_settings(there), here))
+    differences = list(_changed_settings(_settings(there), here))
     if differences:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise InputError(
@@ -236,10 +237,11 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
         )
 
 
-def _differences(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
+def _changed_settings(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
+    """Yields the settings that differ, by dotted key, with the old and the new value."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in dict.fromkeys([*here, *there]):
-            yield from _differences(there.get(key), here.get(key), (*path, key))
+            yield from _changed_settings(there.get(key), here.get(key), (*path, key))
     elif there != here:
         yield f"{dotted(path)} was {reprlib.repr(there)} and is {reprlib.repr(here)}"
 

@@ -169,6 +169,7 @@ def _judge_run(
     found: Sequence[DetectionRecord],
     diagnoses: Sequence[Diagnosis] = (),
 ) -> Consistency:
+    """Judges the consistency of a run by the NIS of both filters, and by the errors over 1-sigma where known."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
     rotation, mass = (_tally_nis(signals, name, found) for name in ("rotation", "mass"))
@@ -326,7 +327,7 @@ def exclude_explained(tally: Tally, signals: Spool, name: str, found: Sequence[D
             for onset_s, declared_s in spans:
                 within |= (block["time_s"] > onset_s) & (block["time_s"] <= declared_s)
             parts.append(used_nis(name, {one: block[one][within] for one in names}))
-        tally.explain(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        tally.exclude_from_faults(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     return tally
 
 
@@ -338,7 +339,7 @@ def _tally_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
     if not found.rows.size:
         return tally
     judged_by = Tally()
-    judged_by.take(likeliest_innovations(innovations(name, columns), columns["time_s"], found))
+    judged_by.add_innovations(likeliest_innovations(innovations(name, columns), columns["time_s"], found))
     return judged_by
 
 

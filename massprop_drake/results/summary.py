@@ -401,7 +401,7 @@ class SummaryFile(_Stored):
 
     @field_validator("data_quality")
     @classmethod
-    def _has_warnings(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+    def _require_text_warnings(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
         warnings = [] if value is None else value.get("warnings", [])
         if not (isinstance(warnings, list) and all(isinstance(text, str) for text in warnings)):
             raise ValueError("warnings: must be a list of text")

@@ -78,10 +78,11 @@ def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool 
     """
     first, rest = property_rows(results, units, truth=truth)
     bounded = any(row.bound != "-" for row in rest)
-    return _sheet(first, truth, bounded=False), _sheet(rest, truth, bounded=bounded)
+    return _make_sheet(first, truth, bounded=False), _make_sheet(rest, truth, bounded=bounded)
 
 
-def _sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
+def _make_sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
+    """Arranges rows as a table: columns of truth and error, and of bounds, only where asked for."""
     columns = {
         "symbol": "parameter",
         "unit": "unit",
@@ -223,6 +224,7 @@ def _derived_row(
 
 
 def _parameter_row(symbol: str, unit: str, one: Parameter) -> Row:
+    """Formats a parameter as a table row, all its values by one power of ten."""
     power = _power_of_ten(_larger_magnitude(one), one.truth)
     numbers = (one.estimate, one.truth, one.standard_deviation)
     estimate, truth, sigma = (_format_scaled(number, one.standard_deviation, power) for number in numbers)

@@ -80,7 +80,7 @@ class UntestedRecord(NamedTuple):
 
 
 class _Suspicion(NamedTuple):
-    """Sums of one suspicion by jet, shape (n_jets,), and its number of samples with an alarm."""
+    """Suspicion against some jets: time span, statistic by jet, shape (n_jets,), samples and alarms."""
 
     time_s: float
     until_s: float
@@ -92,7 +92,7 @@ class _Suspicion(NamedTuple):
 
 
 class Suspicions:
-    """Follows suspicions through a run, block by block.
+    """Collects the suspicions of a detector against jets through a run, block by block.
 
     Args:
         scenario: as run.
@@ -119,12 +119,12 @@ class Suspicions:
 
     @property
     def counts(self) -> list[list[int]]:
-        """Counts with which the run that continues this one begins."""
+        """Samples in which each jet was commanded, and those of them that were tested, (2, n_jets)."""
         found: list[list[int]] = self._counts.tolist()
         return found
 
     def add(self, time_s: Array, signals: Mapping[str, Array], events: Sequence[EventRecord]) -> None:
-        """Takes in a block of samples.
+        """Updates the suspicions by a block of samples.
 
         Args:
             time_s: sample times, s, shape (n,).
@@ -142,17 +142,20 @@ class Suspicions:
         said: dict[float, list[EventRecord]] = {}
         for event in events:
             said.setdefault(event.time_s, []).append(event)
-        for k in np.flatnonzero(self._suspicious(signals, tested) | (signals["detector_event"][:, 0] != 0.0)):
+        for k in np.flatnonzero(
+            self._find_suspicious_samples(signals, tested) | (signals["detector_event"][:, 0] != 0.0)
+        ):
             now_s = float(time_s[k])
             if isinstance(self._block, HypothesesBlock):
-                self._suspect(now_s, signals["fault_probability"][k])
+                self._add_by_probability(now_s, signals["fault_probability"][k])
             elif isinstance(self._block, ThrustFactorsBlock):
-                self._follow(now_s, signals, int(k), said.get(now_s, ()))
+                self._add_by_thrust_factors(now_s, signals, int(k), said.get(now_s, ()))
             elif now_s not in said:
-                self._gather(now_s, signals, int(k))
-            self._settle(said.get(now_s, ()))
+                self._add_by_likelihood(now_s, signals, int(k))
+            self._drop_declared(said.get(now_s, ()))
 
-    def _suspicious(self, signals: Mapping[str, Array], tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _find_suspicious_samples(self, signals: Mapping[str, Array], tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Mask of the samples in which a jet is suspected, or a comparison of hypotheses runs or ends, shape (n,)."""
         block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
         if isinstance(block, CusumBlock):
             return tested & (likelihood > 0.5 * block.threshold)
@@ -168,8 +171,8 @@ class Suspicions:
 
     # ------------------------------------------------------------------------ detectors of samples
 
-    def _gather(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
-        """Adds one more sample in which a detector of single samples, or of sums, suspects a jet."""
+    def _add_by_likelihood(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
+        """Adds a sample in which likelihood ratios suspect jets, to the suspicion with one of them or as a new one."""
         block, likelihood = self._block, signals["likelihood"][k]
         if int(likelihood.argmax()) in self._declared:
             return
@@ -191,12 +194,12 @@ class Suspicions:
 
     # -------------------------------------------------------------------- the detector by hypotheses
 
-    def _suspect(self, time_s: float, probabilities: Array) -> None:
-        """Adds one more sample in which jets have probably failed, above one half, or something is declared."""
+    def _add_by_probability(self, time_s: float, probabilities: Array) -> None:
+        """Adds a sample to the suspicion of each jet whose fault probability is above one half."""
         for jet in np.flatnonzero(probabilities > _PROBABLE).tolist():
             if jet in self._declared:
                 continue
-            index = self._suspicion_of(jet, probabilities)
+            index = self._find_suspicion(jet, probabilities)
             if index is None:
                 sums = np.zeros_like(probabilities)
                 sums[jet] = probabilities[jet]
@@ -209,8 +212,8 @@ class Suspicions:
             jets = np.union1d(one.jets, [jet])
             self._gathered[index] = one._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
 
-    def _suspicion_of(self, jet: int, probabilities: Array) -> int | None:
-        """Returns the index of the suspicion to which a jet belongs: its own, or one that lost its probability to it.
+    def _find_suspicion(self, jet: int, probabilities: Array) -> int | None:
+        """Finds the suspicion to which a jet belongs, as an index: its own, or one that lost its probability to it.
 
         Two jets of which each has failed with a probability above one half have both failed, and do not look alike.
         """
@@ -225,8 +228,10 @@ class Suspicions:
 
     # ------------------------------------------------------------------ the detector by thrust factors
 
-    def _follow(self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]) -> None:
-        """Adds one more sample in which hypotheses are compared, or the first after."""
+    def _add_by_thrust_factors(
+        self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]
+    ) -> None:
+        """Adds a sample in which hypotheses are compared, and ends the suspicion with the comparison."""
         block = self._block
         assert isinstance(block, ThrustFactorsBlock)
         if signals["racing"][k, 0] > 0.0:
@@ -259,8 +264,8 @@ class Suspicions:
 
     # --------------------------------------------------------------------------------- the outcome
 
-    def _settle(self, said: Sequence[EventRecord]) -> None:
-        """Drops what has been declared."""
+    def _drop_declared(self, said: Sequence[EventRecord]) -> None:
+        """Drops suspicions against jets that have been declared."""
         for event in said:
             if event.kind not in ("failed", "group", "withdrawn"):
                 continue
@@ -279,17 +284,21 @@ class Suspicions:
         gathered = list(self._gathered)
         if self._race is not None and self._race.jets.size:
             gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
-        records = [*self._earlier, *map(self._told, gathered)]
+        records = [*self._earlier, *map(self._make_record, gathered)]
         largest = sorted(records, key=lambda record: -record.statistic)[:_MOST]
         return tuple(sorted(largest, key=lambda record: record.time_s))
 
-    def _told(self, one: _Suspicion) -> UnconfirmedRecord:
+    def _make_record(self, one: _Suspicion) -> UnconfirmedRecord:
+        """Makes the record of a suspicion, its jets by decreasing statistic."""
         jets = sorted(one.jets.tolist(), key=lambda jet: -one.sums[jet])
         statistic = float(one.sums[jets[0]]) if jets else 0.0
         names = tuple(self._vehicle.designations[jet] for jet in jets)
-        return UnconfirmedRecord(one.time_s, one.until_s, names, statistic, one.samples, one.reason or self._why(one))
+        return UnconfirmedRecord(
+            one.time_s, one.until_s, names, statistic, one.samples, one.reason or self._reason_undeclared(one)
+        )
 
-    def _why(self, one: _Suspicion) -> str:
+    def _reason_undeclared(self, one: _Suspicion) -> str:
+        """Explains why the detector did not declare a suspicion, by the detector's rule."""
         block = self._block
         if isinstance(block, CusumBlock):
             return f"the sum stayed below the {block.threshold:g} that declare a failure"

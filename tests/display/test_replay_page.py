@@ -99,7 +99,7 @@ def test_a_models_links_are_where_its_joints_put_them(arm_run: Run, arm_page: st
         for link, place in _arm_links(arm_run, row).items():
             np.testing.assert_allclose(poses[link, :3], place, atol=1e-6)
     simulate(arm_run.scenario.model_copy(update={"duration_s": 0.5}), watch=live)
-    rows = [json.loads(line)["row"] for line in live.said(0)]
+    rows = [json.loads(line)["row"] for line in live.wait_for_rows(0)]
     assert rows[2][column] == story["rows"][3][column]  # the first that is watched is after one sample
 
 

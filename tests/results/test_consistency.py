@@ -78,7 +78,7 @@ def test_what_was_declared_explains_the_samples_until_then() -> None:
         tally = Tally()
         every = np.concatenate((values, late, besides))
         tally.add(every, np.full(every.size, 3.0))
-        tally.explain(late, np.full(late.size, 3.0))
+        tally.exclude_from_faults(late, np.full(late.size, 3.0))
         assert judge_consistency(tally, Tally(), np.full(10, np.nan), [""] * 10).verdict == verdict
         assert tally.n == every.size
 
@@ -146,7 +146,7 @@ def test_a_rightly_named_failure_is_consistent_and_a_false_name_is_not() -> None
     values = np.concatenate([_drawn(300, 9), np.full(60, 1e4), _drawn(240, 10)])
     for total, verdict in ((0.0, "inconsistent"), (3.1 * 60, "consistent"), (40.0 * 60, "inconsistent")):
         tally = Tally()
-        tally.take(_by_history(_seen(values), *([(359, 299.0, total, 180.0)] if total else [])))
+        tally.add_innovations(_by_history(_seen(values), *([(359, 299.0, total, 180.0)] if total else [])))
         assert judge_consistency(tally, Tally(), UNKNOWN, NAMES).verdict == verdict
         assert tally.n == 600
 
@@ -154,8 +154,8 @@ def test_a_rightly_named_failure_is_consistent_and_a_false_name_is_not() -> None
 def test_a_tally_goes_on_from_its_numbers() -> None:
     one, other = Tally(), Tally()
     seen = _by_history(_seen(_drawn(30, 11)), (20, 4.0, 60.0, 48.0))
-    one.take(seen)
+    one.add_innovations(seen)
     for row in range(30):
         other = Tally.of(other.numbers)
-        other.take(Innovations(*(part[row : row + 1] for part in seen)))
+        other.add_innovations(Innovations(*(part[row : row + 1] for part in seen)))
     np.testing.assert_allclose(other.numbers, one.numbers, rtol=1e-12)

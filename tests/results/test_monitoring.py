@@ -76,7 +76,7 @@ def test_a_verdict_while_it_flies_is_that_of_the_flight_so_far(orbiter: Vehicle,
     counts = monitor.counts
     for number, row in enumerate(rows):
         before = counts.copy()
-        after = monitor.counted(counts, PERIOD_S * number, row)
+        after = monitor.count_innovations(counts, PERIOD_S * number, row)
         np.testing.assert_array_equal(counts, before)  # never changed
         counts = after
         if number in (299, 300, 319, 320, 330, ROWS - 1):
@@ -101,8 +101,8 @@ def test_a_history_explains_what_was_heavy() -> None:
 def test_of_a_fork_that_is_older_than_what_is_kept_its_share_counts() -> None:
     recent = empty_recent(10)
     for number in range(100):
-        recent = recent.followed_on(float(number), 1.0, 6.0, 3.0)
-    known = recent.replaced(39.0, 60.0 * 3.0, 60.0 * 3.0).tally  # of sixty samples the last ten
+        recent = recent.append_sample(float(number), 1.0, 6.0, 3.0)
+    known = recent.replace_history(39.0, 60.0 * 3.0, 60.0 * 3.0).tally  # of sixty samples the last ten
     assert known.n == 100
     assert known.mean == pytest.approx((90.0 * 6.0 + 10.0 * 3.0) / 100.0, rel=0.01)
     assert recent.tally.mean == pytest.approx(6.0)

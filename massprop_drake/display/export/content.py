@@ -201,7 +201,7 @@ class Content:
         self._messages = _messages(run, self._notes())
         self._found = event_marks.detection_marks(run)
         self._before: dict[str, Arrows | Balls] = {}
-        self.outline = self._outline(int(self._ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
+        self.outline = self._make_outline(int(self._to_ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
     def stretches(self) -> Iterator[SampleBlock]:
         """Yields the run in blocks of some thousand samples, each with the messages due by its end."""
@@ -210,25 +210,26 @@ class Content:
         if isinstance(signals, Spool):
             blocks: Iterator[dict[str, Array]] = signals.blocks("time_s", *self._names)
         else:
-            blocks = self._pieces()
+            blocks = self._memory_blocks()
         waiting = list(self._messages)
         for block in blocks:
             time_s = block.pop("time_s")
             is_last = bool(time_s[-1] >= self._end_s)
             due = [one for one in waiting if is_last or one.time_s <= time_s[-1]]
             waiting = waiting[len(due) :]
-            yield self._rows(time_s, {name: np.asarray(block[name]) for name in self._names}, due)
+            yield self._make_block(time_s, {name: np.asarray(block[name]) for name in self._names}, due)
 
     # --------------------------------------------------------------------------------------- parts
 
-    def _pieces(self) -> Iterator[dict[str, Array]]:
+    def _memory_blocks(self) -> Iterator[dict[str, Array]]:
         """Yields times and signals of a run in memory, some rows at a time."""
         times = np.asarray(self._run.time_s)
         for first in range(0, times.size, _ROWS):
             rows = slice(first, first + _ROWS)
             yield {"time_s": times[rows], **{name: self._run.signals[name][rows] for name in self._names}}
 
-    def _outline(self, start_ns: int, *, has_epoch: bool) -> Outline:
+    def _make_outline(self, start_ns: int, *, has_epoch: bool) -> Outline:
+        """Makes the constant part: series of the signals, frames, and the surfaces of body and nozzles."""
         vehicle, run = self._vehicle, self._run
         series = {
             name: Series(
@@ -252,7 +253,7 @@ class Content:
             series,
             tuple(frames),
             {
-                name: (vehicle.positions[jet], _rotation_from_z(self._outwards[jet]))
+                name: (vehicle.positions[jet], _rotation_from_z(self._plume_directions[jet]))
                 for jet, name in enumerate(vehicle.designations)
             },
             body,
@@ -260,7 +261,7 @@ class Content:
         )
 
     @property
-    def _outwards(self) -> Array:
+    def _plume_directions(self) -> Array:
         """Directions of the plumes, shape (n_jets, 3)."""
         thrusts = self._vehicle.thrusts
         return np.asarray(-thrusts / np.linalg.norm(thrusts, axis=1, keepdims=True))
@@ -270,6 +271,7 @@ class Content:
         return source if VEHICLE in self._sources else VEHICLE
 
     def _notes(self) -> tuple[str, ...]:
+        """Lists notes on units, and on poses and thrust that are not known."""
         unit = self._vehicle.unit_names["length"]
         notes = [f"lengths of frames and scene are in {unit}"]
         if not self._sources:
@@ -280,22 +282,24 @@ class Content:
             notes.append("thrust is not known: plumes show the commands")
         return tuple(notes)
 
-    def _ns(self, time_s: Array) -> NDArray[np.int64]:
+    def _to_ns(self, time_s: Array) -> NDArray[np.int64]:
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
-    def _rows(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
-        time_ns = self._ns(time_s)
+    def _make_block(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
+        """Makes a block of samples: signals, poses of the frames, changes of the scene, and the messages due."""
+        time_ns = self._to_ns(time_s)
         scene: dict[str, list[tuple[int, Arrows | Balls]]] = {
-            "plumes": self._changes("plumes", self._plumes(time_s, signals)),
-            "marks": self._changes("marks", self._marks(time_s)),
-            "centers": self._changes("centers", self._centers(signals)),
+            "plumes": self._changed_parts("plumes", self._plume_arrows(time_s, signals)),
+            "marks": self._changed_parts("marks", self._jet_marks(time_s)),
+            "centers": self._changed_parts("centers", self._center_balls(signals)),
         }
         if self._scenario.jumps and self._simulated:
-            scene["payloads"] = self._changes("payloads", self._payloads(time_s))
-        times = np.clip(self._ns(np.array([one.time_s for one in due])), self.outline.start_ns, None).tolist()
-        return SampleBlock(time_ns, signals, self._frames(signals), scene, list(zip(times, due, strict=True)))
+            scene["payloads"] = self._changed_parts("payloads", self._payload_balls(time_s))
+        times = np.clip(self._to_ns(np.array([one.time_s for one in due])), self.outline.start_ns, None).tolist()
+        return SampleBlock(time_ns, signals, self._frame_poses(signals), scene, list(zip(times, due, strict=True)))
 
-    def _frames(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
+    def _frame_poses(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
+        """Returns origin, shape (n, 3), ft or m, and quaternion, shape (n, 4), of each moving frame."""
         frames = {}
         for source, (position, attitude, properties) in self._sources.items():
             rotation, center = signals[attitude], signals[properties][:, CENTER_OF_MASS]
@@ -310,7 +314,7 @@ class Content:
                 frames[name] = (center, np.tile([1.0, 0.0, 0.0, 0.0], (len(center), 1)))
         return frames
 
-    def _changes(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
+    def _changed_parts(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
         """Returns the rows in which a part of the scene changes, with the part."""
         found = []
         for row, part in enumerate(parts):
@@ -320,7 +324,8 @@ class Content:
                 self._before[name] = part
         return found
 
-    def _plumes(self, time_s: Array, signals: Mapping[str, Array]) -> Iterator[Arrows]:
+    def _plume_arrows(self, time_s: Array, signals: Mapping[str, Array]) -> Iterator[Arrows]:
+        """Yields the plumes of all jets at each sample, colored by kind: regular, uncommanded or missing thrust."""
         vehicle = self._vehicle
         full = np.linalg.norm(vehicle.thrusts, axis=1)
         command = np.nan_to_num(signals["command"])
@@ -328,14 +333,15 @@ class Content:
         failing = truly_failing(time_s, self._scenario) & self._simulated
         kinds = motion.classify_plumes(thrust / full, command > 0.0, failing)
         shown = np.where(kinds["withheld"], full, np.maximum(thrust, 0.0))
-        vectors = solids.plume_lengths(vehicle, shown)[:, :, None] * self._outwards
+        vectors = solids.plume_lengths(vehicle, shown)[:, :, None] * self._plume_directions
         colors = {kind: _rgba(_PLUMES[kind], 0.75) for kind in _PLUMES}
         for row in range(time_s.size):
             jets = [(jet, kind) for kind in _PLUMES for jet in np.flatnonzero(kinds[kind][row]).tolist()]
             places = [jet for jet, _ in jets]
             yield Arrows(vehicle.positions[places], vectors[row, places], [colors[kind] for _, kind in jets])
 
-    def _marks(self, time_s: Array) -> Iterator[Balls]:
+    def _jet_marks(self, time_s: Array) -> Iterator[Balls]:
+        """Yields the marks of jets that truly fail or are declared failed, at each sample."""
         vehicle = self._vehicle
         marks = [(mark, "failed") for mark in self._failures()] + [(mark, "found") for mark in self._found]
         radii = {kind: solids.mark_radius(vehicle, kind) for kind in _MARKS}
@@ -351,7 +357,7 @@ class Content:
     def _failures(self) -> list[event_marks.Mark]:
         return event_marks.failure_marks(self._scenario, self._end_s) if self._simulated else []
 
-    def _centers(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
+    def _center_balls(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
         """Returns true and estimated center of mass, and the latter's 3-sigma ellipsoid along the axes."""
         radius = solids.center_radius(self._vehicle)
         estimate, deviation = (signals[name][:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
@@ -366,7 +372,8 @@ class Content:
                 centers[known], sizes[known], [color for color, there in zip(colors, known, strict=True) if there]
             )
 
-    def _payloads(self, time_s: Array) -> Iterator[Balls]:
+    def _payload_balls(self, time_s: Array) -> Iterator[Balls]:
+        """Yields the payloads on board at each sample, as balls sized by mass."""
         for now_s in time_s.tolist():
             there = [jump for jump in self._scenario.jumps if (now_s >= jump.time_s - 1e-9) == (jump.kind == "dock")]
             radii = [solids.payload_radius(self._vehicle, jump.mass) for jump in there]

@@ -70,7 +70,7 @@ class FoxgloveStream:
 
     def __init__(self, outline: Outline, context: foxglove.Context):
         self._outline = outline
-        self._signals = {name: _signal_channel(series, context) for name, series in outline.series.items()}
+        self._signals = {name: _make_signal_channel(series, context) for name, series in outline.series.items()}
         self._frames = channels.FrameTransformsChannel("/run/frames", context=context)
         self._jets = channels.FrameTransformsChannel("/run/jets", context=context)
         self._events = channels.LogChannel("/run/events", context=context)
@@ -91,8 +91,8 @@ class FoxgloveStream:
         ]
         self._log_scene("vehicle", time_ns, SceneEntity(**_vehicle_entity_fields(now, "vehicle"), triangles=surfaces))
         jets = [
-            _transform(now, VEHICLE, f"jet_{name}", place, turned)
-            for name, (place, turned) in self._outline.jets.items()
+            _make_transform(now, VEHICLE, f"jet_{name}", place, quaternion)
+            for name, (place, quaternion) in self._outline.jets.items()
         ]
         self._jets.log(FrameTransforms(transforms=jets), log_time=time_ns)
 
@@ -111,16 +111,17 @@ class FoxgloveStream:
                 self._signals[name].log(messages[row], log_time=time_ns)
             self._log_frames(rows, row, time_ns)
             for name, part in changes.get(row, ()):
-                self._log_scene(name, time_ns, _entity(name, part, _timestamp(time_ns)))
+                self._log_scene(name, time_ns, _make_entity(name, part, _timestamp(time_ns)))
         for one in waiting:
             self._log_event(*one)
 
     def _log_frames(self, rows: SampleBlock, row: int, time_ns: int) -> None:
+        """Logs the poses of the frames that are known in a row."""
         now = _timestamp(time_ns)
         known = [
-            _transform(now, PARENTS[name], name, places[row], turns[row])
-            for name, (places, turns) in rows.frames.items()
-            if np.isfinite(places[row]).all() and np.isfinite(turns[row]).all()
+            _make_transform(now, PARENTS[name], name, places[row], quaternions[row])
+            for name, (places, quaternions) in rows.frames.items()
+            if np.isfinite(places[row]).all() and np.isfinite(quaternions[row]).all()
         ]
         if known:
             self._frames.log(FrameTransforms(transforms=known), log_time=time_ns)
@@ -129,10 +130,10 @@ class FoxgloveStream:
         self._scene[name].log(SceneUpdate(entities=[entity]), log_time=time_ns)
 
     def _log_event(self, time_ns: int, message: LogEntry) -> None:
-        said = Log(
+        log = Log(
             timestamp=_timestamp(time_ns), level=_LEVELS[message.level], message=message.text, name=message.source
         )
-        self._events.log(said, log_time=time_ns)
+        self._events.log(log, log_time=time_ns)
 
 
 def write(content: Content, path: Path) -> None:
@@ -217,7 +218,7 @@ class FoxgloveServer:
         self._server.broadcast_time(self._now_ns)
 
     def close(self) -> None:
-        """Ends the server, once what waits has gone out."""
+        """Ends the server, once all buffered messages are sent."""
         time.sleep(_SETTLES_S)
         self._server.stop()
 
@@ -225,7 +226,8 @@ class FoxgloveServer:
 connected = FoxgloveServer
 
 
-def _signal_channel(series: Series, context: foxglove.Context) -> foxglove.Channel:
+def _make_signal_channel(series: Series, context: foxglove.Context) -> foxglove.Channel:
+    """Makes a signal's channel, with names and units of its components in the schema."""
     fields = protobuf.identifiers(series.components)
     message = protobuf.identifiers([series.name])[0]
     units = list(series.units)
@@ -246,7 +248,8 @@ def _signal_channel(series: Series, context: foxglove.Context) -> foxglove.Chann
     )
 
 
-def _entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
+def _make_entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
+    """Makes a scene entity of spheres or arrows that moves with the vehicle."""
     if isinstance(part, Balls):
         spheres = [
             SpherePrimitive(pose=Pose(position=_vector(center)), size=_vector(2.0 * half), color=_paint(color))
@@ -274,13 +277,13 @@ def _vehicle_entity_fields(now: Timestamp, name: str) -> dict[str, Any]:
     return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
 
-def _transform(now: Timestamp, parent: str, child: str, place: Array, turned: Array) -> FrameTransform:
+def _make_transform(now: Timestamp, parent: str, child: str, place: Array, quaternion: Array) -> FrameTransform:
     return FrameTransform(
         timestamp=now,
         parent_frame_id=parent,
         child_frame_id=child,
         translation=_vector(place),
-        rotation=_quaternion(turned),
+        rotation=_quaternion(quaternion),
     )
 
 

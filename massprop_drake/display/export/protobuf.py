@@ -71,6 +71,7 @@ def encode_rows(values: Array) -> list[bytes]:
 
 
 def _varint(value: int) -> bytes:
+    """Encodes a nonnegative integer in groups of seven bits, least significant first."""
     parts = []
     while value > 127:
         parts.append(value & 127 | 128)

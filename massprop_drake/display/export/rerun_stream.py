@@ -66,7 +66,7 @@ class RerunStream:
         put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
         put(_frame_path(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
         for number, mesh in enumerate(outline.body):
-            put(f"{_frame_path(VEHICLE)}/shape/{number}", _surface(mesh.triangles, mesh.color))
+            put(f"{_frame_path(VEHICLE)}/shape/{number}", _make_mesh(mesh.triangles, mesh.color))
         for name, (place, turned) in outline.jets.items():
             frame = rr.Transform3D(translation=place, quaternion=rr.Quaternion(xyzw=turned[[1, 2, 3, 0]]))
             put(f"{_frame_path(VEHICLE)}/jets/{rr.escape_entity_path_part(name)}", frame)
@@ -75,7 +75,7 @@ class RerunStream:
                 f"{_frame_path(VEHICLE)}/{name}", rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe")
             )
         for series in outline.series.values():
-            named = _names(series)
+            named = _curve_names(series)
             for path, columns in _curves(series):
                 put(path, rr.SeriesLines(names=named[columns]))
         notes = "\n".join(f"- {note}" for note in outline.notes)
@@ -88,23 +88,24 @@ class RerunStream:
             for path, columns in _curves(series):
                 numbers = np.ascontiguousarray(values[:, columns])
                 batch = rr.Scalars.columns(scalars=numbers.ravel())
-                self._send(path, rows.time_ns, batch.partition([numbers.shape[1]] * len(numbers)))
+                self._send_columns(path, rows.time_ns, batch.partition([numbers.shape[1]] * len(numbers)))
         for name, (places, turns) in rows.frames.items():
             known = np.isfinite(places).all(axis=1) & np.isfinite(turns).all(axis=1)
             frames = rr.Transform3D.columns(translation=places[known], quaternion=turns[known][:, [1, 2, 3, 0]])
-            self._send(_frame_path(name), rows.time_ns[known], frames)
+            self._send_columns(_frame_path(name), rows.time_ns[known], frames)
         for name, changes in rows.scene.items():
             times = rows.time_ns[[row for row, _ in changes]]
-            self._send(f"{_frame_path(VEHICLE)}/{name}", times, _draw_parts([part for _, part in changes]))
+            self._send_columns(f"{_frame_path(VEHICLE)}/{name}", times, _draw_parts([part for _, part in changes]))
         if rows.messages:
             times = np.array([time_ns for time_ns, _ in rows.messages])
             said = [message for _, message in rows.messages]
             texts = rr.TextLog.columns(
                 text=[f"{one.source}: {one.text}" for one in said], level=[_LEVELS[one.level] for one in said]
             )
-            self._send(_EVENTS, times, texts)
+            self._send_columns(_EVENTS, times, texts)
 
-    def _send(self, path: str, time_ns: NDArray[np.int64], columns: Iterable[Any]) -> None:
+    def _send_columns(self, path: str, time_ns: NDArray[np.int64], columns: Iterable[Any]) -> None:
+        """Sends columns at their times, those of the calendar if the run has an epoch."""
         if not time_ns.size:
             return
         if self._outline.has_epoch:
@@ -174,6 +175,7 @@ class RerunViewer:
         self._recording.disconnect()
 
     def _flush(self) -> None:
+        """Sends what is buffered; raises InputError where no viewer receives it."""
         try:
             self._recording.flush(timeout_sec=_FLUSH_S)
         except RuntimeError:
@@ -196,7 +198,7 @@ def _curves(series: Series) -> list[tuple[str, slice]]:
     ]
 
 
-def _names(series: Series) -> list[str]:
+def _curve_names(series: Series) -> list[str]:
     """Returns names of a signal's curves, with their units."""
     alone = len(series.components) == 1
     return [
@@ -210,7 +212,7 @@ def _frame_path(frame: str) -> str:
     return frame if frame == WORLD else f"{_frame_path(PARENTS[frame])}/{frame}"
 
 
-def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
+def _make_mesh(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
     """Makes triangles with the normal of each at its corners, so that a viewer shades them."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

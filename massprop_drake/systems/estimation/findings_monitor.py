@@ -17,25 +17,27 @@ class Monitor(Protocol):
 
     Attributes:
         counts: at the start, a vector that changes at every sample.
-        said: at the start, a value that changes where a detector says something.
+        declarations: at the start, a value that changes where a detector says something.
     """
 
     counts: Array
-    said: Any
+    declarations: Any
 
     def has_event(self, detector_report: Array) -> bool:
         """Tests whether a detector declares something at a sample."""
 
-    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+    def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
         """Computes the vector of findings after a sample."""
 
-    def told(self, said_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Any:
+    def update_declarations(
+        self, declared_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]
+    ) -> Any:
         """Computes the value of findings after a sample at which a detector declares something."""
 
-    def detections(self, said_now: Any, counts: Array) -> tuple[Any, ...]:
+    def detections(self, declared: Any, counts: Array) -> tuple[Any, ...]:
         """Returns the detections so far."""
 
-    def failed_jets(self, said_now: Any) -> Array:
+    def failed_jets(self, declared: Any) -> Array:
         """Returns marks of failed jets, shape (n_jets,)."""
 
     def verdict(self, counts: Array) -> Any:
@@ -74,9 +76,9 @@ class FindingsMonitor(LeafSystem):
         self._monitor = monitor
         self._reports = {name: self.DeclareVectorInputPort(name, size) for name, size in reports.items()}
         self._counts = self.DeclareDiscreteState(monitor.counts)
-        self._said = self.DeclareAbstractState(Value[object](monitor.said))
+        self._said = self.DeclareAbstractState(Value[object](monitor.declarations))
         said = {self.xa_ticket()}
-        n_jets = monitor.failed_jets(monitor.said).size
+        n_jets = monitor.failed_jets(monitor.declarations).size
         declare_output(self, "failed_jets", n_jets, lambda now: monitor.failed_jets(self._heard(now)), said)
         for name, calc, read in (
             ("detections", self._calc_detections, {*said, self.xd_ticket()}),
@@ -107,7 +109,7 @@ class FindingsMonitor(LeafSystem):
         output.set_value(self._monitor.verdict(self._counted(context)))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._monitor.counted(self._counted(context), context.get_time(), self._given(context))
+        after = self._monitor.count_innovations(self._counted(context), context.get_time(), self._given(context))
         state.set_value(self._counts, after)
 
     def _listen(self, context: Any, state: Any) -> EventStatus:
@@ -115,6 +117,6 @@ class FindingsMonitor(LeafSystem):
         if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
             return EventStatus.DidNothing()
         given = self._counted(context), context.get_time(), self._given(context)
-        said = self._monitor.told(self._heard(context), *given)
+        said = self._monitor.update_declarations(self._heard(context), *given)
         state.get_mutable_abstract_state(self._said).set_value(said)
         return EventStatus.Succeeded()
