@@ -261,6 +261,7 @@ def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParam
 def _make_state_of_estimate(
     joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
 ) -> JointFilterState:
+    """Makes the filter's state; without accelerometers the mass reciprocal is NaN."""
     if params.joint.places.accelerometers == 0:
         estimate[MASS_RECIPROCAL] = np.nan
         covariance[MASS_RECIPROCAL] = np.nan
@@ -367,6 +368,7 @@ class Cycle(NamedTuple):
 def _run_cycle(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
+    """Runs a cycle of the joint filter on some readings; restarts it after a gap."""
     taken = make_sample(state, readings, told, params)
     made = joint_cycle.restart if taken.anew else joint_cycle.step
     return Cycle(taken, *made(state.joint, taken.sample, params.joint))

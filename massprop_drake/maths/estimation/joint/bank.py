@@ -1,4 +1,4 @@
-r"""The bank of onsets, and the telescoped test of the readings since each of them.
+r"""The bank of past onsets, and the first-order test of all readings since each of them.
 
 For an onset theta the state after it is carried on without learning. The residual e of the newest readings against
 that prediction has the covariance

@@ -21,6 +21,8 @@ _MOST = 4096  # of anything that is counted
 
 
 class _Numbers(NamedTuple):
+    """Scalars of one part of the possible delays, as they are packed."""
+
     filters: float
     renewed_s: float
     led_s: float
@@ -93,6 +95,7 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
 
 
 def _pack_part(part: Tried) -> list[Array]:
+    """Packs one part of the possible delays, scalars first: the inverse of `_read_part`."""
     numbers = _Numbers(
         part.bank.mean.shape[0],
         part.renewed_s,
@@ -139,6 +142,7 @@ def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
 
 
 def _pack_bank(bank: PoseBank) -> list[Array]:
+    """Packs a bank; of each covariance the lower triangle."""
     rows, columns = np.tril_indices(bank.covariance.shape[1])
     lower = bank.covariance[:, rows, columns]
     parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
@@ -146,6 +150,7 @@ def _pack_bank(bank: PoseBank) -> list[Array]:
 
 
 def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
+    """Reads a bank: the inverse of `_pack_bank`."""
     n = params.free.size
     rows, columns = np.tril_indices(n)
     mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)

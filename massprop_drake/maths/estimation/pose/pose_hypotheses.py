@@ -194,10 +194,11 @@ def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     """Merges into every hypothesis the possibility that its jet fails now, once that is due."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
-    return _renew_now(tried, time_s, params)
+    return _merge_new_failures(tried, time_s, params)
 
 
-def _renew_now(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+def _merge_new_failures(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+    """Merges into every hypothesis the filter in which its jet fails now, by probability."""
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)
     now = tried.likelihood[0] + chance
     before = tried.likelihood[1:]
