@@ -17,7 +17,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from massprop_drake.errors import InputError
 
-_CALLBACKS = ("_calc", "_compute", "_update", "_jump", "DoCalc")
+_CALLBACKS = ("_calc", "_compute", "_update", "_apply", "DoCalc")
 _RESULT = {AutoDiffXd: "AutoDiffXd", Expression: "Expression"}
 
 
