@@ -83,9 +83,9 @@ class FlightMonitor:
         reports: layout of each report, by its port.
 
     Attributes:
-        counts: at the start, what `counted` goes on from, shape (17 + 2 n_jets + 10 w,), w samples being kept: 512
+        counts: input of `update_counts` at the start, shape (17 + 2 n_jets + 10 w,), w samples being kept: 512
             where hypotheses are followed, else 1.
-        said: at the start, what `told` goes on from.
+        said: input of `update_findings` at the start.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: Sequence[str], reports: Mapping[str, Layout]):
@@ -109,7 +109,7 @@ class FlightMonitor:
         _, place = self._places["detector_event"]
         return bool(detector_report[place] != 0.0)
 
-    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+    def update_counts(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
         """Counts innovations after a sample, with the data that the next one needs.
 
         Args:
@@ -147,13 +147,13 @@ class FlightMonitor:
         port, place = self._places[signal]
         return reports[port][place]
 
-    def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
-        """Updates the detector's declarations after a sample at which there are any; arguments as of `counted`."""
+    def update_findings(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
+        """Updates the detector's declarations after a sample with any; arguments as of `update_counts`."""
         signals = self._signals(reports)
         events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
         records = update_detections(self._vehicle, events, said_before.detections)
         if "verdict" not in signals:
-            last = self._layout.columns(np.vstack([counts, self.counted(counts, time_s, reports)]))
+            last = self._layout.columns(np.vstack([counts, self.update_counts(counts, time_s, reports)]))
             times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
             records = note_mass_before_jumps(records, times_s, reciprocal, np.sqrt(variance))
         return Said((*said_before.events, *events), tuple(records))

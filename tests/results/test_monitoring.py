@@ -76,7 +76,7 @@ def test_a_verdict_while_it_flies_is_that_of_the_flight_so_far(orbiter: Vehicle,
     counts = monitor.counts
     for number, row in enumerate(rows):
         before = counts.copy()
-        after = monitor.counted(counts, PERIOD_S * number, row)
+        after = monitor.update_counts(counts, PERIOD_S * number, row)
         np.testing.assert_array_equal(counts, before)  # never changed
         counts = after
         if number in (299, 300, 319, 320, 330, ROWS - 1):

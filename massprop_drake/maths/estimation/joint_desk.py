@@ -76,7 +76,7 @@ class JointRows(NamedTuple):
 
 
 class Besides(NamedTuple):
-    """Readings and commands beside those of the samples, a row per cycle, and what cycles make of them, in place.
+    """Readings and commands beside those of the samples, a row per cycle, and values that cycles derive, in place.
 
     Attributes:
         quaternions: that trackers read, NaN where missing, shape (n, n_trackers, 4).

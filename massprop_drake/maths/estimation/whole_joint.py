@@ -58,7 +58,7 @@ _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspect
 
 
 class Asked(NamedTuple):
-    """Arguments that parts take one by one.
+    """Arguments of the parts of a cycle that `run_part` runs one by one.
 
     Attributes:
         state, sample, thresholds, counts: see `joint_cycle.run_cycle`.
@@ -240,7 +240,7 @@ def _fill_log_rows(
 
 
 class Work:
-    """Compiled `run_part`, or the plain one, for some parameters; compiled now, and not in the midst of a flight.
+    """Runner of the parts of the joint filter's cycle, compiled where asked, when it is made and not in a flight.
 
     Args:
         params: of the filter.

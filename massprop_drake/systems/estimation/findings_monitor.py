@@ -26,10 +26,10 @@ class Monitor(Protocol):
     def has_event(self, detector_report: Array) -> bool:
         """Tests whether a detector declares something at a sample."""
 
-    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+    def update_counts(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
         """Computes the vector of findings after a sample."""
 
-    def told(self, said_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Any:
+    def update_findings(self, said_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Any:
         """Computes the value of findings after a sample at which a detector declares something."""
 
     def detections(self, said_now: Any, counts: Array) -> tuple[Any, ...]:
@@ -107,7 +107,7 @@ class FindingsMonitor(LeafSystem):
         output.set_value(self._monitor.verdict(self._read_counts(context)))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._monitor.counted(self._read_counts(context), context.get_time(), self._read_reports(context))
+        after = self._monitor.update_counts(self._read_counts(context), context.get_time(), self._read_reports(context))
         state.set_value(self._counts, after)
 
     def _update_findings(self, context: Any, state: Any) -> EventStatus:
@@ -116,6 +116,6 @@ class FindingsMonitor(LeafSystem):
         if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
             return EventStatus.DidNothing()
         given = self._read_counts(context), context.get_time(), self._read_reports(context)
-        said = self._monitor.told(self._read_findings(context), *given)
+        said = self._monitor.update_findings(self._read_findings(context), *given)
         state.get_mutable_abstract_state(self._said).set_value(said)
         return EventStatus.Succeeded()

@@ -147,7 +147,7 @@ class TelemetrySource(LeafSystem):
         outside_wrench: Array | None,
         onsets_s: Array | None = None,
     ) -> int:
-        """Gives a context the next rows; of those before them only the last stays.
+        """Appends rows of a record to those of a context; of the earlier ones only the last stays.
 
         Args:
             context: of the source.

@@ -279,7 +279,7 @@ def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> 
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs the whole cycle of the filter."""
+    """Runs a cycle of the joint filter, prediction and update; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     return step(state, rates, velocities, interval.told, params)
 
@@ -287,7 +287,7 @@ def measure(
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs the whole cycle of the filter, with readings of the packages, NaN where missing, shape (s, 3) each.
+    """Runs a cycle of the joint filter on the readings of all packages, NaN where missing, shape (s, 3) each.
 
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.

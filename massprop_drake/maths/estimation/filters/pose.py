@@ -166,7 +166,7 @@ def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFi
 def measure(
     state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
 ) -> PoseMeasurement:
-    """Runs the whole cycle of the filter."""
+    """Runs a cycle of all hypotheses, prediction and update; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
     readings = collect_readings(told.tracked, rates, velocities, params)

@@ -76,8 +76,8 @@ class _Rows:
         self._jacobians.append(jacobian[:, :, self._params.free])
         self._variances.append(np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen])
 
-    def compared(self) -> Compared | None:
-        """Returns all readings; None: there were none."""
+    def stack(self) -> Compared | None:
+        """Stacks all readings that have been added; None: there are none."""
         if not self._innovations:
             return None
         sizes = [each.shape[1] for each in self._innovations]
@@ -149,7 +149,7 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             by = {f"gathered:{place}": _EYE, "rate": -skew_matrices(arm), "center": -turn}
             off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
-    return rows.compared()
+    return rows.stack()
 
 
 def _white_covariance(variance: float) -> Array:
