@@ -69,7 +69,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
         meaning: that form, with the same arguments.
     """
 
-    def marked(function: F) -> F:
+    def register(function: F) -> F:
         _IDIOMS.append(
             (
                 function,
@@ -78,7 +78,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
         )
         return function
 
-    return marked
+    return register
 
 
 class Holder:

@@ -147,7 +147,7 @@ class Quiet:
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
-        """Returns records of the last cycles; scores count from the first of them."""
+        """Returns the last cycles as watched ones; scores count from the first of them."""
         layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
