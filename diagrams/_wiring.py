@@ -1,4 +1,4 @@
-"""Wiring that several diagrams share."""
+"""Connections of estimators, wheels and engines that several diagrams share, and their exported outputs."""
 
 from __future__ import annotations
 

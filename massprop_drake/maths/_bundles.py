@@ -81,12 +81,13 @@ _typeof_class, _typeof_tuple = typeof_impl.dispatch(type), typeof_impl.dispatch(
 
 
 @typeof_impl.register(type)  # type: ignore[untyped-decorator]
-def _(value: type, context: Any) -> Any:
+def _typeof_bundle_class(value: type, context: Any) -> Any:
     return BundleClass(value) if _is_bundle(value) else _typeof_class(value, context)
 
 
 @typeof_impl.register(tuple)  # type: ignore[untyped-decorator]
-def _(value: Any, context: Any) -> Any:
+def _typeof_bundle(value: Any, context: Any) -> Any:
+    """Returns the type of a bundle; None where a field has none."""
     if not _is_bundle(type(value)):
         return _typeof_tuple(value, context)
     kinds = tuple(typeof_impl(field, context) for field in value)
@@ -113,6 +114,7 @@ def _allocate_bundle(context: Any, builder: Any, kind: BundleType, fields: Any, 
 
 @lower_builtin(BundleClass, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
 def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """Generates the code that makes a bundle from its fields, each cast to its type."""
     kind, fields = sig.return_type, []
     for own, given, value in zip(kind.kinds, sig.args, args, strict=True):
         field = context.cast(builder, value, given, own)
@@ -128,6 +130,7 @@ def _load_constant(c: Any, value: Any) -> Any:
 
 @box(BundleType)  # type: ignore[untyped-decorator]
 def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
+    """Generates the code that converts a bundle to a named tuple of Python."""
     data = structref._Utils(c.context, c.builder, kind).get_data_struct(value)
     parts = []
     for name, own in kind.field_dict.items():
@@ -144,6 +147,7 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
 
 @unbox(BundleType)  # type: ignore[untyped-decorator]
 def _from_python(kind: BundleType, value: Any, c: Any) -> Any:
+    """Generates the code that converts a named tuple of Python to a bundle."""
     read = c.unbox(kind.as_tuple, value)
     fields = [c.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
     made = _allocate_bundle(c.context, c.builder, kind, fields, checked=False)

@@ -28,7 +28,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         try:
             return super().load(key)
         except Exception as error:
-            self._is_damaged(self._index_path, error)
+            self._log_damage(self._index_path, error)
             return None
 
     def save(self, key: Any, data: Any) -> None:
@@ -43,6 +43,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         return content + hashlib.sha256(content).digest()
 
     def _load_index(self) -> Any:
+        """Loads the index of compiled functions; empty where its file is missing or damaged."""
         try:
             with Path(self._index_path).open("rb") as file:
                 pickle.load(file)  # the version, which stands before the rest
@@ -51,7 +52,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         except FileNotFoundError:
             return {}
         except Exception as error:
-            self._is_damaged(self._index_path, error)
+            self._log_damage(self._index_path, error)
             return {}
 
     def _load_data(self, name: str) -> Any:
@@ -59,7 +60,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         _require_whole(Path(path).read_bytes())
         return super()._load_data(name)
 
-    def _is_damaged(self, path: str, error: Exception) -> None:
+    def _log_damage(self, path: str, error: Exception) -> None:
         _log_once("damaged", f"what is kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
 
 

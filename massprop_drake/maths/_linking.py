@@ -33,6 +33,7 @@ class _Library(JITCodeLibrary):
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
+        """Makes machine code with its waiting environments; nothing while the library waits."""
         if self._waits:
             self._finalized = True
             return

@@ -97,17 +97,19 @@ class Layout:
         """Returns the layout with words for sizes replaced: `LAYOUT.sized(jets=44)`; made once for each set."""
         key = tuple(sizes.items())
         if key not in self._of_sizes:
-            self._of_sizes[key] = self._resized(sizes)
+            self._of_sizes[key] = self._replace_sizes(sizes)
         return self._of_sizes[key]
 
-    def _resized(self, sizes: dict[str, int]) -> Layout:
-        def replaced(shape: Shape) -> Shape:
+    def _replace_sizes(self, sizes: dict[str, int]) -> Layout:
+        """Makes the layout with words for sizes replaced by numbers."""
+
+        def replace_words(shape: Shape) -> Shape:
             if isinstance(shape, tuple):
                 return tuple(sizes.get(part, part) if isinstance(part, str) else part for part in shape)
             return sizes.get(shape, shape) if isinstance(shape, str) else shape
 
-        fields: dict[str, Shape | Field] = {key: replaced(shape) for key, shape in self._shapes.items()}
-        logged = {key: field._replace(shape=replaced(field.shape)) for key, field in self.logged.items()}
+        fields: dict[str, Shape | Field] = {key: replace_words(shape) for key, shape in self._shapes.items()}
+        logged = {key: field._replace(shape=replace_words(field.shape)) for key, field in self.logged.items()}
         return Layout(self.name, **(fields | logged))
 
     def slice(self, name: str) -> slice:

@@ -69,7 +69,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
         meaning: that form, with the same arguments.
     """
 
-    def marked(function: F) -> F:
+    def register(function: F) -> F:
         _IDIOMS.append(
             (
                 function,
@@ -78,7 +78,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
         )
         return function
 
-    return marked
+    return register
 
 
 class Holder:
@@ -103,6 +103,7 @@ def numbers(vector: Array, _count: int) -> Any:
 
 
 def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `rows3`."""
     return (
         (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
         (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
@@ -117,6 +118,7 @@ def rows3(matrix: Array) -> Any:
 
 
 def _take_elements(vector, places):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `take_elements`."""
     result = np.empty(places.shape)
     flat, index = result.ravel(), places.ravel()
     for place in range(index.size):
@@ -146,6 +148,7 @@ def _element(values: Any, index: int) -> Any:
 
 
 def _select_where(condition, one, other):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `select_where`."""
     result = np.empty(condition.size)
     for index in range(condition.size):
         result[index] = _element(one, index) if condition[index] else _element(other, index)
@@ -344,6 +347,7 @@ def _make_timer(event: Any, kept: str) -> Any:
         said = False
 
         def on_start(self, what: Any) -> None:
+            """Logs once that kernels of this package are being compiled."""
             home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
             if home.startswith("massprop_drake.") and not self.said:
                 _LOG.warning("kernels are being compiled, which takes about a minute, once%s", kept)
@@ -380,6 +384,7 @@ def _register_idioms(extending: Any) -> None:
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
+    """Makes the compiled form of `numbers` for a count written out by the caller."""
     last = _count.literal_value - 1
     if last == 0:
         return lambda vector, _count: (vector[0],)
@@ -391,6 +396,7 @@ def _element_of(values, index):  # type: ignore[no-untyped-def] # of types
 
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types
+    """Makes the compiled form of `fill` for the types of some values."""
     lines = ["def filled(row, values):", "    begin = 0"]
     fields = getattr(values, "field_dict", None)  # of a bundle, by name
     named = (
@@ -414,6 +420,7 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
 
 
 def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
+    """Makes the compiled form of `read_bundle` for the type of a bundle."""
     lines = ["def taken(vector, like):", "    begin = 0"]
     for name, kind in like.field_dict.items():
         if getattr(kind, "ndim", 0):

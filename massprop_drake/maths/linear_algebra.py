@@ -175,6 +175,7 @@ def is_positive_definite(matrix: Array) -> bool:
 
 
 def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `times_stack`."""
     result = np.empty((stack.shape[0], matrix.shape[0], stack.shape[2]))
     for index in range(stack.shape[0]):
         result[index] = matrix @ stack[index]
@@ -188,6 +189,7 @@ def times_stack(matrix: Array, stack: Array) -> Array:
 
 
 def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `stack_times`."""
     result = np.empty((stack.shape[0], stack.shape[1], matrix.shape[1]))
     for index in range(stack.shape[0]):
         result[index] = stack[index] @ matrix
@@ -201,6 +203,7 @@ def stack_times(stack: Array, matrix: Array) -> Array:
 
 
 def _stack_times_stack(left, right):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `stack_times_stack`."""
     result = np.empty((left.shape[0], left.shape[1], right.shape[2]))
     for index in range(left.shape[0]):
         result[index] = left[index] @ right[index]
@@ -214,6 +217,7 @@ def stack_times_stack(left: Array, right: Array) -> Array:
 
 
 def _stack_times_vector(stack, vector):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `stack_times_vector`."""
     result = np.empty((stack.shape[0], stack.shape[1]))
     for index in range(stack.shape[0]):
         result[index] = stack[index] @ vector
@@ -227,6 +231,7 @@ def stack_times_vector(stack: Array, vector: Array) -> Array:
 
 
 def _stack_times_vectors(stack, vectors):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `stack_times_vectors`."""
     result = np.empty((stack.shape[0], stack.shape[1]))
     for index in range(stack.shape[0]):
         result[index] = stack[index] @ vectors[index]
@@ -241,6 +246,7 @@ def stack_times_vectors(stack: Array, vectors: Array) -> Array:
 
 
 def _inverses(stack):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `inverses`."""
     result = np.empty(stack.shape)
     for index in range(stack.shape[0]):
         result[index] = np.linalg.inv(stack[index])
@@ -254,6 +260,7 @@ def inverses(stack: Array) -> Array:
 
 
 def _log_determinants(stack):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `log_determinants`."""
     result = np.empty(stack.shape[0])
     for index in range(stack.shape[0]):
         result[index] = np.linalg.slogdet(stack[index])[1]
@@ -267,6 +274,7 @@ def log_determinants(stack: Array) -> Array:
 
 
 def _triangular_roots(stack):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `triangular_roots`."""
     result = np.empty(stack.shape)
     for index in range(stack.shape[0]):
         result[index] = np.linalg.cholesky(stack[index])
@@ -299,6 +307,7 @@ def sparse_product(rows: Array, matrix: Array) -> Array:
 
 
 def _triangular_rows(matrix):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `triangular_rows`."""
     for row in range(matrix.shape[0]):
         for column in range(row + 1, matrix.shape[1]):
             if matrix[row, column] != 0.0:

@@ -30,7 +30,8 @@ def stream_seed(seed: Seed, stream: str) -> np.random.SeedSequence:
 
 
 @lru_cache(maxsize=256)
-def _block(seed: Seed, stream: str, number: int, size: int) -> Array:
+def _draw_block(seed: Seed, stream: str, number: int, size: int) -> Array:
+    """Draws block ``number`` of a stream of standard normal numbers, shape (_BLOCK, size); read-only."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0]))
     block = generator.standard_normal((_BLOCK, size))
@@ -41,7 +42,7 @@ def _block(seed: Seed, stream: str, number: int, size: int) -> Array:
 def normal_sample(seed: Seed, stream: str, number: int, size: int) -> Array:
     """Draws independent standard normal numbers: sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
     block, row = divmod(number, _BLOCK)
-    return _block(seed, stream, block, size)[row]
+    return _draw_block(seed, stream, block, size)[row]
 
 
 def uniform_phase(seed: Seed, stream: str, size: int) -> Array:

@@ -265,8 +265,8 @@ def state_groups(diagram: Any, context: Any) -> Groups:
             continue
         own = system.GetMyContextFromRoot(context)
         state = own.get_discrete_state()
-        if hasattr(system, "kept"):  # filter and detector in one, whose state is no vector
-            groups |= system.kept(own)
+        if hasattr(system, "pack_state"):  # filter and detector in one, whose state is no vector
+            groups |= system.pack_state(own)
         elif state.num_groups():  # a system of the estimators keeps one vector
             groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return groups

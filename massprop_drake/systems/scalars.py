@@ -17,7 +17,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from massprop_drake.errors import InputError
 
-_CALLBACKS = ("_calc", "_compute", "_update", "_jump", "DoCalc")
+_CALLBACKS = ("_calc", "_compute", "_update", "_apply", "DoCalc")
 _RESULT = {AutoDiffXd: "AutoDiffXd", Expression: "Expression"}
 
 
@@ -31,14 +31,14 @@ def float_class(template: Any, name: str) -> Any:
 def template(make: Callable[[Any], type]) -> Any:
     """Makes a system's template, by Drake's `TemplateSystem`, of a function that makes its class for a scalar type."""
 
-    def made(scalar: Any) -> type:
+    def make_class(scalar: Any) -> type:
         system = make(scalar)
         for name, member in list(vars(system).items()) if scalar is Expression else []:
             if name.startswith(_CALLBACKS):  # numpy takes the bits of an Expression for NaN, and would warn
                 setattr(system, name, np.errstate(invalid="ignore")(member))
         return system
 
-    return TemplateSystem.define(make.__name__, scope=sys.modules[make.__module__])(made)
+    return TemplateSystem.define(make.__name__, scope=sys.modules[make.__module__])(make_class)
 
 
 def refuse(scalar: Any, system: str, reasons: list[str], remedy: str) -> None:

@@ -236,7 +236,7 @@ def save_state(state: EstimationState, params: EstimationParams) -> Groups:
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
-        groups[params.detector.group] = params.detector.kept(state.detector, params.detector_params)
+        groups[params.detector.group] = params.detector.pack_state(state.detector, params.detector_params)
     return groups
 
 
@@ -251,7 +251,7 @@ def restore_state(groups: Groups, params: EstimationParams) -> EstimationState:
         raise ValueError("impulse_model: commands and levels must be fractions of 0 to 1")
     detector = None
     if params.detector is not None:
-        detector = params.detector.taken_up(groups[params.detector.group], params.detector_params)
+        detector = params.detector.unpack_state(groups[params.detector.group], params.detector_params)
     state = params.filter.restored(groups, params.filter_params)
     begun = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
     _require_estimates(params.filter.predicted(state), params.filter.covariance(state), begun)

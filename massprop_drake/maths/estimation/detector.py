@@ -191,15 +191,15 @@ class Detector(NamedTuple):
     group: str = "failure_detector"
     report: Layout | None = None
 
-    def kept(self, state: Any, params: Any) -> Array:
+    def pack_state(self, state: Any, params: Any) -> Array:
         """Packs the state into a vector."""
         if self.layout is not None:
             return self.layout(params).pack(state)
         assert self.saved is not None, "a detector has a layout, or keeps its state itself"
         return self.saved(state, params)
 
-    def taken_up(self, vector: Array, params: Any) -> Any:
-        """Unpacks a state: the inverse of `kept`.
+    def unpack_state(self, vector: Array, params: Any) -> Any:
+        """Unpacks a state: the inverse of `pack_state`.
 
         Raises:
             ValueError: when the detector cannot have left such a state.

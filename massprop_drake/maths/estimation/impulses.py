@@ -47,6 +47,7 @@ LAYOUT = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, fi
 
 
 def _classify_command(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `classify_command`."""
     steady, known, firing = True, True, False
     for jet in range(command.size):
         told = command[jet]

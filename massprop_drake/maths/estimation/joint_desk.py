@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.joint.bank import ONSETS, Since, empty_bank
-from massprop_drake.maths.estimation.joint.burns import unlit
+from massprop_drake.maths.estimation.joint.burns import shut_engine_burn
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointState, Places, state_layout
 from massprop_drake.maths.estimation.joint.orientation import STILL
@@ -76,7 +76,7 @@ class JointRows(NamedTuple):
 
 
 class Besides(NamedTuple):
-    """Readings and commands beside those of the samples, a row per cycle, and what cycles make of them, in place.
+    """Readings and commands beside those of the samples, a row per cycle, and values that cycles derive, in place.
 
     Attributes:
         quaternions: that trackers read, NaN where missing, shape (n, n_trackers, 4).
@@ -159,7 +159,7 @@ def empty_sample(places: Places) -> JointSample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
-    around = STILL.copy(), Spun(none, none, none, none), unlit(places.engines)
+    around = STILL.copy(), Spun(none, none, none, none), shut_engine_burn(places.engines)
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
 
 

@@ -121,7 +121,7 @@ class Quiet:
         """Runs cycles from a row to the first with an event or alarm, or up to `until`; returns the row reached."""
         self._reached[:] = row, until
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
-            self._work.watch(self._memory, self._desk)
+            self._work.run_quiet_cycles(self._memory, self._desk)
         reached = int(self._reached[0])
         self._cycles.extend((self._samples, self._besides, done) for done in range(row, reached))
         self.on = reached == until
@@ -147,16 +147,17 @@ class Quiet:
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
-        """Returns records of the last cycles; scores count from the first of them."""
+        """Returns the last cycles as watched ones; scores count from the first of them."""
         layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
             over = Link(*layout.read(links[number % self._links]))
             score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
-            found.append(WatchedCycle(self._sample(each), over, score))
+            found.append(WatchedCycle(self._past_sample(each), over, score))
         return tuple(found)
 
-    def _sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
+    def _past_sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
+        """Returns the sample of a past cycle: as it is kept, or rebuilt from its row."""
         if isinstance(each, JointSample):
             return each
         samples, beside, row = each

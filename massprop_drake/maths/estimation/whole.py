@@ -246,6 +246,7 @@ def _no_force() -> KnownForce:
 def _acting_known_force(
     state: DetectorState, filters: Any, command: Array, params: CglrParams
 ) -> tuple[bool, KnownForce]:
+    """Runs `_known_force` of a vehicle with a detector."""
     if not has_nonzero(state.variance):
         return False, _no_force()
     predicted = join_ten_parameters(filters.rotation.estimate, filters.mass.mass_reciprocal)
@@ -268,6 +269,7 @@ def _run_detector(
 
 @kernel
 def _write_requests(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
+    """Writes the detector's requests after its last row; none without a detector."""
     if state is None:
         return
     asked.declared[0] = rows[last, _EVENT] == _DECLARED

@@ -30,7 +30,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     is_alarming,
 )
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
-from massprop_drake.maths.estimation.joint.burns import unlit
+from massprop_drake.maths.estimation.joint.burns import shut_engine_burn
 from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, Report, run_cycle
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState, is_initialized
@@ -58,7 +58,7 @@ _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspect
 
 
 class Asked(NamedTuple):
-    """Arguments that parts take one by one.
+    """Arguments of the parts of a cycle that `run_part` runs one by one.
 
     Attributes:
         state, sample, thresholds, counts: see `joint_cycle.run_cycle`.
@@ -196,7 +196,7 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
         attitudes,
         frames,
         speeds,
-        unlit(params.places.engines),
+        shut_engine_burn(params.places.engines),
     )
 
 
@@ -240,7 +240,7 @@ def _fill_log_rows(
 
 
 class Work:
-    """Compiled `run_part`, or the plain one, for some parameters; compiled now, and not in the midst of a flight.
+    """Runner of the parts of the joint filter's cycle, compiled where asked, when it is made and not in a flight.
 
     Args:
         params: of the filter.
@@ -261,23 +261,23 @@ class Work:
         self._no_memory = make_holder(initial_memory(state, params.places), compile_it)
         self._no_desk = make_holder(empty_desk(params.places), compile_it)
         if compile_it:
-            self.watch(self._no_memory, self._no_desk)
+            self.run_quiet_cycles(self._no_memory, self._no_desk)
 
-    def watch(self, memory: Any, desk: Any) -> None:
-        """Runs `run_quiet_cycles`, see there; both are holders."""
+    def run_quiet_cycles(self, memory: Any, desk: Any) -> None:
+        """Runs cycles up to a row, or to the first with an alarm or other event; arguments in holders."""
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def run_cycle(
         self, state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray
     ) -> tuple[JointState, Report]:
-        """Runs `joint_cycle.run_cycle`, see there."""
+        """Runs a cycle after the first, see `joint_cycle.run_cycle`."""
         one, _, _ = self._run(CYCLE, Asked(state, sample, thresholds, counts, state.mean))
         return one
 
     def repeat_start_cycle(
         self, state: JointState, sample: JointSample, about: Array
     ) -> tuple[JointState, float, float]:
-        """Runs `relinearization.repeat_start_cycle`, see there."""
+        """Repeats a cycle of the start, see `relinearization.repeat_start_cycle`."""
         _, _, over = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, about))
         return over
 
@@ -286,7 +286,7 @@ class Work:
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
     def follow_cycle(self, following: Following) -> Followed:
-        """Runs `bank.follow_cycle`, see there."""
+        """Advances and tests a bank of onsets over a cycle, see `bank.follow_cycle`."""
         given = make_shared_holder(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found

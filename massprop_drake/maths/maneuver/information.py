@@ -23,7 +23,7 @@ from massprop_drake.maths.attitude import propagate_attitude as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
-from massprop_drake.maths.estimation.joint.burns import unlit
+from massprop_drake.maths.estimation.joint.burns import shut_engine_burn
 from massprop_drake.maths.estimation.joint.forcing import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -200,7 +200,7 @@ def _zero_sample(
         attitudes,
         np.stack(frames),
         Spun(*speeds, np.zeros(n_wheels), np.ones(n_wheels)),
-        unlit(places.engines),
+        shut_engine_burn(places.engines),
     )
 
 

@@ -78,7 +78,7 @@ class Task(NamedTuple):
 
     @property
     def doubt(self) -> Known | None:
-        """Knowledge as `information.advance_course` takes it."""
+        """Knowledge whose errors' products are noise, see `information.advance_course`; None: they are not."""
         return self.known if self.doubting else None
 
 

@@ -174,7 +174,7 @@ def constants_from_structure(structure: Array) -> Body:
 
 @kernel
 def constants_kernel(structure: Array) -> Body:
-    """Computes `constants_from_structure` of plain floats, in compiled code too."""
+    """Computes the constants of motion for a `STRUCTURE` of plain floats, in compiled code too."""
     inverted = np.linalg.inv(symmetric_matrix(structure[:6]))
     jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
     off = inverted[1, 2], inverted[0, 2], inverted[0, 1]

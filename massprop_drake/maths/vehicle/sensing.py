@@ -288,7 +288,7 @@ def vibration_at(model: SensorModel, time_s: float) -> Array:
 def read_with_memory(
     signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
-    """Computes `sense` with the vibration given, ``shaking``, shape (3,) or empty."""
+    """Computes one reading, and the memory for the next; ``shaking``: vibration in it, shape (3,) or empty."""
     started = memory[0] != 0.0
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()

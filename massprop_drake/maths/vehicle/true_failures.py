@@ -120,7 +120,7 @@ def draw_strikes(failures: tuple[Failure, ...], sample: int, period_s: float, se
 def apply_failures(
     command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
 ) -> Array:
-    """Computes `delivered_levels` with the draws of intermittent failures given.
+    """Computes the target of each jet's level, see `delivered_levels`, with intermittent failures drawn before.
 
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).

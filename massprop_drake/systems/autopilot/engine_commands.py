@@ -42,15 +42,15 @@ class EngineCommands(LeafSystem):
         declare_output(self, "engine_command", size, self._calc, needed)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
 
-    def _steered(self, context: Any) -> tuple[Array, Array]:
+    def _steer(self, context: Any) -> tuple[Array, Array]:
         rate = np.zeros(3) if self._gyro is None else self._gyro.Eval(context)
         turned = context.get_discrete_state(self._turned).CopyToVector()
         return steer_gimbals(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
 
     def _calc(self, context: Any) -> Any:
-        commands, _ = self._steered(context)
+        commands, _ = self._steer(context)
         return commands.ravel()
 
     def _update(self, context: Any, state: Any) -> None:
-        _, turned = self._steered(context)
+        _, turned = self._steer(context)
         state.set_value(self._turned, turned)

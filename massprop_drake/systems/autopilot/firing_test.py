@@ -70,24 +70,24 @@ class FiringTestSystem(LeafSystem):
         self._memory = self.DeclareAbstractState(Value[object](start))
         state = {self.xa_ticket()}
         declare_output(self, "command", n_jets, self._calc_command, state)
-        declare_output(self, "tests", 1, lambda context: [float(self._kept(context).tests)], state)
+        declare_output(self, "tests", 1, lambda context: [float(self._read_memory(context).tests)], state)
         self.DeclarePeriodicUnrestrictedUpdateEvent(settings.craft.period_s, 0.0, self._update)
 
-    def _kept(self, context: Any) -> FiringTestMemory:
+    def _read_memory(self, context: Any) -> FiringTestMemory:
         memory: FiringTestMemory = context.get_abstract_state(self._memory).get_value()
         return memory
 
     def _calc_command(self, context: Any) -> Any:
-        rows = self._kept(context).rows
+        rows = self._read_memory(context).rows
         return rows[0] if rows.shape[0] else np.zeros(rows.shape[1])
 
     def _update(self, context: Any, state: Any) -> EventStatus:
-        memory = self._next(context, self._kept(context))
+        memory = self._next_memory(context, self._read_memory(context))
         state.get_mutable_abstract_state(self._memory).set_value(memory)
         return EventStatus.Succeeded()
 
-    def _next(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """Computes the state after a sample."""
+    def _next_memory(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
+        """Computes the memory after a sample: goes on with a test, waits, or designs one that is due."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()

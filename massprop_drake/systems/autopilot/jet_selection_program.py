@@ -131,7 +131,7 @@ class JetSelectionProgram:
             ValueError: when a shape is wrong or a number is not finite (limits may be infinite).
             ArithmeticError: when the solver finds nothing even for a relaxed request.
         """
-        self._check(activity, request, limits_s)
+        self._check_arguments(activity, request, limits_s)
         on_times = self._least_propellant(request, limits_s)
         outcome = Outcome.EXACT
         if on_times is None:
@@ -160,7 +160,7 @@ class JetSelectionProgram:
             The change, rad/s or ft/s or m/s, zero or positive.
         """
         far = np.zeros(6)
-        self._check(activity, far, limits_s)
+        self._check_arguments(activity, far, limits_s)
         far[row] = sign * float(np.abs(activity[row]) @ limits_s)
         if far[row] == 0.0:
             return 0.0
@@ -177,7 +177,7 @@ class JetSelectionProgram:
         share = 0.0 if result is None else float(result.get_x_val()[-1])
         return max(share, 0.0) * abs(float(far[row]))
 
-    def _keep(self, activity: Array) -> None:
+    def _scale_activity(self, activity: Array) -> None:
         """Keeps the rows scaled to a largest element of 1, unless they are those of the last activity vectors.
 
         Raises:
@@ -190,11 +190,12 @@ class JetSelectionProgram:
         self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
         self._rows = activity / self._sizes[:, None]
 
-    def _scaled(self, request: Array) -> tuple[Array, Array, float]:
+    def _scale_request_rows(self, request: Array) -> tuple[Array, Array, float]:
         """Scales rows to a largest element 1 on both sides; also returns the factor of the on-times."""
         return self._rows, *_scale_request(request, self._sizes)
 
-    def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
+    def _check_arguments(self, activity: Array, request: Array, limits_s: Array) -> None:
+        """Raises ValueError for a wrong shape or value, and scales new activity vectors."""
         if request.shape != (6,):
             raise ValueError(f"request must have shape (6,), got {request.shape}")
         if not all(map(math.isfinite, request.tolist())):
@@ -205,14 +206,15 @@ class JetSelectionProgram:
         for name, array, shape in (("activity", activity, (6, self._n)), ("limits_s", limits_s, (self._n,))):
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-        self._keep(activity)
+        self._scale_activity(activity)
         if not np.minimum.reduce(limits_s) >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
         constant = not (activity.flags.writeable or limits_s.flags.writeable)
         self._seen = (activity, limits_s) if constant else (None, None)
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
-        rows, target, scale = self._scaled(request)
+        """Computes on-times of least propellant, s, shape (n_jets,); None where they cannot meet the request."""
+        rows, target, scale = self._scale_request_rows(request)
         if scale == 0.0:
             return np.zeros(self._n)
         if self._exact_has is rows:
@@ -228,7 +230,7 @@ class JetSelectionProgram:
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """Computes the largest part [dw; s dv] of a request, and on-times that give it; None where dw cannot be met."""
-        rows, target, scale = self._scaled(request)
+        rows, target, scale = self._scale_request_rows(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share.rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
@@ -244,7 +246,7 @@ class JetSelectionProgram:
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """Computes the closest request that can be reached, and on-times that give it."""
-        rows, target, scale = self._scaled(request)
+        rows, target, scale = self._scale_request_rows(request)
         self._near.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
         self._near.box.set_bounds(np.zeros(self._n + 12), limits)

@@ -136,7 +136,7 @@ class JetSelection(LeafSystem):
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
         """Computes jets of the coming sample, see `autopilot_ports.fire_sample`, and further states that change."""
-        row, changed = self._decided(context)
+        row, changed = self._decide_sample(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():
             return row, changed
@@ -145,7 +145,7 @@ class JetSelection(LeafSystem):
         delivered = delivered_velocity(prescribed, self._forces, reciprocal, self._period_s)
         return np.concatenate((np.zeros(prescribed.size), prescribed, delivered)), changed
 
-    def _decided(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
+    def _decide_sample(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
         """Decides the sample of the burst, and further states that change."""
         remaining, refused = _state_group(context, self._groups.remaining), _state_group(context, self._groups.refused)
         request, properties = self._request.Eval(context), self._properties(context)
@@ -164,6 +164,7 @@ class JetSelection(LeafSystem):
         return pulse_onsets(command, self._pulses, self._period_s)
 
     def _update(self, context: Any, state: Any) -> None:
+        """Updates the discrete state by the sample of the burst."""
         row, changed = self._burst.get(context)
         values = (*(row[part] for part in self._rows), *changed)
         for group, value in zip(self._groups, values, strict=False):

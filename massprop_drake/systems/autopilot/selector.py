@@ -147,10 +147,10 @@ class Selector:
         out_of_use, owed = state.out_of_use, state.owed
         before = self._program.solves
         if declared:
-            out_of_use = self._reduced(properties, out_of_use, asked_for.removed)
+            out_of_use = self._take_out_of_use(properties, out_of_use, asked_for.removed)
         if not declared or must_select(remaining, request, refused, wrench is not None, False):
-            wanted, selection = self._selected(properties, request, wrench, out_of_use)
-            remaining, owed, shortest_s = self._flown(selection.on_times_s, owed)
+            wanted, selection = self._select_jets(properties, request, wrench, out_of_use)
+            remaining, owed, shortest_s = self._round_on_times(selection.on_times_s, owed)
             refused = _NOT_REFUSED
             if not (has_nonzero(remaining) or self._pulses.accumulates):
                 refused = REFUSED.pack((wanted[RATE], least_change(wanted, selection.on_times_s, shortest_s)))
@@ -161,8 +161,8 @@ class Selector:
         counts = (solved + self._program.solves - before, reduced, closest, granted)
         return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
 
-    def _flown(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
-        """Computes on-times as flown and the remainders owed then, cycles, and the shortest that are flown, s."""
+    def _round_on_times(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
+        """Rounds on-times to those flown, cycles; also returns the remainders owed, and the shortest flown, s."""
         period_s, pulses = self._period_s, self._pulses
         if not pulses.within:
             return burst_cycles(on_times_s, period_s, self._least), owed, 0.5 * period_s
@@ -173,37 +173,37 @@ class Selector:
         """Computes activity vectors by the mass properties in use."""
         return self._nominal_activity if properties is None else activity_vectors(self._wrenches, properties)
 
-    def _selected(
+    def _select_jets(
         self, properties: Array | None, request: Any, wrench: Array | None, out_of_use: Array
     ) -> tuple[Array, Selection]:
-        """Computes the requested change of rate and velocity, and the answer.
+        """Computes the requested change of rate and velocity, shape (6,), and the on-times selected for it.
 
         A force that acts all along is undone over the time that the burst takes: that of the change alone,
         in whole cycles, and twice that as often as it takes until on-times within it are enough.
         """
         activity = self._activity(properties)
 
-        def solved(wanted: Array, longest_s: float) -> Selection:
-            limits = self._longest(out_of_use, longest_s)
+        def solve(wanted: Array, longest_s: float) -> Selection:
+            limits = self._on_time_limits(out_of_use, longest_s)
             return time_call(JET_SELECTION, self._program.solve, activity, wanted, limits)
 
         asked = np.concatenate([request.rate_change, request.velocity_change])
         if wrench is None:
-            return asked, solved(asked, request.time_limit_s)
+            return asked, solve(asked, request.time_limit_s)
         effect = self._effect(properties, wrench)
         if np.isfinite(request.time_limit_s):  # a translation, which has its time
             wanted = asked - effect * request.time_limit_s
-            return wanted, solved(wanted, request.time_limit_s)
-        alone = float(solved(asked, np.inf).on_times_s.max())
+            return wanted, solve(wanted, request.time_limit_s)
+        alone = float(solve(asked, np.inf).on_times_s.max())
         duration = self._period_s * max(1, math.ceil(alone / self._period_s - 1e-9))
         while True:
             wanted = asked - effect * duration
-            selection = solved(wanted, duration)
+            selection = solve(wanted, duration)
             if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
                 return wanted, selection
             duration *= 2.0
 
-    def _longest(self, out_of_use: Array, longest_s: float) -> Array:
+    def _on_time_limits(self, out_of_use: Array, longest_s: float) -> Array:
         """Computes longest on-times, zero of jets that may not be selected, s, shape (n_jets,)."""
         limited = out_of_use.tobytes(), longest_s
         if limited != self._limited:
@@ -219,22 +219,22 @@ class Selector:
             self._undone, self._by_nominal = wrench.copy(), activity_vectors(wrench[None, :], self._nominal)[:, 0]
         return self._by_nominal
 
-    def _reduced(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
+    def _take_out_of_use(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
         """Puts proposed jets out of use (1) if control about every axis remains without them, else marks them -1."""
         activity = self._activity(properties)
-        needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
+        needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed))]
 
         def controllable(out: Array) -> bool:
-            return all(reach > least for reach, least in zip(self._reaches(activity, out), needed, strict=True))
+            return all(reach > least for reach, least in zip(self._axis_reaches(activity, out), needed, strict=True))
 
         # all jets that the data cannot tell apart, or none: those in question since the last time
         group = (proposed != 0.0) & (out_of_use == 0.0)
         spared = controllable(np.where(group, 1.0, out_of_use))
         return np.where(group, 1.0 if spared else -1.0, out_of_use)
 
-    def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
+    def _axis_reaches(self, activity: Array, out_of_use: Array) -> list[float]:
         """Computes the largest rate change per second of firing about each axis, both ways, without some jets."""
-        limits = self._longest(out_of_use, 1.0)
+        limits = self._on_time_limits(out_of_use, 1.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
 

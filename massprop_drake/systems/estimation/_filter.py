@@ -105,7 +105,7 @@ class FilterSystem(LeafSystem):
         known = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
         return self._impulses.Eval(context), known
 
-    def _asked(self, context: Any) -> Array:
+    def _read_adaptation(self, context: Any) -> Array:
         """Reads the adaptation that the detector asks for as it is packed, for compiled kernels."""
         asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
         return asked

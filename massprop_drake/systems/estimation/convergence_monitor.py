@@ -47,7 +47,7 @@ class ConvergenceMonitor(LeafSystem):
         self._rotation = self.DeclareVectorInputPort("rotation_estimate", N_ROTATION)
         self._covariance = self.DeclareVectorInputPort("rotation_covariance", N_ROTATION**2)
         self._mass = self.DeclareVectorInputPort("mass_estimate", 2)
-        known = Cached(self, "ten", self._ten, {self.all_input_ports_ticket()})
+        known = Cached(self, "ten", self._join_estimates, {self.all_input_ports_ticket()})
         outputs: list[tuple[str, int, Part]] = [
             ("estimate", 10, lambda ten: ten.estimate),
             ("standard_deviation", 10, lambda ten: ten.deviation),
@@ -56,7 +56,8 @@ class ConvergenceMonitor(LeafSystem):
         ]
         declare_outputs(self, known, outputs)
 
-    def _ten(self, context: Any) -> Ten:
+    def _join_estimates(self, context: Any) -> Ten:
+        """Joins both filters' estimates of the ten parameters, their 1-sigmas and covariance."""
         mass = MASS_ESTIMATE.read(self._mass.Eval(context) if self._mass.HasValue(context) else _NOT_OBSERVED)
         covariance = self._covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
         estimate = join_ten_parameters(self._rotation.Eval(context), mass.mass_reciprocal)

@@ -132,10 +132,10 @@ class CycleEstimator(LeafSystem):
         start = Memory(cycle.initial_state(params), None, -math.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
-        self._cycle = Cached(self, "cycle", self._cycled, read)
+        self._cycle = Cached(self, "cycle", self._run_cycle, read)
 
         outputs: list[tuple[str, int, Any]] = [
-            ("estimate", 10, lambda now: self._known_in(now)[0]),
+            ("estimate", 10, lambda now: self._estimate_and_covariance(now)[0]),
             ("standard_deviation", 10, lambda now: np.sqrt(self._covariance_in(now).diagonal())),
             ("covariance", 100, lambda now: self._covariance_in(now).ravel()),
             ("converged", 1, self._converged),
@@ -149,25 +149,25 @@ class CycleEstimator(LeafSystem):
             outputs.append((own.name, own.size, lambda now: own.pack(now.step.filtered.own)))
         before: list[tuple[str, int, Any]] = [("predicted", 10, self._calc_predicted)]
         if params.detector is not None:
-            before.append(("held_closed", n_jets, lambda now: self._remembered(now).state.detector.closed))
+            before.append(("held_closed", n_jets, lambda now: self._read_memory(now).state.detector.closed))
             outputs += _detector_outputs(jets, params.detector)
         for name, size, calc in before:
             declare_output(self, name, size, calc, {self.xa_ticket()})
         declare_outputs(self, self._cycle, outputs)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
-    def kept(self, context: Any) -> dict[str, Array]:
+    def pack_state(self, context: Any) -> dict[str, Array]:
         """Packs the state into vectors, see `maths.estimation.cycle.save_state`."""
-        return dict(cycle.save_state(self._remembered(context).state, self._params))
+        return dict(cycle.save_state(self._read_memory(context).state, self._params))
 
     # ------------------------------------------------------------------------------------------- the cycle
 
-    def _remembered(self, context: Any) -> Memory:
+    def _read_memory(self, context: Any) -> Memory:
         memory: Memory = context.get_abstract_state(self._memory).get_value()
         return memory
 
-    def _sample(self, context: Any) -> Sample:
-        """Reads the input ports."""
+    def _read_sample(self, context: Any) -> Sample:
+        """Reads the sample from the input ports."""
 
         def given(port: Any) -> Array | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
@@ -189,12 +189,12 @@ class CycleEstimator(LeafSystem):
             *map(given, self._onsets),
         )
 
-    def _cycled(self, context: Any) -> Memory:
-        """Computes the cycle of the present time."""
-        memory, time_s = self._remembered(context), context.get_time()
+    def _run_cycle(self, context: Any) -> Memory:
+        """Runs the cycle of the present time, unless it has been run or the record repeats a row."""
+        memory, time_s = self._read_memory(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
-        sample = self._sample(context)
+        sample = self._read_sample(context)
         if memory.step is not None and sample.stamp_s is not None and sample.stamp_s == memory.stamp_s:
             return memory
         step = cycle.step(memory.state, sample, self._params, time_call)
@@ -205,22 +205,22 @@ class CycleEstimator(LeafSystem):
 
     # ------------------------------------------------------------------------------------------- outputs
 
-    def _known_in(self, now: Memory) -> tuple[Array, Array]:
+    def _estimate_and_covariance(self, now: Memory) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the cycle."""
         step = _step(now)
         return step.filtered.known or cycle.estimate_and_covariance(step.state, self._params)
 
     def _covariance_in(self, now: Memory) -> Array:
-        _, covariance = self._known_in(now)
+        _, covariance = self._estimate_and_covariance(now)
         return covariance
 
     def _converged(self, now: Memory) -> Array:
-        estimate, covariance = self._known_in(now)
+        estimate, covariance = self._estimate_and_covariance(now)
         deviation = np.sqrt(covariance.diagonal())
         return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any) -> Any:
-        memory = self._remembered(context)
+        memory = self._read_memory(context)
         known = memory.before if memory.time_s == context.get_time() else memory.state
         return self._params.filter.predicted(known.filter)
 

@@ -79,7 +79,7 @@ class FindingsMonitor(LeafSystem):
         self._said = self.DeclareAbstractState(Value[object](monitor.declarations))
         said = {self.xa_ticket()}
         n_jets = monitor.failed_jets(monitor.declarations).size
-        declare_output(self, "failed_jets", n_jets, lambda now: monitor.failed_jets(self._heard(now)), said)
+        declare_output(self, "failed_jets", n_jets, lambda now: monitor.failed_jets(self._read_findings(now)), said)
         for name, calc, read in (
             ("detections", self._calc_detections, {*said, self.xd_ticket()}),
             ("verdict", self._calc_verdict, {self.xd_ticket()}),
@@ -90,33 +90,36 @@ class FindingsMonitor(LeafSystem):
         when = {"period_sec": period_s, "offset_sec": 0.0}
         self.DeclarePeriodicDiscreteUpdateEvent(**when, update=self._update)
         if "detector_report" in reports:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(**when, update=self._listen)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(**when, update=self._update_findings)
 
-    def _counted(self, context: Any) -> Array:
+    def _read_counts(self, context: Any) -> Array:
         counts: Array = context.get_discrete_state(self._counts).CopyToVector()
         return counts
 
-    def _heard(self, context: Any) -> Any:
+    def _read_findings(self, context: Any) -> Any:
         return context.get_abstract_state(self._said).get_value()
 
-    def _given(self, context: Any) -> dict[str, Array]:
+    def _read_reports(self, context: Any) -> dict[str, Array]:
         return {name: port.Eval(context) for name, port in self._reports.items()}
 
     def _calc_detections(self, context: Any, output: Any) -> None:
-        output.set_value(self._monitor.detections(self._heard(context), self._counted(context)))
+        output.set_value(self._monitor.detections(self._read_findings(context), self._read_counts(context)))
 
     def _calc_verdict(self, context: Any, output: Any) -> None:
-        output.set_value(self._monitor.verdict(self._counted(context)))
+        output.set_value(self._monitor.verdict(self._read_counts(context)))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._monitor.count_innovations(self._counted(context), context.get_time(), self._given(context))
+        after = self._monitor.count_innovations(
+            self._read_counts(context), context.get_time(), self._read_reports(context)
+        )
         state.set_value(self._counts, after)
 
-    def _listen(self, context: Any, state: Any) -> EventStatus:
+    def _update_findings(self, context: Any, state: Any) -> EventStatus:
+        """Updates the findings where the detector declares something."""
         # where nothing is said nothing has changed: all that has been evaluated at this time stays valid
         if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
             return EventStatus.DidNothing()
-        given = self._counted(context), context.get_time(), self._given(context)
-        said = self._monitor.update_declarations(self._heard(context), *given)
+        given = self._read_counts(context), context.get_time(), self._read_reports(context)
+        said = self._monitor.update_declarations(self._read_findings(context), *given)
         state.get_mutable_abstract_state(self._said).set_value(said)
         return EventStatus.Succeeded()

@@ -79,6 +79,7 @@ class ImpulseModel(LeafSystem):
         return row
 
     def _calc_impulses(self, context: Any) -> Any:
+        """Computes the impulses of the interval, those of known forces included, packed as `IMPULSES`."""
         told = self._impulses.get(context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
             known = unpack_known_force(self._known_force.Eval(context))

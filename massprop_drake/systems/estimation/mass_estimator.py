@@ -112,7 +112,7 @@ class MassEstimator(FilterSystem):
     def _known(self, context: Any) -> tuple[MassState, Array]:
         return thesis.unpack_mass(state_of(context), self._layout)
 
-    def _seen(self, context: Any) -> Turning:
+    def _read_turning(self, context: Any) -> Turning:
         """Reads the rotation filter's measurement of the sample."""
         turning = Turning._make(self._turning_layout.read(self._turning.Eval(context)))
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
@@ -123,7 +123,8 @@ class MassEstimator(FilterSystem):
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
             return time_call(ESTIMATORS, self._move, *given, *self._told(context), self._held)
         state, before = self._known(context)
-        velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
+        velocities, interval = self._accelerometers.eval(context), self._interval(context)
+        turning = self._read_turning(context)
         known = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_inputs(turning)
         measurement = time_call(ESTIMATORS, mass_filter.measure, state, before, velocities, *known, self._params)
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
@@ -132,7 +133,7 @@ class MassEstimator(FilterSystem):
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return time_call(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
+            return time_call(ESTIMATORS, self._weigh, measured, self._read_adaptation(context), self._held)
         state, interval, measurement, (velocities, _) = measured
         finish = mass_filter.finish, state, measurement, interval.impulses.usable, interval.impulses.firing
         cycle: MassCycle = time_call(ESTIMATORS, *finish, self._adapted(context), self._params)

@@ -109,9 +109,9 @@ class RotationEstimator(FilterSystem):
         )
         self._declare_cycle(
             (
-                ("turning", self._turning.size, self._turned),
-                ("innovation", 3, lambda measured: self._turned(measured)[innovation]),
-                ("innovation_covariance", 9, lambda measured: self._turned(measured)[spread]),
+                ("turning", self._turning.size, self._pack_turning),
+                ("innovation", 3, lambda measured: self._pack_turning(measured)[innovation]),
+                ("innovation_covariance", 9, lambda measured: self._pack_turning(measured)[spread]),
             ),
             (("estimate", N_ROTATION, means), ("covariance", N_ROTATION**2, spreads), ("report", size, reported)),
             params.period_s,
@@ -136,7 +136,7 @@ class RotationEstimator(FilterSystem):
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return time_call(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
+            return time_call(ESTIMATORS, self._rotate, measured, self._read_adaptation(context), self._held)
         state, interval, measurement, rates = measured
         learning = thesis.is_learning(interval)
         finish = rotation_filter.finish, state, measurement, learning, self._adapted(context), self._params
@@ -145,7 +145,7 @@ class RotationEstimator(FilterSystem):
         report = ROTATION_REPORT.pack(thesis.rotation_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
 
-    def _turned(self, measured: Any) -> Array:
+    def _pack_turning(self, measured: Any) -> Array:
         """Returns the measurement for the mass filter and the detector, packed as `TURNING`."""
         if self._compiled:
             row: Array = measured[: self._turning.size]

@@ -113,13 +113,13 @@ class TelemetrySource(LeafSystem):
 
     def _declare(self, name: str, size: int, served: Callable[[ServedRows, int], Array]) -> None:
         read = {self.time_ticket(), self.pa_ticket()}
-        declare_output(self, name, size, lambda context: served(*self._place(context)), read)
+        declare_output(self, name, size, lambda context: served(*self._find_row(context)), read)
 
-    def _held(self, context: Any) -> ServedRows:
+    def _read_rows(self, context: Any) -> ServedRows:
         rows: ServedRows = context.get_abstract_parameter(self._rows).get_value()
         return rows
 
-    def _hold(self, context: Any, rows: ServedRows) -> None:
+    def _write_rows(self, context: Any, rows: ServedRows) -> None:
         for array in (rows.time_s, *rows.readings.values(), rows.commands, rows.outside_wrench, rows.onsets_s):
             array.flags.writeable = False
         context.get_mutable_abstract_parameter(self._rows).set_value(rows)
@@ -135,8 +135,8 @@ class TelemetrySource(LeafSystem):
         """
         onset = level_onsets(np.shape(command)) if onset_s is None else onset_s
         commands, outside, onsets_s = (np.array([part]) for part in (command, outside_wrench, onset))
-        rows = self._held(context)
-        self._hold(context, rows._replace(commands=commands, outside_wrench=outside, onsets_s=onsets_s))
+        rows = self._read_rows(context)
+        self._write_rows(context, rows._replace(commands=commands, outside_wrench=outside, onsets_s=onsets_s))
 
     def extend(
         self,
@@ -147,7 +147,7 @@ class TelemetrySource(LeafSystem):
         outside_wrench: Array | None,
         onsets_s: Array | None = None,
     ) -> int:
-        """Gives a context the next rows; of those before them only the last stays.
+        """Appends rows of a record to those of a context; of the earlier ones only the last stays.
 
         Args:
             context: of the source.
@@ -160,7 +160,7 @@ class TelemetrySource(LeafSystem):
         Returns:
             The number of the last row.
         """
-        held = self._held(context)
+        held = self._read_rows(context)
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
         if onsets_s is None:
@@ -173,12 +173,12 @@ class TelemetrySource(LeafSystem):
             np.vstack([held.outside_wrench[-1:], outside_wrench]),
             np.vstack([held.onsets_s[-1:], onsets_s]),
         )
-        self._hold(context, rows)
+        self._write_rows(context, rows)
         return rows.next - 1
 
-    def _place(self, context: Any) -> tuple[ServedRows, int]:
+    def _find_row(self, context: Any) -> tuple[ServedRows, int]:
         """Returns the rows of a context, and the place of the row of its time in their arrays."""
-        rows, row = self._held(context), round(context.get_time() / self._period_s)
+        rows, row = self._read_rows(context), round(context.get_time() / self._period_s)
         if not rows.first <= row < rows.next:
             raise IndexError(
                 f"telemetry_source: row {row} is not in the window of rows {rows.first} to {rows.next - 1}"

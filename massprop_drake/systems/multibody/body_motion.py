@@ -86,14 +86,15 @@ class BodyMotion(LeafSystem):
         self._poses, self._velocities, self._accelerations = ports
         self.DeclareContinuousState(SPIN_INTEGRAL.stop - ORIGIN_VELOCITY.start)
         poses, velocities, _ = (port.ticket() for port in ports)
-        self._standing = Cached(self, "composite", self._composite, {poses})
+        self._standing = Cached(self, "composite", self._compute_configuration, {poses})
         moving = {self._standing.ticket, velocities, self.xc_ticket()}
         declare_output(self, "body_state", N_STATE, self._calc_body_state, moving)
         standing = {self._standing.ticket}
         declare_output(self, "structure", STRUCTURE.size, self._calc_structure, standing)
         declare_output(self, "mass_properties", 10, self._calc_properties, standing)
 
-    def _composite(self, context: Any) -> _Configuration:
+    def _compute_configuration(self, context: Any) -> _Configuration:
+        """Computes the pose of the carrier, the bodies' places in its frame, and the composite body."""
         poses = self._poses.Eval(context)
         carrier = poses[self._carrier]
         to_carrier = carrier.inverse()
@@ -102,6 +103,7 @@ class BodyMotion(LeafSystem):
         return _Configuration(carrier, here, composite_body(self._matter, here))
 
     def _calc_body_state(self, context: Any) -> Any:
+        """Computes the state as `RigidBodyPlant` has it, shape (23,)."""
         carrier, here, properties = self._standing.get(context)
         rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
         moves = [velocities[index] for index in (self._carrier, *self._others)]

@@ -55,9 +55,10 @@ class BodyWrench(LeafSystem):
             self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", moving)
             read += [self._wheels, self._velocities]
         needs = {port.ticket() for port in read}
-        self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc, prerequisites_of_calc=needs)
+        self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc_force, prerequisites_of_calc=needs)
 
-    def _calc(self, context: Any, output: Any) -> None:
+    def _calc_force(self, context: Any, output: Any) -> None:
+        """Computes the force on the body, the reaction of the wheels included."""
         wrench = WRENCH.read(self._wrench.Eval(context))
         rotation = self._poses.Eval(context)[self._place].rotation()
         force = ExternallyAppliedSpatialForce()

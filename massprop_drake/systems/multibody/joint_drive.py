@@ -53,9 +53,10 @@ class JointDrive(LeafSystem):
         self._told = list(zip(positions[self._positions].tolist(), moves.values(), strict=True))
         state = self._state = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         needs = {state.ticket(), self.time_ticket()}
-        declare_output(self, "generalized_force", self._size, self._calc, needs)
+        declare_output(self, "generalized_force", self._size, self._calc_forces, needs)
 
-    def _calc(self, context: Any) -> Any:
+    def _calc_forces(self, context: Any) -> Any:
+        """Computes the generalized forces of the drives, shape (n_velocities,)."""
         state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
         wanted = [joint_reference(start, moves, time_s) for start, moves in self._told]
         positions, rates = state[self._positions], state[self._rates]

@@ -150,6 +150,7 @@ class _StartCheck(LeafSystem):
         self.DeclareInitializationPublishEvent(self._require_motion)
 
     def _require_motion(self, context: Any) -> None:
+        """Raises InputError when all velocities are zero at the start."""
         if context.get_time() == 0.0 and not self._state.Eval(context)[self._n_positions :].any():
             raise InputError(
                 "the multibody vehicle moves at the start, but the context has all velocities zero: before Initialize, "

@@ -40,6 +40,7 @@ def StarTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             noise_std: float | tuple[float, float, float] | Array,
             converter: Any = None,
         ) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             Tracker_[T].__init__(self, name, 4, 3, converter=converter)
             std = np.asarray(noise_std, dtype=float)
             if std.shape not in ((), (3,)) or not (np.isfinite(std) & (std >= 0.0)).all():

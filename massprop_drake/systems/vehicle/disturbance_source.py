@@ -74,6 +74,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             seed: int | None = None,
             converter: Any = None,
         ) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name("disturbance")
             self._made = {"period_s": period_s, "stepped": stepped, "n_lags": n_lags, "pieces": pieces, "seed": seed}
@@ -107,6 +108,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return next_deviation(self._held(context), self._noise.Eval(context), model)
 
         def _calc_wrench(self, context: Any) -> Any:
+            """Computes the wrench of jets and disturbance together, packed as the jets' one."""
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation

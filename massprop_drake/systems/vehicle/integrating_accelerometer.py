@@ -44,6 +44,7 @@ def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a t
             converter: Any = None,
             **chance: Any,
         ) -> None:
+            """Declares ports, parameters and state; a StatedPackage has a position of its own."""
             name = package if isinstance(package, str) else package.name
             place = getattr(package, "position", None) if position is None else position
             if place is None:

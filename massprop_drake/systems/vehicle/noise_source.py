@@ -32,6 +32,7 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """Passes a number on when parameters of the context change; its own parameter serves to notice that."""
 
         def _construct(self, converter: Any = None) -> None:
+            """Declares the port, and the output that follows it."""
             LeafSystem_[T].__init__(self, converter)
             port = self.DeclareVectorInputPort("drawn", 1)
             told = self.numeric_parameter_ticket(
@@ -103,6 +104,7 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """
 
         def _construct(self, seed: int, *, period_s: float, streams: dict[str, int], converter: Any = None) -> None:
+            """Declares an output for each stream: its name, and how many numbers it has."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name("noise_source")
             self._made = seed, period_s, streams

@@ -27,6 +27,7 @@ def RateGyro_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             converter: Any = None,
             **chance: Any,
         ) -> None:
+            """Declares ports, parameters and state; arguments as `Sensor`."""
             Sensor_[T].__init__(self, package, model, converter=converter, **chance)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:

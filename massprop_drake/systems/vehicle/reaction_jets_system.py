@@ -118,6 +118,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name("reaction_jets")
             self._made: dict[str, Any] = {
@@ -189,6 +190,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 declare_output(self, "drained", feeds.shape[0], self._calc_drained, coming)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Converts jets of another scalar type; refuses failures and openings without derivatives."""
             chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
             refuse(
                 T,
@@ -220,7 +222,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _seed_in(self, context: Any) -> Any:
             return run_seed(context, self._varied, self._seed)
 
-        def _shown(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
+        def _level_target(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
             """Computes the target of each jet's level over a sample, by its beginning and the ports' values."""
             told, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
@@ -234,7 +236,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _held_target(self, context: Any) -> Any:
             """Computes the target of the levels over the sample that the last update began."""
             began_s = state_of(context)[-1] if self._failures else 0.0
-            return self._shown(self._held, self._held_closed, began_s, context)
+            return self._level_target(self._held, self._held_closed, began_s, context)
 
         def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
             """Computes levels over a sample of pieces, by its beginning and the ports of command, onset and closed."""
@@ -269,7 +271,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 over = self._course(told, context.get_time(), self._level_now(context), context)
                 profile = profile_by_pieces(over, thrusters_now, self._pieces)
                 return np.append(thrusters_now.forces * over.mean, profile)
-            coming = self._shown(self._command, self._closed, context.get_time(), context)
+            coming = self._level_target(self._command, self._closed, context.get_time(), context)
             _, jets = self._jets.get(context)
             level = coming if self._instantaneous else self._level_now(context)  # of no effect where no jet lags
             return self._kernel(level, coming, jets)
@@ -283,6 +285,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return propellant_used(force, self._period_s, self._made["feeds"], jets)
 
         def _calc_wrench(self, context: Any) -> Any:
+            """Computes the wrench of all jets at this instant, shape (7,)."""
             jets, _ = self._jets.get(context)
             if self._pieces > 1:
                 reached = self._level_within(context)

@@ -113,6 +113,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
             made = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, tanks, compiled
@@ -159,7 +160,9 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self._structure_change = self.DeclareDiscreteState(STRUCTURE.size)
                 changed.add(self.discrete_state_ticket(DiscreteStateIndex(self._structure_change)))
             if jumps:
-                self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
+                self.DeclarePeriodicUnrestrictedUpdateEvent(
+                    period_sec=period_s, offset_sec=0.0, update=self._apply_jumps
+                )
             changed |= set() if tanks is None else self._declare_tanks(tanks[-1])
             self._constants = Cached(self, "constants of motion", self._compute_constants, changed)
             moving = {self._constants.ticket, self.xd_ticket(), self.xc_ticket()}
@@ -180,6 +183,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return {*running, self.time_ticket()}
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Converts a plant of another scalar type; refuses steps, draws and tanks without derivatives."""
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
@@ -203,6 +207,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return values._replace(mass=mass, center_of_mass=center, inertia=six_elements(inertia))
 
         def _structure(self, context: Any) -> Any:
+            """Computes inertia and center of mass at this instant, packed as `STRUCTURE`."""
             values = self._start.get(context)
             structure = np.concatenate((values.inertia, values.center_of_mass))
             if self._structure_change is None:
@@ -210,10 +215,10 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             structure = structure + context.get_discrete_state(self._structure_change).CopyToVector()
             if self._tanks is None or self._time_step != 0.0:
                 return structure
-            change, _, since_s = self._over_sample(context)
+            change, _, since_s = self._read_draining(context)
             return structure + (context.get_time() - since_s) / self._period_s * change
 
-        def _over_sample(self, context: Any) -> tuple[Any, Any, float]:
+        def _read_draining(self, context: Any) -> tuple[Any, Any, float]:
             """Computes the structure's change over the running sample, shape (9,), initial propellant, and time, s."""
             running = context.get_discrete_state(self._running).CopyToVector()
             return running[: STRUCTURE.size], running[STRUCTURE.size : -1], running[-1]
@@ -259,15 +264,15 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                     self._require_mass(context, body, wrench)
                 changing = rigid_body.derivative(body, wrench, constants)
                 if self._tanks is not None:
-                    shift = self._over_sample(context)[0][_CENTER] / self._period_s
+                    shift = self._read_draining(context)[0][_CENTER] / self._period_s
                     changing = changing + rigid_body.center_shift_increment(body, body[RATE], shift)
                 derivatives.get_mutable_vector().SetFromVector(changing)
 
-        def _drawn(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
+        def _draw_from_tanks(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
             """Computes the structure after the coming sample, and propellant left in the tanks."""
             assert self._tanks is not None, "the plant has tanks"
             (tanks, _), used = self._tanks, self._drained.Eval(context)
-            _, fill, _ = self._over_sample(context)
+            _, fill, _ = self._read_draining(context)
             try:
                 left = drain_tanks(fill, used)
             except OutOfPropellantError as error:
@@ -277,23 +282,25 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _drain(self, context: Any, state: Any) -> None:
             """Begins a sample of a continuous plant whose tanks are emptied in it."""
             structure, body = self._structure(context), self._body(context)
-            after, left = self._drawn(context, body[MASS], structure)
+            after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)
             change = structure - np.concatenate((start.inertia, start.center_of_mass))
             state.set_value(self._structure_change, change)
             state.set_value(self._running, np.concatenate((after - structure, left, [context.get_time()])))
 
         def _calc_propellant(self, context: Any) -> Any:
-            _, left, _ = self._over_sample(context)
+            _, left, _ = self._read_draining(context)
             return left
 
         def _require_mass(self, context: Any, body: Any, wrench: Any) -> None:
+            """Raises OutOfMassError when the jets are about to use up the whole mass."""
             try:
                 rigid_body.require_mass(value_of(body[MASS]), _LEAST_TIME_S * value_of(wrench[-1]))
             except OutOfMassError as error:
                 raise error.at(value_of(context.get_time())) from None
 
-        def _jump(self, context: Any, state: Any) -> None:
+        def _apply_jumps(self, context: Any, state: Any) -> None:
+            """Applies the mass-property jumps of this sample to the state."""
             jumps = self._jumps.get(round(value_of(context.get_time()) / self._period_s), ())
             if not jumps:
                 return
@@ -308,6 +315,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 state.get_mutable_discrete_state(self._state).SetFromVector(body)
 
         def _update(self, context: Any, state: Any) -> None:
+            """Advances the plant with time steps to the next sample, tanks included."""
             body, profile = context.get_discrete_state(self._state).CopyToVector(), self._wrench.Eval(context)
             _, constants, mass = self._constants.get(context)
             body[MASS] += mass
@@ -315,7 +323,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             drawn: Any = None
             if self._tanks is not None:
                 structure = self._structure(context)
-                drawn = self._drawn(context, body[MASS], structure)
+                drawn = self._draw_from_tanks(context, body[MASS], structure)
                 middle = rigid_body.constants_kernel(0.5 * (structure + drawn[0]))
                 constants = make_holder(middle, self._compiled)
             try:

@@ -121,6 +121,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name(package if isinstance(package, str) else package.name)
             if model is None:
@@ -199,19 +200,19 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             holder = make_holder(Sensing(model.errors, self._gathers, self._place), self._compiled)
             return kernel, holder, None if exact else model
 
-        def _chance(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
-            """Returns noise and vibration at a sample."""
+        def _noise_and_vibration(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
+            """Returns the random numbers of a sample, and the vibration at its time, shape (3,) or empty."""
             noise = self._noise.Eval(context) if self._model.noisy else _QUIET
             return noise, vibration_at(model, context.get_time())
 
         def _calc_direct(self, context: Any) -> Any:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
-            chance = () if model is None else self._chance(context, model)
+            chance = () if model is None else self._noise_and_vibration(context, model)
             return kernel(body, *chance, holder)
 
         def _compute(self, context: Any) -> Any:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
-            return kernel(body, state_of(context), *self._chance(context, model), holder)
+            return kernel(body, state_of(context), *self._noise_and_vibration(context, model), holder)
 
     return Triad
 

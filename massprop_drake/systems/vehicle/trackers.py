@@ -38,6 +38,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """
 
         def _construct(self, name: str, size: int, n_noise: int, *, converter: Any = None) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name(name)
             self._sizes = name, size, n_noise
@@ -47,7 +48,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
             inputs = (self._body_state, self._structure, self._noise)
             read = {port.ticket() for port in inputs} | self._times()
-            declare_output(self, "reading", size, self._calc, read)
+            declare_output(self, "reading", size, self._calc_reading, read)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Sighting._construct(self, *other._sizes, converter=converter)
@@ -62,7 +63,8 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
             raise NotImplementedError
 
-        def _calc(self, context: Any) -> Any:
+        def _calc_reading(self, context: Any) -> Any:
+            """Computes the reading, NaN where none is due."""
             if not self._is_due(context):
                 _, size, _ = self._sizes
                 return np.full(size, np.nan)
@@ -98,6 +100,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             require_vector(f"sensor '{name}': point", model.point, 3)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Converts a tracker of another scalar type; refuses stamps and readings that are wrong by chance."""
             name, model = other.get_name(), other._model
             chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
             refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")

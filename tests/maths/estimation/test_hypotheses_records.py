@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Word,
 )
 from massprop_drake.maths.estimation.faults.fault_report import hypothesis_report_row, no_fault_odds, status_row
-from massprop_drake.maths.estimation.joint.apart import Apart
+from massprop_drake.maths.estimation.joint.separation import Separation
 from massprop_drake.results.detections import DetectionRecord, remarks, size_in_words, update_detections
 from massprop_drake.results.events import EventRecord, in_words, list_events
 
@@ -27,7 +27,7 @@ N = 44
 NOWHERE = np.full(3, np.nan)
 LEAK = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (0.1,), 4.0)
 LOSS = JetsDeclared(Word.FAILED, (28,), (-1,), (870.0,), (2.0,), 4.0)
-ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, Apart(30))
+ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, Separation(30))
 
 
 def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
@@ -56,7 +56,9 @@ def of_jet(word: Word, force: float) -> JetsDeclared:
 
 def test_jets_and_groups_of_one_sample_are_records_of_their_own(orbiter: Vehicle) -> None:
     """Groups share a jet; each has its own order, and what would tell it apart. What is withdrawn stays listed."""
-    other = JetsDeclared(Word.GROUP, (12, 29, 7), (1, 1, 1), (9.0, 8.0, 7.0), (1.0,) * 3, 4.5, Apart(coasting_s=6.0))
+    other = JetsDeclared(
+        Word.GROUP, (12, 29, 7), (1, 1, 1), (9.0, 8.0, 7.0), (1.0,) * 3, 4.5, Separation(coasting_s=6.0)
+    )
     well = JetsDeclared(Word.WITHDRAWN, (3,), (1,), (0.2,), (0.1,), 7.0)
     first, second, third, fourth = recorded(orbiter, (LEAK, ALIKE), (LOSS, other), (well,))
     names = orbiter.designations
@@ -95,12 +97,12 @@ def test_everything_that_is_said_is_an_event(said: Declaration, event: Verdict, 
 @pytest.mark.parametrize(
     ("apart", "words"),
     [
-        (Apart(30), "{1} fired alone would tell them apart"),
-        (Apart(coasting_s=3.21), "3.2 s without firing would tell them apart"),
-        (Apart(), "firing none of them alone, nor waiting, would tell them apart"),
+        (Separation(30), "{1} fired alone would tell them apart"),
+        (Separation(coasting_s=3.21), "3.2 s without firing would tell them apart"),
+        (Separation(), "firing none of them alone, nor waiting, would tell them apart"),
     ],
 )
-def test_a_group_says_what_would_tell_it_apart(orbiter: Vehicle, apart: Apart, words: str) -> None:
+def test_a_group_says_what_would_tell_it_apart(orbiter: Vehicle, apart: Separation, words: str) -> None:
     names = orbiter.designations
     (event,) = heard(orbiter, (ALIKE._replace(apart=apart),))
     assert signals_of((ALIKE,))["verdict_place"][0, [30, 29, 0]].tolist() == [1.0, 2.0, 0.0]

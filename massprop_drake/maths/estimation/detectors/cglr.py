@@ -241,11 +241,11 @@ def run_cycle(state: DetectorState, evidence: Evidence, params: CglrParams) -> D
         state = _end_without_alarm(state, params)
     if (alarm or beyond_doubt) and state.variance[jet] > 0.0:
         # whatever else could explain it, its force is not what it was
-        adaptation = _correction(coefficients[jet], tests, jet, params)
+        adaptation = _make_correction(coefficients[jet], tests, jet, params)
         state, event = _correct_known_force(state, tests, jet, params)
         onset_s, alarms = begun_s, 1.0
     elif alarm:
-        adaptation = _correction(coefficients[jet], tests, jet, params)
+        adaptation = _make_correction(coefficients[jet], tests, jet, params)
         state = _count_alarm(state, isolation, float(tests.magnitude[jet]) * coefficients[jet], inverse, begun_s)
         onset_s, alarms = state.onset_s, state.alarms
         state, event, jet = _declare_failure(state, tests, isolation, params)
@@ -302,6 +302,7 @@ def _test_jets(
 
 @kernel
 def _skip_sample(state: DetectorState) -> DetectorCycle:
+    """Makes the result of a sample that cannot be tested: nothing found, the suspicion aged."""
     blank = np.full(state.force.size, np.nan)
     nothing = CglrFinding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
     return DetectorCycle(
@@ -358,7 +359,7 @@ def _end_without_alarm(state: DetectorState, params: CglrParams) -> DetectorStat
 
 
 @kernel
-def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
+def _make_correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
     """Makes the adaptation that takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)

@@ -29,7 +29,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
 
 @kernel
 def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """Computes `known_force` of the jets whose force is known, of which there is at least one."""
+    """Runs `known_force` where at least one failed jet has a known force."""
     jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)

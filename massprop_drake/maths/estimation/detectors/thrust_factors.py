@@ -72,7 +72,7 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     if not evidence.tested:
         nothing = np.full(jets, np.nan)
         own = declaration_row((), jets)._replace(racing=0.0)
-        return Judgment(state, NO_ADAPTATION, _status(None, None, 0.0, params), nothing, nothing, own=own)
+        return Judgment(state, NO_ADAPTATION, _status_row(None, None, 0.0, params), nothing, nothing, own=own)
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
     tried, found = delays.name_failure_over_delays(evidence.tried, evidence.time_s, params.rules, params.pose)
@@ -90,14 +90,14 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
         removed[found.members[0] % jets] = 1.0
         state = state._replace(removed=removed)
     likeliest = int(np.argmax(odds)) if np.isfinite(odds).any() else None
-    said = () if found is None else (_declaration(found, evidence, params),)
+    said = () if found is None else (_make_declaration(found, evidence, params),)
     lead = float(leads.max()) if np.isfinite(leads).any() else math.nan
     racing = float(lead > params.rules.lead_nothing)
     own = declaration_row(said, jets)._replace(racing=racing, lead=lead if racing else math.nan)
     return Judgment(
         state=state,
         adaptation=NO_ADAPTATION,
-        status=_status(found, likeliest, racing, params),
+        status=_status_row(found, likeliest, racing, params),
         likelihood=leads,
         magnitude=own.verdict_magnitude,
         replacement=tried,
@@ -106,8 +106,8 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     )
 
 
-def _declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
-    """Makes the declaration of what has been found, its onset by the clock of the cycles."""
+def _make_declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
+    """Makes the declaration of a named failure, its onset by the clock of the cycles."""
     n, onset_s = params.thrusts.size, evidence.cycle_s - (evidence.time_s - found.onset_s)
     if 2 * n in found.members:
         return Unexplained(onset_s)
@@ -118,7 +118,8 @@ def _declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParam
     return JetsDeclared(word, jets, (sign,) * len(jets), forces, sigmas, onset_s)
 
 
-def _status(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
+def _status_row(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
+    """Makes the log row of a cycle, as `detector.STATUS`: the failure named, or the jet suspected."""
     jets = params.thrusts.size
     if found is None:
         row: dict[str, float] = {} if likeliest is None or not racing else {"suspected_jet": float(likeliest % jets)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from massprop_drake.maths.estimation.joint.apart import Apart
+from massprop_drake.maths.estimation.joint.separation import Separation
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -48,7 +48,7 @@ class JetsDeclared(NamedTuple):
     forces: tuple[float, ...]
     sigmas: tuple[float, ...]
     onset_s: float
-    apart: Apart = Apart()
+    apart: Separation = Separation()
 
 
 class JumpDeclared(NamedTuple):

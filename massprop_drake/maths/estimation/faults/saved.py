@@ -184,6 +184,7 @@ def unpack_tree(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
 
 
 def _read_hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
+    """Reads one hypothesis; raises ValueError for values that no run leaves."""
     prior, push, weight = of.take(3).tolist()
     onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
     share, lie = of.take(2).tolist()

@@ -29,10 +29,10 @@ from massprop_drake.maths.estimation.faults.tree import (
     probabilities,
     relative_log_weights,
 )
-from massprop_drake.maths.estimation.joint.apart import Apart, find_separation
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, failure_slot, unstated_disturbance_sigmas
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, is_initialized
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, gained_payload
+from massprop_drake.maths.estimation.joint.separation import Separation, find_separation
 from massprop_drake.maths.estimation.joint.thrust_scale import force_with_scale
 
 _GROUP_S = 2.0  # for which that of a group must be there
@@ -288,11 +288,11 @@ def _declare_group(
     return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [said]
 
 
-def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
+def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Separation:
     """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
     alarm = next((each.alarm for each in tree.hypotheses if each.alarm), None)
     if alarm is None:
-        return Apart()
+        return Separation()
     members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
     return find_separation(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
 

@@ -261,6 +261,7 @@ def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParam
 def _make_state_of_estimate(
     joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
 ) -> JointFilterState:
+    """Makes the filter's state; without accelerometers the mass reciprocal is NaN."""
     if params.joint.places.accelerometers == 0:
         estimate[MASS_RECIPROCAL] = np.nan
         covariance[MASS_RECIPROCAL] = np.nan
@@ -278,7 +279,7 @@ def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> 
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs the whole cycle of the filter."""
+    """Runs a cycle of the joint filter, prediction and update; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     return step(state, rates, velocities, interval.told, params)
 
@@ -286,7 +287,7 @@ def measure(
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs the whole cycle of the filter, with readings of the packages, NaN where missing, shape (s, 3) each.
+    """Runs a cycle of the joint filter on the readings of all packages, NaN where missing, shape (s, 3) each.
 
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
@@ -367,6 +368,7 @@ class Cycle(NamedTuple):
 def _run_cycle(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
+    """Runs a cycle of the joint filter on some readings; restarts it after a gap."""
     taken = make_sample(state, readings, told, params)
     made = joint_cycle.restart if taken.anew else joint_cycle.step
     return Cycle(taken, *made(state.joint, taken.sample, params.joint))

@@ -153,6 +153,7 @@ def initial_state(params: PoseFilterParams) -> PoseFilterState:
 
 
 def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
+    """Updates the ten parameters and their covariance, which is NaN where they are taken as known."""
     bank, jets = delays.merge_delays(state.tried, params.pose), params.pose.pushes.shape[0]
     healthy = state.tried.known[:jets] == 0.0
     estimate, covariance = estimated_properties(bank.mean[0], bank.covariance[0], healthy, params.pose)
@@ -165,7 +166,7 @@ def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFi
 def measure(
     state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
 ) -> PoseMeasurement:
-    """Runs the whole cycle of the filter."""
+    """Runs a cycle of all hypotheses, prediction and update; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
     readings = collect_readings(told.tracked, rates, velocities, params)
@@ -319,7 +320,8 @@ def publish_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> F
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
-def _layout(params: PoseFilterParams) -> Layout:
+def _make_saved_layout(params: PoseFilterParams) -> Layout:
+    """Makes the layout of the saved first filter and of the command in force."""
     made = params.pose
     jets, size, free = made.pushes.shape[0], made.parts.size, made.free.size
     return Layout(
@@ -354,7 +356,7 @@ def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
     Raises:
         ValueError: when the state holds what the filter cannot leave.
     """
-    layout = _layout(params)
+    layout = _make_saved_layout(params)
     read, more = layout.read(groups[GROUP][: layout.size]), groups[GROUP][layout.size :]
     jets = params.pose.pushes.shape[0]
     finite = (part for name, part in zip(layout, read, strict=True) if name != "level")

@@ -502,6 +502,7 @@ def _is_usable_increment(increment: Array, mean: Array, params: RotationParams) 
 
 @kernel
 def _make_sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
+    """Makes a sample of a measured rate increment and the known inputs of its interval."""
     return RotationSample(
         increment,
         mean,

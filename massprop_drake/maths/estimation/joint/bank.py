@@ -1,4 +1,4 @@
-r"""The bank of onsets, and the telescoped test of the readings since each of them.
+r"""The bank of past onsets, and the first-order test of all readings since each of them.
 
 For an onset theta the state after it is carried on without learning. The residual e of the newest readings against
 that prediction has the covariance
@@ -92,7 +92,7 @@ class Roots(NamedTuple):
     places: Any
 
 
-class Telescoped(NamedTuple):
+class OnsetTests(NamedTuple):
     """Result of the test for each onset; zero where nothing can be found.
 
     Attributes:
@@ -242,7 +242,7 @@ def averaging_matrix(read: Array, places: Places) -> tuple[Array, bool]:
 
 
 @kernel
-def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
+def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[OnsetTests, bool]:
     """Tests every onset after `advance_recursion`; also returns whether any can be tested.
 
     None can where a rate is missing, or nothing can reach a level.
@@ -253,7 +253,7 @@ def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: Jo
     """
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
-    nothing = Telescoped(total, likelihood, force)
+    nothing = OnsetTests(total, likelihood, force)
     mean, complete = averaging_matrix(over.read, params.places)
     if not complete:
         return nothing, False
@@ -281,7 +281,7 @@ def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: Jo
     total[looked_at] = np.sum(whitened**2, axis=1)
     likelihood[looked_at] = np.where(enough, projection**2 / energy, 0.0)
     force[looked_at] = np.where(enough, projection / energy / np.maximum(seconds, _LEAST_SECONDS), 0.0)
-    return Telescoped(total, likelihood, np.minimum(np.maximum(force, -params.thrusts), params.thrusts)), True
+    return OnsetTests(total, likelihood, np.minimum(np.maximum(force, -params.thrusts), params.thrusts)), True
 
 
 @kernel
@@ -360,7 +360,7 @@ class Followed(NamedTuple):
 
     Attributes:
         link: see `Link`.
-        tested: see `Telescoped`.
+        tested: see `OnsetTests`.
         some: whether it says anything.
         complete: whether there was a rate about every axis.
         since: after the cycle.
@@ -368,7 +368,7 @@ class Followed(NamedTuple):
     """
 
     link: Link
-    tested: Telescoped
+    tested: OnsetTests
     some: bool
     complete: bool
     since: Since
@@ -393,7 +393,7 @@ def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: 
 
 def run_follow_cycle(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
-) -> tuple[Link, Telescoped | None, bool, Bank]:
+) -> tuple[Link, OnsetTests | None, bool, Bank]:
     """Runs `follow_cycle`, compiled where asked: link, test, whether every axis had a rate, and the bank.
 
     Args:

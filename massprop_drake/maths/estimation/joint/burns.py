@@ -42,12 +42,12 @@ class Burn(NamedTuple):
 
 
 @kernel
-def unlit(n: int) -> Burn:
+def shut_engine_burn(n: int) -> Burn:
     """Returns the burn of engines that are off: zeros."""
     return Burn(np.zeros((n, 3, N_CHANNELS)), np.zeros((n, N_CHANNELS)))
 
 
-UNLIT = unlit(0)
+UNLIT = shut_engine_burn(0)
 
 
 class EngineSettings(NamedTuple):

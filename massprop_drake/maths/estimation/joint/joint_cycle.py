@@ -157,6 +157,7 @@ def step(
 
 
 def _step_first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
+    """Runs the first cycle: the state begins from the readings, and none of these is tested."""
     after = begin_from_readings(state, sample, params)
     n_outputs = after.read.shape[0]
     estimate, rows = parameters_with_scale(after, params)

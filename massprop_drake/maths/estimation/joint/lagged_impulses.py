@@ -38,7 +38,8 @@ class Firing(NamedTuple):
         duration_s: length of the interval, T.
         amount: L of each jet, s, shape (n_jets,).
         amount_slope: its derivative by ln tau, s, shape (n_jets,).
-        bow: of each jet, its mean, first moment, and root mean square, s, shape (3, n_jets).
+        bow: of each jet, the departure of its impulse from linear growth: mean, first moment, root mean square, s,
+            shape (3, n_jets).
         unknown: whether L may be anything, since the command is not known in a part of the interval, or was not before
             and the lag has not settled yet, shape (n_jets,).
         variance: of L by the level at the start of the interval, s^2, shape (n_jets,).
@@ -149,7 +150,7 @@ def fire(
         deviation += h * mean * level_std
         level_std = select_where(unknown, UNKNOWN_LEVEL, level_std * remaining)
         total += h
-    bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
+    bow = moments if durations_s.shape[0] == 1 else _bow_of_interval(moments, amount, total)
     return Firing(
         total,
         amount,
@@ -231,8 +232,8 @@ def _moments_of_piece(
 
 
 @kernel
-def _bow(moments: Array, amount: Array, total: float) -> Array:
-    """Computes the bow of each jet from the integrals of p, p t and p^2 over the interval, shape (3, n_jets)."""
+def _bow_of_interval(moments: Array, amount: Array, total: float) -> Array:
+    """Computes the bow of each jet, see `Firing`, from the integrals of p, p t and p^2, shape (3, n_jets)."""
     bow = np.empty_like(moments)
     bow[0] = moments[0] / total - 0.5 * amount
     bow[1] = (moments[1] / total - 0.5 * moments[0]) / total - amount / 12.0

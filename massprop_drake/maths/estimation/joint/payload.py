@@ -54,7 +54,7 @@ def gained_payload(earlier: JointState, now: JointState, params: JointParams) ->
         now: of the filter that has jumped.
     """
     padded = now._replace(root=np.hstack((now.root, np.zeros_like(now.root))))
-    first, first_rows = _mass_and_moment(_as_known_now(earlier, now, params), params)
+    first, first_rows = _mass_and_moment(_condition_on_present(earlier, now, params), params)
     last, last_rows = _mass_and_moment(padded, params)
     gained, rows = last - first, last_rows - first_rows
     mass, mass_sigma = float(gained[0]), float(np.linalg.norm(rows[0]))
@@ -65,8 +65,8 @@ def gained_payload(earlier: JointState, now: JointState, params: JointParams) ->
     return Payload(mass, mass_sigma, position, sigma)
 
 
-def _as_known_now(earlier: JointState, now: JointState, params: JointParams) -> JointState:
-    """Returns the earlier state given p as known now; root in the columns of the present one's and then of the rest."""
+def _condition_on_present(earlier: JointState, now: JointState, params: JointParams) -> JointState:
+    """Conditions the earlier state on parameters as known now; root columns: the present ones, then the rest."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)

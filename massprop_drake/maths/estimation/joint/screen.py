@@ -108,8 +108,8 @@ class Screen(NamedTuple):
         """True if the screen is about single jets alone."""
         return self.information.ndim == _BLOCKS
 
-    def among(self, index: int, sets: np.ndarray) -> Array:
-        """Computes A of sets of columns at an onset, shape (number, k, k), their columns of shape (number, k)."""
+    def information_of(self, index: int, sets: np.ndarray) -> Array:
+        """Selects A of sets of columns at an onset, shape (number, k, k); columns of each set, shape (number, k)."""
         if self.single:
             jets = self.information.shape[1]
             jet, kind = sets % jets, sets // jets
@@ -417,7 +417,7 @@ def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointPa
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
-    information = screen.among(index, sets)
+    information = screen.information_of(index, sets)
     projection = screen.projection[index][sets]
     acting = screen.acting[index][:, np.where(steps < 2 * jets, steps, steps - 2 * jets)]
     places = np.maximum(acting, _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
@@ -462,7 +462,7 @@ def _make_contenders(
 def _single_columns(screen: Screen, index: int, allowed: np.ndarray, jets: int) -> np.ndarray:
     """Selects the columns of single failures that may have happened and that readings show, shape (number, 1)."""
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets))).reshape(-1, 1)
-    return steps[allowed[_failure_indices(steps, jets)[:, 0]] & (screen.among(index, steps)[:, 0, 0] > 0.0)]
+    return steps[allowed[_failure_indices(steps, jets)[:, 0]] & (screen.information_of(index, steps)[:, 0, 0] > 0.0)]
 
 
 def _pair_columns(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> np.ndarray:
@@ -505,7 +505,7 @@ def _likely_pairs(
     scarce = _log_force_prior(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
     had, other_had = known[_failure_indices(one, jets)], known[_failure_indices(other, jets)]
-    alone = _gain_alone(screen, index, columns, known, params)
+    alone = _single_likelihoods(screen, index, columns, known, params)
     least = np.maximum(alone[one], alone[other])
     order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > least))  # of most that is enough
     a, b, c, had, other_had = a[order], b[order], c[order], had[order], other_had[order]
@@ -520,7 +520,7 @@ def _likely_pairs(
     return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
 
 
-def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
+def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
     """Computes L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
     jets = params.places.jets
     thrusts, had = params.thrusts[columns % jets], known[_failure_indices(columns, jets)]
@@ -547,6 +547,7 @@ def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np
 
 
 def _false_reading_contenders(screen: Screen, index: int, params: JointParams) -> list[Contender]:
+    """Returns hypotheses of a false reading at an onset that are likelier than none."""
     jets = params.places.jets
     m = screen.projection.shape[1] - 5 * jets
     result = []

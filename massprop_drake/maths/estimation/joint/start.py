@@ -129,6 +129,7 @@ def advance_start(
 
 
 def _begin_pass(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
+    """Begins a smoothing pass over the start, linearized at the end of the pass before."""
     entry = start.entry
     assert entry is not None, "something is kept"
     root = (

@@ -1,1 +1,1 @@
-"""Analyses of a whole flight at once: batch regression, bound, guaranteed intervals, and what they tell."""
+"""Analyses of a whole flight at once: batch regression, bound, guaranteed intervals, identifiability."""

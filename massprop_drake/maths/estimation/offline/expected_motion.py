@@ -132,7 +132,7 @@ def with_swings(expected: ExpectedMotion, derivatives: tuple[Array, Array], at: 
 def _gained_rate_as_read(
     rate: Array, sums: ImpulseSums, read: RecordedStretch, at: Array, model: FlightModel
 ) -> GainedRate:
-    """Computes `gained_rate` with the coupling of rates at the rows as they are read, shape (3, m)."""
+    """Computes the rate gained, its coupling by rates at the rows as they are read, shape (3, m)."""
     rate, held = rate - at[columns(model).gyro_bias, None], wheel_momentum(read, at, model)
     bows = bows_of(sums, rate, held, read.period_s, at)
     if read.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate

@@ -179,6 +179,7 @@ def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
 
 
 def _covariance_root(matrix: Array) -> Array:
+    """Computes a root of a covariance, shape (n, n); negative eigenvalues count as zero."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -136,11 +136,12 @@ def columns(model: FlightModel) -> Columns:
     """Returns the places of a vehicle's unknowns."""
     counts = model.flows.size, model.positions.shape[0], model.wheels.inertias.size
     sizes = model.engines.thrusts.size, model.mounting.jets.size, model.modes.sigmas.shape[0], model.tanks.fill.size
-    return _columns(model.prior.shape[0], model.gyros, counts, sizes)
+    return _place_unknowns(model.prior.shape[0], model.gyros, counts, sizes)
 
 
 @cache
-def _columns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_others: tuple[int, ...]) -> Columns:
+def _place_unknowns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_others: tuple[int, ...]) -> Columns:
+    """Computes the places of the unknowns by the numbers of jets, sensors and other parts."""
     (n_jets, n_accelerometers, n_wheels), (n_engines, n_mounts, n_parts, n_tanks) = counts, of_others
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
     others = n_wheels, N_ERRORS * n_engines, n_mounts, ERRORS * n_parts, n_tanks, n_tanks, MASS

@@ -7,8 +7,8 @@ difference of all unknowns from it, every reading is a constraint l <= a^T x <= 
 
 are linear programs; no assumption on how rounding errors are distributed enters. The unknowns are the ten parameters,
 what is stated with a 1-sigma (thrusts, lags, biases), confined to `SIGMAS` of it, and for each stretch the rate at its
-beginning and what each accelerometer shows there. The derivatives are those of `hindsight`, with the coupling of the
-rates that the model gives, whose own changes are added here. See `docs/theory/hindsight.md`.
+beginning and what each accelerometer shows there. The derivatives are those of the batch regression, with the coupling
+of the rates that the model gives, whose own changes are added here. See `docs/theory/hindsight.md`.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ class Cells(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Point of linearization: the unknowns of `hindsight`, and those that it lacks.
+    """Point of linearization: the unknowns of the batch regression, and those that it lacks.
 
     Attributes:
         at: shape (n,).
@@ -314,11 +314,11 @@ class _Linear:
         for number, stretch in enumerate(stretches):
             out = _refined_outputs(stretch, point.at, point.rates[number], point.biases, model)
             rates[number] = out.rate
-            self._parts += self._of(number, out)
+            self._parts += self._cell_rows(number, out)
         self.point = point._replace(rates=rates)
 
-    def _of(self, number: int, out: _Outputs) -> Iterator[_CellRows]:
-        """Yields the parts of a stretch."""
+    def _cell_rows(self, number: int, out: _Outputs) -> Iterator[_CellRows]:
+        """Yields the constraints of a stretch, by package and component."""
         stretch, gyros, u = self._stretches[number], self._model.gyros, self._wanted.size
         own, size = (self._common + count * self._starts for count in (number, len(self._stretches)))
         for package in np.flatnonzero(self._cells.quanta > 0.0).tolist():
@@ -381,7 +381,7 @@ class _Linear:
             worst = max(worst, float((off / quanta[quanta > 0.0, None]).max()))
         return worst / 3.0
 
-    def moved(self, move: Array) -> _Point:
+    def move_point(self, move: Array) -> _Point:
         """Returns the point at a difference of all unknowns, shape (n,).
 
         Inverse inertia and 1/m times a factor, and thrusts over it, give the same motion: where thrusts are not exact,
@@ -399,16 +399,16 @@ class _Linear:
         starts = move[self._common :].reshape(-1, self._starts)[:, :3]
         return _Point(moved, rates + starts, biases + move[u : self._common].reshape(-1, 3))
 
-    def about(self, move: Array) -> _Linear:
+    def relinearize(self, move: Array) -> _Linear:
         """Linearizes the same readings about another point, at a difference of all unknowns, shape (n,)."""
-        return _Linear(self._stretches, self.moved(move), self._model, self._cells)
+        return _Linear(self._stretches, self.move_point(move), self._model, self._cells)
 
-    def bend(self, move: Array) -> Array:
+    def nonlinearity(self, move: Array) -> Array:
         """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
-        if not flight_model.is_physical(self.moved(move).at):
+        if not flight_model.is_physical(self.move_point(move).at):
             return np.full(self.readings, np.inf)
         every = []
-        for here, there in zip(self._parts, self.about(move)._parts, strict=True):
+        for here, there in zip(self._parts, self.relinearize(move)._parts, strict=True):
             off = here.left - there.left - here.matrix @ move
             if off.size and here.package >= self._model.gyros:  # an accelerometer may start anywhere
                 off -= 0.5 * (off.max() + off.min())
@@ -428,7 +428,7 @@ def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Ar
         ends = extreme_points(linear.constraints(error + allowed), _N, solve)
         if ends is None:
             return None, np.inf
-        departures = np.max([linear.bend(end) for end in ends.reshape(2 * _N, -1)], axis=0)
+        departures = np.max([linear.nonlinearity(end) for end in ends.reshape(2 * _N, -1)], axis=0)
         bend = float(departures.max())
         if (departures <= allowed).all():
             return ends, bend
@@ -465,15 +465,15 @@ def find_intervals(
         ends = extreme_points(linear.constraints(error), _N, solve) if depth > 0.0 else None
         if ends is not None:
             middle = ends.mean(axis=(0, 1))
-        bend = float(linear.bend(middle).max(initial=0.0))
+        bend = float(linear.nonlinearity(middle).max(initial=0.0))
         if bend == np.inf or (number and bend < (_STRAIGHT if ends is not None else -_CLEAR * depth)):
             break
-        linear = linear.about(middle)
+        linear = linear.relinearize(middle)
     if ends is not None and bend < np.inf:
         ends, bend = _widen_until_linear(linear, error, solve)
     if ends is None:
         return Confined(unknown, unknown, depth, bend)
-    reached = np.array([[linear.moved(end).at[k] for end in pair] for k, pair in enumerate(ends)])
+    reached = np.array([[linear.move_point(end).at[k] for end in pair] for k, pair in enumerate(ends)])
     far = np.abs(ends[range(_N), :, range(_N)]).max(axis=1) > _NEAR * linear.spans
     low, high = np.where(far, np.nan, reached.T)
     return Confined(low, high, depth, bend)

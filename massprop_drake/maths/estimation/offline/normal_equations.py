@@ -269,7 +269,7 @@ def equations_about(
     total = empty_equations(model)
     fast = _stamp_error_variance(expected, model)
     for batch, difference, by_own in parts:
-        _tally(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
+        _sum_residuals(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
     total.information[np.ix_(kept, kept)] = information
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
@@ -357,7 +357,7 @@ def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array
     return 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
 
 
-def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
+def _sum_residuals(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
     """Adds up the residuals of components, shape (r,), by packages, and of gyros by how fast the rate changes."""
     squares, serial = left * left, np.zeros_like(left)
     serial[:-1] = left[:-1] * left[1:]

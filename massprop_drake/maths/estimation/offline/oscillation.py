@@ -261,6 +261,7 @@ def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: flo
 
 
 def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
+    """Combines stretches: the normal equations of their residuals, in units of the prior."""
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma

@@ -40,6 +40,7 @@ def select_informative(expected: Array, read: Array, quantum: float) -> NDArray[
 
 
 def _apply_lag_by_row(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `apply_lag`, row by row."""
     for k in range(level.shape[0] - 1):
         for jet in range(level.shape[1]):
             off = level[k, jet] - level[k + 1, jet]

@@ -1,4 +1,4 @@
-"""Course of the jets' thrust over a stretch of a record, and what of a stretch depends on no unknown."""
+"""Course of the jets' thrust over a stretch of a record, and data of the stretch that depend on no unknown."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> Thrus
 
 
 def _apply_lag_by_interval(level: Array, slope: Array, left: Lingering) -> None:
-    """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first."""
+    """Runs `apply_lag` over intervals of different lengths; before the stretch they are as long as its first."""
     since = level.shape[0] - left.remaining.shape[0]
     for row in range(1, level.shape[0]):
         of = max(row - since, 0)

@@ -72,6 +72,7 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
 
 
 def _pack_part(part: Tried) -> list[Array]:
+    """Packs one part of the possible delays, scalars first: the inverse of `_read_part`."""
     has = part.apart is not None, part.doubt is not None
     numbers = part.bank.mean.shape[0], part.renewed_s, part.led_s, part.leader, part.steady, part.total, *has
     likelihood = np.where(np.isneginf(part.likelihood), np.nan, part.likelihood)
@@ -99,6 +100,7 @@ def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
 
 
 def _pack_bank(bank: PoseBank) -> list[Array]:
+    """Packs a bank; of each covariance the lower triangle."""
     rows, columns = np.tril_indices(bank.covariance.shape[1])
     lower = bank.covariance[:, rows, columns]
     parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
@@ -106,6 +108,7 @@ def _pack_bank(bank: PoseBank) -> list[Array]:
 
 
 def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
+    """Reads a bank: the inverse of `_pack_bank`."""
     n = params.free.size
     rows, columns = np.tril_indices(n)
     mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)

@@ -71,8 +71,8 @@ class _Rows:
         own = np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen]
         self._rows.append((off[:, chosen], jacobian[:, :, self._params.free], own, [kind] * chosen.size))
 
-    def compared(self) -> Compared | None:
-        """Returns all readings; None: there were none."""
+    def stack(self) -> Compared | None:
+        """Stacks all readings that have been added; None: there are none."""
         if not self._rows:
             return None
         innovations, jacobians, variances, kinds = zip(*self._rows, strict=True)
@@ -135,7 +135,7 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
             by = {f"gathered:{place}": _EYE, "rate": -skew_matrices(arm), "center": -turn}
             off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
-    return rows.compared()
+    return rows.stack()
 
 
 def predict_readings(bank: PoseBank, params: PoseParams) -> PoseReadings:

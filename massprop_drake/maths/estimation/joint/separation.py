@@ -26,12 +26,12 @@ _LONGEST_S = 600.0  # of coasting that is worth naming
 _NOBODY = -1
 
 
-class Apart(NamedTuple):
-    """Way to tell a group of jets apart; neither: there is none.
+class Separation(NamedTuple):
+    """Firing or coasting that separates the jets of a group; neither: nothing does.
 
     Attributes:
-        jet: index of the member that, fired alone, would; -1: none.
-        coasting_s: without any jet after which they would be, s; NaN: never, or not before ten minutes.
+        jet: index of the member that separates them when fired alone; -1: none.
+        coasting_s: time without any jet after which they are separated, s; NaN: never, or not before ten minutes.
     """
 
     jet: int = _NOBODY
@@ -40,7 +40,7 @@ class Apart(NamedTuple):
 
 def find_separation(
     screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
-) -> Apart:
+) -> Separation:
     """Finds the soonest way to tell the first member from all others.
 
     Args:
@@ -68,8 +68,8 @@ def find_separation(
     firing = [(int(when[0]), -float(by_jet[jet][-1]), jet) for jet, when in soonest.items() if when.shape[0] > 0]
     coasting_s = _coasting_s(separations(_NOBODY), least, over.duration_s)
     if firing and not coasting_s <= (min(firing)[0] + 1) * over.duration_s:
-        return Apart(min(firing)[2])
-    return Apart(coasting_s=coasting_s)
+        return Separation(min(firing)[2])
+    return Separation(coasting_s=coasting_s)
 
 
 def _predicted_information(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
