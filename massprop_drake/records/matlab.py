@@ -111,6 +111,7 @@ def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, byte
 
 
 def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
+    """Reads the variables of a file of version 7.3; damaged ones are left out."""
     try:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
@@ -195,7 +196,7 @@ def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[s
         if not value.ndim and value.dtype != object:
             continue
         if not _is_table(value):
-            left_out.append(f"{name} ({_why_no_column(value)})")
+            left_out.append(f"{name} ({_no_column_reason(value)})")
         elif len(tall) != length or tall.ndim > 2:
             shape = " x ".join(map(str, value.shape))
             left_out += [f"{name} (of {shape} values)"] if value.size > 1 else []
@@ -227,7 +228,7 @@ def _is_table(value: Any) -> bool:
     return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)
 
 
-def _why_no_column(value: Any) -> str:
+def _no_column_reason(value: Any) -> str:
     """Returns the reason for which an array gives no columns."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"

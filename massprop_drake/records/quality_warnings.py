@@ -90,6 +90,7 @@ def _test_warnings(known: KnownOfRecord) -> list[str]:
 
 
 def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of readings out of proportion to the prediction: a wrong unit, or jets that fail."""
     found = []
     blamed: dict[tuple[str, ...], list[str]] = {}
     for entry in known.packages:
@@ -163,6 +164,7 @@ def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[st
 
 
 def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of readings that are missing, stuck, repeated, saturated or jump."""
     found = []
     for name, count in quality["missing"].items():
         if count:

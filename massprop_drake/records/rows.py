@@ -106,10 +106,10 @@ class Rows(NamedTuple):
 
     def first(self, count: int) -> Rows:
         """Returns the first rows."""
-        return self.chosen(slice(count))
+        return self.select(slice(count))
 
-    def chosen(self, which: slice | NDArray[np.int_]) -> Rows:
-        """Returns some of the rows."""
+    def select(self, which: slice | NDArray[np.int_]) -> Rows:
+        """Selects rows by a mask, indices or a slice."""
         readings = {name: values[which] for name, values in self.readings.items()}
         outside, tracked, onsets_s = (
             None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)

@@ -22,14 +22,15 @@ _FEWEST = 20  # samples from which differences and repeated readings are told
 class SensorSearch(JetSearch):
     """Search for sensors among the columns of a table."""
 
-    def _sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+    def _find_sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+        """Finds the sensors in a topic by the names of its columns, and adds them to the map."""
         groups: dict[tuple[tuple[str, ...], str], dict[int, ColumnName]] = {}
         angles: dict[int, ColumnName] = {}
         for name in names:
-            if name.turning >= 0 and not set(name.words) & WORDS["gyro"]:
-                angles.setdefault(name.turning, name)
-            elif name.turning >= 0:
-                groups.setdefault((("rate",), name.unit), {})[name.turning] = name
+            if name.turn_axis >= 0 and not set(name.words) & WORDS["gyro"]:
+                angles.setdefault(name.turn_axis, name)
+            elif name.turn_axis >= 0:
+                groups.setdefault((("rate",), name.unit), {})[name.turn_axis] = name
             elif name.axis >= 0 and self._kind(name):
                 groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
         found: dict[str, list[dict[int, ColumnName]]] = {}
@@ -39,7 +40,7 @@ class SensorSearch(JetSearch):
         for kind, several in found.items():
             several.sort(key=lambda one, kind=kind: self._order(kind, one))  # type: ignore[misc]
         position = next(iter(found.get("position", [])), {})
-        pairs = self._differences(topic, position, angles, found)
+        pairs = self._find_differences(topic, position, angles, found)
         for members in found.get("gyro", []):
             self._add_gyro(topic, members)
         both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
@@ -47,7 +48,9 @@ class SensorSearch(JetSearch):
             self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
-            package = self._tracker("velocity", "velocity", f"{_join_column_names(members)}, velocities by their names")
+            package = self._take_tracker(
+                "velocity", "velocity", f"{_join_column_names(members)}, velocities by their names"
+            )
             if package:
                 self._add(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
                 self._say(f"{package}: {_join_column_names(members)}, by their names")
@@ -94,7 +97,7 @@ class SensorSearch(JetSearch):
         own = kind in self._called and self._is_own(kind, words)
         return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
 
-    def _differences(
+    def _find_differences(
         self,
         topic: Topic,
         position: Mapping[int, ColumnName],
@@ -140,6 +143,7 @@ class SensorSearch(JetSearch):
         return pairs
 
     def _use_differences(self, topic: Topic, pairs: list[tuple[dict[str, str], Array]]) -> None:
+        """Takes the true time steps from pairs of values and rates, unless the logged clock is a true one."""
         steps = np.concatenate([steps[np.isfinite(steps)] for _, steps in pairs])
         typical = float(np.median(steps))
         time = self.data.setdefault("time", {})
@@ -158,7 +162,7 @@ class SensorSearch(JetSearch):
         time["differences"] = [pair for pair, _ in pairs]
 
     def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
-        package = self._package("gyro", members[min(members)].words)
+        package = self._take_package("gyro", members[min(members)].words)
         if not package:
             self._say(f"{_join_column_names(members)}: rates, but the vehicle has no further gyro")
             return
@@ -181,7 +185,7 @@ class SensorSearch(JetSearch):
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
         first = members[min(members)]
-        package = self._package("accelerometer", first.words)
+        package = self._take_package("accelerometer", first.words)
         if not package:
             self._say(f"{_join_column_names(members)}: accelerations, but the vehicle has no further accelerometer")
             return
@@ -239,7 +243,7 @@ class SensorSearch(JetSearch):
         if not position and not self._free["pose"]:
             self._say(f"{why}: the vehicle has no sensor of attitude that is not taken")
             return
-        name = self._tracker("pose", kind, f"{_join_column_names(position)}, positions" if position else why)
+        name = self._take_tracker("pose", kind, f"{_join_column_names(position)}, positions" if position else why)
         if not name:
             return
         if position:

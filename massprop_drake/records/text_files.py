@@ -1,4 +1,4 @@
-"""Tables of other programs in text files: separators, remarks and units are told by the first lines."""
+"""Tables of other programs in text files, whose separators, comments and units are found in the first lines."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Record
         form, units = _detect_form(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form, losses)
-            where = _Where()
-            lined = where.watched(numbered)
+            where = _CurrentLine()
+            lined = where.follow(numbered)
             named = next(lined, "")
             header = _split_cells(named, form.separator)
             marked = named.strip().partition(form.separator)[0].strip()
@@ -149,7 +149,7 @@ def unit_in(text: str) -> str:
     return ""
 
 
-class _Where:
+class _CurrentLine:
     """Line that is being read.
 
     Attributes:
@@ -161,7 +161,8 @@ class _Where:
         self.line = 0
         self.unended = False
 
-    def watched(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+    def follow(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+        """Yields the lines' texts, and keeps the number of the current one."""
         for self.line, text in numbered:
             self.unended = text[-1] not in "\r\n"
             yield text
@@ -203,7 +204,10 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
 
 
 def _collect_columns(
-    cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
+    cells: Iterator[list[str]],
+    header: list[str],
+    wanted: list[str],
+    how: tuple[CsvForm, set[str], int | None, _CurrentLine],
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
     form, as_text, most, where = how
@@ -236,7 +240,7 @@ def _collect_columns(
         if cut or len(row) != len(header):
             ragged.add(where.line)
             continue
-        ending.saw(row[-1])
+        ending.note_last_cell(row[-1])
         for place, column in zip(places, held, strict=True):
             column.append(row[place])
         lines.append(where.line)
@@ -252,7 +256,7 @@ def _collect_columns(
     )
 
 
-def _whole_rows(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
+def _whole_rows(cells: Iterator[list[str]], where: _CurrentLine) -> Iterator[list[str]]:
     """Yields the cells of each row; one that ends within quotes, with the file, has none."""
     try:
         yield from cells
