@@ -229,7 +229,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     quantities = tuple(
         quantity
         for key, value in file.draw.items()
-        for quantity in _quantities(key, value, (key,), base.vehicle_data, document)
+        for quantity in _find_quantities(key, value, (key,), base.vehicle_data, document)
     )
     campaign = CampaignSpec(file, base, quantities, document.source, folder)
     _require_fields(campaign, document)
@@ -270,7 +270,7 @@ def campaign_keys() -> list[Key]:
 # ------------------------------------------------------------------------------------ what is drawn
 
 
-def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
+def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
     """Yields the drawn quantities in a value of the block `draw`, in its order."""
     where = document.where(("draw", *path))
     label = dotted(path)
@@ -289,10 +289,10 @@ def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, documen
         yield Quantity(label, _validate_distribution(*found, vehicle, where))
     elif isinstance(value, dict):
         for name, inner in value.items():
-            yield from _quantities(key, inner, (*path, name), vehicle, document)
+            yield from _find_quantities(key, inner, (*path, name), vehicle, document)
     elif isinstance(value, list):
         for index, inner in enumerate(value):
-            yield from _quantities(key, inner, (*path, index), vehicle, document)
+            yield from _find_quantities(key, inner, (*path, index), vehicle, document)
 
 
 def _is_dispersion(value: Any) -> bool:
@@ -304,11 +304,11 @@ def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, where: s
     """Validates a distribution; a choice among `all` jets, or a kind of them, becomes one of designations."""
     distribution = validate_data(KINDS[tag], parameters, None, f"{where}: {tag}")
     if isinstance(distribution, Choice) and isinstance(distribution.values, str):
-        return distribution.model_copy(update={"values": _jets(distribution.values, vehicle, where)})
+        return distribution.model_copy(update={"values": _expand_jets(distribution.values, vehicle, where)})
     return distribution
 
 
-def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
+def _expand_jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
     """Returns designations of all jets, or of those of a kind."""
     if which == "all":
         return vehicle.designations

@@ -48,7 +48,7 @@ class JetEvidence(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Components of samples in which jets fire."""
+        """Number of components that are read while jets should change them."""
         return int(self._firing.sum())
 
     @property

@@ -51,7 +51,7 @@ class MapSearch:
         self._say(reason)
         self.warnings.append(reason)
 
-    def _kind(self, name: ColumnName) -> str:
+    def _find_quantity(self, name: ColumnName) -> str:
         """Finds the quantity of a column, by its words or a package's name; "": not known."""
         called = compact_name("".join(name.words))
         return next((kind for kind, names in self._called.items() if called in names), column_quantity(name))
@@ -101,8 +101,8 @@ class MapSearch:
             if time is not None and time != self.data.get("time"):
                 entry["time"] = time
 
-    def _add(self, name: str, entry: dict[str, Any]) -> None:
-        """Adds a sensor, the first of its name."""
+    def _add_sensor(self, name: str, entry: dict[str, Any]) -> None:
+        """Adds a sensor to the map, unless it has one of that name."""
         if name not in self.data["sensors"]:
             self._set_topic_and_time(entry)
             self.data["sensors"][name] = entry

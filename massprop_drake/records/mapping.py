@@ -196,7 +196,7 @@ class _Mapping:
         each = []
         for pair in time.differences:
             value, size = topic.numbers(pair.value)[places], si_factor(pair.value_unit, "length", "angle")
-            quantum, value = _quantum(value) * size, value * size
+            quantum, value = _rounding_step(value) * size, value * size
             rate = topic.numbers(pair.rate)[places[1:]] * si_factor(pair.rate_unit, "velocity", "rate")
             step = np.diff(value)
             if is_unit_of(pair.value_unit, "angle"):
@@ -265,7 +265,7 @@ class _Mapping:
                 angles = np.stack([topic.numbers(one)[places] for one in sensor.gimbal], axis=1)
                 values = np.hstack((values, angles * si_factor(sensor.unit, "angle")))
         else:
-            values = self._attitude(topic, sensor, places)
+            values = self._quaternions(topic, sensor, places)
             self._require_plausible_turns(name, topic, sensor, values, time_s)
             if isinstance(sensor, PoseMap):
                 position = self._three(topic, sensor.position, places) * (
@@ -298,7 +298,7 @@ class _Mapping:
     def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
         return _rotate_vectors((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
 
-    def _attitude(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
+    def _quaternions(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
         """Computes quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 (slow to load)
 
@@ -513,7 +513,7 @@ def _rotate_vectors(vectors: Array, matrix: Array) -> Array:
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
 
 
-def _quantum(values: Array) -> float:
+def _rounding_step(values: Array) -> float:
     """Returns the step to which values are rounded, by their decimals; that of doubles where there are too many."""
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))

@@ -157,14 +157,14 @@ def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for name, value in content.items():
         if isinstance(value, dict):
             topics[name] = dict(_flatten_fields(value))
-        elif (rows := _structures(value)) is not None:
+        elif (rows := _as_structures(value)) is not None:
             topics[name] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
         else:
             topics[""][name] = value
     return topics
 
 
-def _structures(value: Any) -> list[dict[str, Any]] | None:
+def _as_structures(value: Any) -> list[dict[str, Any]] | None:
     """Returns the structures of an array whose fields are single numbers; None for any other value."""
     rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):

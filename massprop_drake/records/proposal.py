@@ -101,7 +101,9 @@ class RecordingSearch(SensorSearch):
         }
         for topic in topics.values():
             self._warn_of_text_cells(topic)
-        kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()}
+        kinds = {
+            name: {self._find_quantity(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()
+        }
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
             if kinds[name] or len(topics) == 1:

@@ -170,7 +170,7 @@ class Answer(NamedTuple):
 
     @property
     def total(self) -> Array:
-        """Sums over all components, shape (n, 2)."""
+        """Sums over all components: measured times predicted, and predicted squared, shape (n, 2)."""
         nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
         result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
         return result
@@ -183,7 +183,7 @@ class Answer(NamedTuple):
         return result
 
     def total_of_others(self, name: str, axis: int) -> Array:
-        """Computes sums over all components but one, each sample weighted by its share in that one's prediction."""
+        """Computes `total` without one component, each sample weighted by its share in that one's prediction."""
         total, own = self.total, self.own[name][:, axis]
         share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
         result: Array = share[:, None] * (total - own)

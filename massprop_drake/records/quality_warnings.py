@@ -120,6 +120,7 @@ def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
 
 
 def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of gaps, jitter, a wrong period, rows left out, and columns that are not used."""
     found = []
     gaps = quality["gaps"]
     if gaps["count"]:
@@ -204,6 +205,7 @@ def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]
 
 
 def _sample_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of a filter for which no sample could be used, with the commonest reason."""
     names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
     found = []
     for name, counts in quality["samples"].items():

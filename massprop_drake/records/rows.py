@@ -141,10 +141,10 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
             onsets = [] if block.onsets_s is None else [block.onsets_s]
             parts = [block.time_s, *sensors, *tracked, block.commands, *onsets, *outside]
             table = np.column_stack(parts)[block.recorded]
-            writer.writerows([_cell(value) for value in row] for row in table.tolist())
+            writer.writerows([_format_cell(value) for value in row] for row in table.tolist())
 
 
-def _cell(value: float) -> str:
+def _format_cell(value: float) -> str:
     if math.isnan(value):  # not measured, or not commanded
         return ""
     return str(int(value)) if value in (0.0, 1.0) else repr(value)

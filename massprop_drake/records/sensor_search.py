@@ -31,20 +31,20 @@ class SensorSearch(JetSearch):
                 angles.setdefault(name.turn_axis, name)
             elif name.turn_axis >= 0:
                 groups.setdefault((("rate",), name.unit), {})[name.turn_axis] = name
-            elif name.axis >= 0 and self._kind(name):
+            elif name.axis >= 0 and self._find_quantity(name):
                 groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
         found: dict[str, list[dict[int, ColumnName]]] = {}
         for members in map(_number_axes_from_zero, groups.values()):
-            if set(members) <= set(range(4 if self._kind(members[min(members)]) == "quaternion" else 3)):
-                found.setdefault(self._kind(members[min(members)]), []).append(members)
+            if set(members) <= set(range(4 if self._find_quantity(members[min(members)]) == "quaternion" else 3)):
+                found.setdefault(self._find_quantity(members[min(members)]), []).append(members)
         for kind, several in found.items():
-            several.sort(key=lambda one, kind=kind: self._order(kind, one))  # type: ignore[misc]
+            several.sort(key=lambda one, kind=kind: self._sort_key(kind, one))  # type: ignore[misc]
         position = next(iter(found.get("position", [])), {})
         pairs = self._find_differences(topic, position, angles, found)
         for members in found.get("gyro", []):
             self._add_gyro(topic, members)
         both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
-        for members, kind in sorted(both, key=lambda one: self._order("accelerometer", one[0])):
+        for members, kind in sorted(both, key=lambda one: self._sort_key("accelerometer", one[0])):
             self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
@@ -52,7 +52,7 @@ class SensorSearch(JetSearch):
                 "velocity", "velocity", f"{_join_column_names(members)}, velocities by their names"
             )
             if package:
-                self._add(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
+                self._add_sensor(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
                 self._say(f"{package}: {_join_column_names(members)}, by their names")
         self._add_wheels(names)
         self._add_engines(names)
@@ -73,7 +73,7 @@ class SensorSearch(JetSearch):
                 continue
             unit = self._unit({0: column}, "rate", "rad/s")
             self._free["wheel"].remove(name)
-            self._add(name, {"kind": "wheel", "speed": column.column, "unit": unit})
+            self._add_sensor(name, {"kind": "wheel", "speed": column.column, "unit": unit})
             self._say(f"{name}: {column.column}, in {unit}, by its name")
 
     def _add_engines(self, names: Sequence[ColumnName]) -> None:
@@ -88,11 +88,11 @@ class SensorSearch(JetSearch):
             if angles:
                 entry |= {"gimbal": [one.column for one in angles], "unit": self._unit({0: angles[0]}, "angle", "rad")}
             self._free["engine"].remove(engine.name)
-            self._add(engine.name, entry)
+            self._add_sensor(engine.name, entry)
             self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
 
-    def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
-        """Orders groups of columns: those called as a package first, whole ones, readings before estimates."""
+    def _sort_key(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
+        """Sort key of groups of columns: those called as a package first, whole ones, readings before estimates."""
         words = members[min(members)].words
         own = kind in self._called and self._is_own(kind, words)
         return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
@@ -180,7 +180,7 @@ class SensorSearch(JetSearch):
         if every > 1:
             entry["every"] = every
             why += f"; they change in every {every} rows at the most, so rows between only repeat them"
-        self._add(package, entry)
+        self._add_sensor(package, entry)
         self._say(f"{package}: rates {_join_column_names(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
@@ -216,7 +216,7 @@ class SensorSearch(JetSearch):
             if si_factor_or_none(first.unit, "acceleration") is None:
                 self._guessed[package] = own
         entry = {"kind": "accelerometer", "columns": _column_names(members), "unit": unit, "gives": gives}
-        self._add(package, entry)
+        self._add_sensor(package, entry)
         self._say(f"{package}: {_join_column_names(members)} in {unit}, {why}")
 
     def _add_pose(
@@ -252,7 +252,7 @@ class SensorSearch(JetSearch):
             entry = {"position": _column_names(position), "unit": unit, **entry}
         else:
             said = why
-        self._add(name, {"kind": kind, **entry})
+        self._add_sensor(name, {"kind": kind, **entry})
         self._say(f"{name}: {said}")
 
 

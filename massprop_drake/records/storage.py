@@ -105,7 +105,7 @@ class Storage:
         if loss not in self.losses[-1:]:
             self.losses.append(loss)
 
-    def _content(self, begins: bytes, what: str) -> memoryview:
+    def _map_file(self, begins: bytes, what: str) -> memoryview:
         """Reads the bytes of the file, which must begin as its kind does."""
         with self.path.open("rb") as file:
             start = file.read(len(begins))
@@ -119,7 +119,7 @@ class Storage:
 
     def _read_mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of an MCAP file; goes on after damaged parts."""
-        content = self._content(_MCAP, "an MCAP file")
+        content = self._map_file(_MCAP, "an MCAP file")
         chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
         whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
         if whole:  # the summary has all channels and counts; without it they come along the way
@@ -226,7 +226,7 @@ class Storage:
 
     def _read_ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of a bag of ROS 1; goes on after damaged parts."""
-        content = self._content(_ROS1, "a bag of ROS 1")
+        content = self._map_file(_ROS1, "a bag of ROS 1")
         header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
         if header.fields.get("encryptor"):
             raise InputError(f"{self.name}: is encrypted")
@@ -308,7 +308,7 @@ class Storage:
 
     def _read_sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of an SQLite file, from a copy where reading could change it or it is cut off."""
-        content = self._content(_SQLITE, "a database of SQLite")
+        content = self._map_file(_SQLITE, "a database of SQLite")
         size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
         size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
         lacking = max(pages * size - len(content), 0)

@@ -211,10 +211,10 @@ class CsvTable(Table):
             lines.append(self._line)
             good += 1
             if len(lines) == self._rows_per_block:
-                yield self._block(lines, values, wanted)
+                yield self._make_block(lines, values, wanted)
                 lines, values = [], array("d")
         if lines:
-            yield self._block(lines, values, wanted)
+            yield self._make_block(lines, values, wanted)
         if pending:
             self.ragged.add(pending)
         self._require_regular(good, at_end=True)
@@ -237,7 +237,7 @@ class CsvTable(Table):
             )
         return float(text)
 
-    def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
+    def _make_block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
         require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
         return block

@@ -218,12 +218,13 @@ def _collect_columns(
     lines: list[int] = []
     ragged, ending = Ragged(), Ending()
 
-    def settle() -> None:
+    def convert_held() -> None:
+        """Moves the cells held to the columns, as numbers where all of them are."""
         for name, piece, column in zip(wanted, pieces, held, strict=True):
             piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
             column.clear()
 
-    def numeric() -> bool:
+    def is_last_numeric() -> bool:
         """Tests whether the last column of the header is wanted, and has numbers alone in the rows read so far."""
         if header[-1] not in wanted or header[-1] in as_text:
             return False
@@ -234,7 +235,7 @@ def _collect_columns(
         cut = (
             where.unended
             and len(row) == len(header)
-            and ending.is_cut(row[-1].replace(form.decimal, "."), number=numeric())
+            and ending.is_cut(row[-1].replace(form.decimal, "."), number=is_last_numeric())
         )
         ragged.last_incomplete = cut or len(row) < len(header)
         if cut or len(row) != len(header):
@@ -245,10 +246,10 @@ def _collect_columns(
             column.append(row[place])
         lines.append(where.line)
         if len(lines) % CHUNK == 0:
-            settle()
+            convert_held()
         if most is not None and len(lines) >= most:
             break
-    settle()
+    convert_held()
     return (
         {name: _join_pieces(piece) for name, piece in zip(wanted, pieces, strict=True)},
         np.array(lines, np.int64),
