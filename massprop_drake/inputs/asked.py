@@ -40,7 +40,7 @@ _SI = {"length": (1, 0), "mass": (0, 1)}
 
 
 class Target(NamedTuple):
-    """A quantity that is to be known.
+    """Quantity that an estimate must reach to a 1-sigma.
 
     Attributes:
         name: one of `TARGETS` but for groups.
@@ -77,7 +77,7 @@ def parse_targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle)
         for each in _GROUPS.get(name, (name,)):
             if each in {one.name for one in found}:
                 raise InputError(f"design: target '{each}' is given twice")
-            found.append(_target(name, each, text, properties, vehicle))
+            found.append(_parse_target(name, each, text, properties, vehicle))
     return found
 
 
@@ -104,7 +104,8 @@ def derivative_and_value(name: str, properties: Array) -> tuple[Array, float]:
     return combination, float(inertia[row, column])
 
 
-def _target(group: str, name: str, text: str, properties: Array, vehicle: Vehicle) -> Target:
+def _parse_target(group: str, name: str, text: str, properties: Array, vehicle: Vehicle) -> Target:
+    """Parses the 1-sigma of one quantity, and adds its derivative by the ten parameters."""
     combination, value = derivative_and_value(name, properties)
     names = vehicle.unit_names
     if name == "mass":
@@ -260,8 +261,8 @@ def parse_failure_forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> 
     return found
 
 
-class Judged(NamedTuple):
-    """Demands on failures and estimates.
+class AimSettings(NamedTuple):
+    """Settings of the aims of a maneuver search.
 
     Attributes:
         faults: how likely a failure is, and how sure a declaration must be.
@@ -274,7 +275,7 @@ class Judged(NamedTuple):
     converging: bool
 
 
-def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
+def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, settings: AimSettings) -> Aims:
     """Makes the aims of the maneuver search, with a margin since it plans on the nominal vehicle.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
@@ -283,9 +284,9 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
         wanted: targets.
         suspected: see `Suspicion`.
         params: of the joint filter.
-        judged: see `Judged`.
+        settings: see `AimSettings`.
     """
-    (faults, margin, converging) = judged
+    (faults, margin, converging) = settings
     rows = [target.combination for target in wanted]
     deviations = [target.asked for target in wanted]
     if converging or suspected.pairs.size:

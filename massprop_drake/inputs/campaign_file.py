@@ -59,7 +59,7 @@ class Gate(Model):
     )
 
     @model_validator(mode="after")
-    def _bounded(self) -> Gate:
+    def _require_bound(self) -> Gate:
         if self.min is None and self.max is None:
             raise ValueError("give min, max or both")
         return self
@@ -114,7 +114,7 @@ class CampaignFile(Model):
     execution: CampaignExecution = described(CampaignExecution(), "how cases are computed, whatever base says")
 
     @model_validator(mode="after")
-    def _consistent(self) -> CampaignFile:
+    def _require_cases_and_distinct_keys(self) -> CampaignFile:
         if self.cases is None and self.method != "grid" and self.records is None:
             raise ValueError("cases: missing; say how many")
         if self.method == "grid" and self.records is not None:
@@ -229,7 +229,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     quantities = tuple(
         quantity
         for key, value in file.draw.items()
-        for quantity in _quantities(key, value, (key,), base.vehicle_data, document)
+        for quantity in _find_quantities(key, value, (key,), base.vehicle_data, document)
     )
     campaign = CampaignSpec(file, base, quantities, document.source, folder)
     _require_fields(campaign, document)
@@ -239,7 +239,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
 def _require_fields(campaign: CampaignSpec, document: Document) -> None:
     """Checks that drawn and swept quantities are fields of the scenario, by a case with the median of everything."""
     middle = campaign.base
-    medians = {quantity.label: quantity.distribution.at(np.array([0.5]))[0] for quantity in campaign.quantities}
+    medians = {quantity.label: quantity.distribution.quantiles(np.array([0.5]))[0] for quantity in campaign.quantities}
     for key, value in settings_of(campaign, medians).items():
         middle = _apply_settings(middle, {key: value}, document.where(("draw", key)))
     for key, values in campaign.file.sweep.items():
@@ -248,6 +248,7 @@ def _require_fields(campaign: CampaignSpec, document: Document) -> None:
 
 
 def _apply_settings(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
+    """Applies settings to a scenario; errors begin with the block of the campaign that they stand in."""
     try:
         return with_settings(base, settings)
     except InputError as error:
@@ -269,7 +270,7 @@ def campaign_keys() -> list[Key]:
 # ------------------------------------------------------------------------------------ what is drawn
 
 
-def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
+def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
     """Yields the drawn quantities in a value of the block `draw`, in its order."""
     where = document.where(("draw", *path))
     label = dotted(path)
@@ -285,13 +286,13 @@ def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, documen
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
     if found is not None:
-        yield Quantity(label, _distribution(*found, vehicle, where))
+        yield Quantity(label, _validate_distribution(*found, vehicle, where))
     elif isinstance(value, dict):
         for name, inner in value.items():
-            yield from _quantities(key, inner, (*path, name), vehicle, document)
+            yield from _find_quantities(key, inner, (*path, name), vehicle, document)
     elif isinstance(value, list):
         for index, inner in enumerate(value):
-            yield from _quantities(key, inner, (*path, index), vehicle, document)
+            yield from _find_quantities(key, inner, (*path, index), vehicle, document)
 
 
 def _is_dispersion(value: Any) -> bool:
@@ -299,14 +300,15 @@ def _is_dispersion(value: Any) -> bool:
     return isinstance(value, dict) and not {"mass", "inertia"} & set(value)
 
 
-def _distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
+def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
+    """Validates a distribution; a choice among `all` jets, or a kind of them, becomes one of designations."""
     distribution = validate_data(KINDS[tag], parameters, None, f"{where}: {tag}")
     if isinstance(distribution, Choice) and isinstance(distribution.values, str):
-        return distribution.model_copy(update={"values": _jets(distribution.values, vehicle, where)})
+        return distribution.model_copy(update={"values": _expand_jets(distribution.values, vehicle, where)})
     return distribution
 
 
-def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
+def _expand_jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
     """Returns designations of all jets, or of those of a kind."""
     if which == "all":
         return vehicle.designations

@@ -17,8 +17,8 @@ MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the tr
 SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a preference
 
 
-def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
-    """Makes the vehicle as a maneuver commands it, at rest and as its file states it.
+def make_craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
+    """Makes the craft that a maneuver commands: the vehicle at rest, as its file states it.
 
     Args:
         scenario: with the joint filter.
@@ -57,14 +57,14 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
     for name in block.without:
         if name not in vehicle.designations:
             raise InputError(f"autopilot.test_firing.without: no jet '{name}'{suggestion(name, vehicle.designations)}")
-    own = craft(scenario, frozenset(block.without))
+    own = make_craft(scenario, frozenset(block.without))
     wanted = asked.parse_targets(block.targets, own.properties, vehicle)
     nobody = asked.parse_suspects((), block.force, vehicle, own.jets)
     flow = float(np.median(own.flows[own.jets]))
     thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
     return FiringTest(
         craft=own,
-        targets=asked.make_aims(wanted, nobody, own.params, asked.Judged(scenario.faults, 0.0, False)),
+        targets=asked.make_aims(wanted, nobody, own.params, asked.AimSettings(scenario.faults, 0.0, False)),
         forces=np.abs(asked.parse_failure_forces(block.force, vehicle, range(thrusts.size))),
         thrusts=thrusts,
         odds=asked.declaration_log_odds(scenario.faults),

@@ -27,7 +27,7 @@ _NAMES_OF_PARAMETERS = {"low", "high", "mean", "std", "mode", "median", "factor"
 class Distribution(Model):
     """Distribution of one quantity that is drawn."""
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles at some probabilities.
 
         Args:
@@ -53,72 +53,72 @@ class _Between(Distribution):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> _Between:
+    def _require_low_below_high(self) -> _Between:
         if not self.high > self.low:
             raise ValueError(f"high must be above low, got {self.low:g} to {self.high:g}")
         if math.isinf(self.high - self.low):
             raise ValueError(f"low and high are too far apart, {self.low:g} and {self.high:g}")
         return self
 
-    def _inside(self, values: Array) -> list[Any]:
+    def _clip_to_bounds(self, values: Array) -> list[Any]:
         """Limits values to the bounds, which rounding may have passed."""
         return np.clip(values, self.low, self.high).tolist()
 
     def grid(self) -> list[Any] | None:
         """Lists all values."""
-        return None if self.points is None else self.at(np.linspace(0.0, 1.0, self.points))
+        return None if self.points is None else self.quantiles(np.linspace(0.0, 1.0, self.points))
 
 
 class Uniform(_Between):
-    """Every value between two bounds alike."""
+    """Uniform distribution between two bounds."""
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
-        return self._inside(self.low * (1.0 - u) + self.high * u)
+        return self._clip_to_bounds(self.low * (1.0 - u) + self.high * u)
 
 
 class LogUniform(_Between):
-    """Every order of magnitude between two positive bounds alike."""
+    """Distribution between two positive bounds whose logarithm is uniform."""
 
     low: Positive = described(..., "lower bound, above zero")
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
-        return self._inside(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
+        return self._clip_to_bounds(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
 
 
 class Triangular(_Between):
-    """Likeliest at a mode, and down to nothing at both bounds."""
+    """Triangular distribution: highest at the mode, zero at both bounds."""
 
     mode: Real = described(..., "likeliest value, from low to high")
 
     @model_validator(mode="after")
-    def _likeliest(self) -> Triangular:
+    def _require_mode_between_bounds(self) -> Triangular:
         if not self.low <= self.mode <= self.high:
             raise ValueError(f"mode must lie between low and high, got {self.mode:g}")
         return self
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
         width, rise, fall = self.high - self.low, self.mode - self.low, self.high - self.mode
         rising = self.low + np.sqrt(u) * (math.sqrt(width) * math.sqrt(rise))
         falling = self.high - np.sqrt(1.0 - u) * (math.sqrt(width) * math.sqrt(fall))
-        return self._inside(np.where(u * width < rise, rising, falling))
+        return self._clip_to_bounds(np.where(u * width < rise, rising, falling))
 
 
 class Integers(_Between):
-    """Whole numbers from low to high, both included."""
+    """Uniform distribution of whole numbers from low to high, both included."""
 
     low: Whole = described(..., "least number", ge=-(2**53), le=2**53)
     high: Whole = described(..., "largest number, above low", ge=-(2**53), le=2**53)
 
     @model_validator(mode="after")
-    def _enough(self) -> Integers:
+    def _require_enough_integers(self) -> Integers:
         if self.points is not None and self.points > self.high - self.low + 1:
             raise ValueError(f"points: there are no {self.points} whole numbers from {self.low} to {self.high}")
         return self
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
         count = self.high - self.low + 1
         return [self.low + min(int(part * count), count - 1) for part in u.tolist()]
@@ -139,7 +139,7 @@ class Normal(Distribution):
     high: Real | None = described(None, "no value beyond this; null: any")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Normal:
+    def _require_usable_bounds(self) -> Normal:
         low, high = self._bounds()
         if not high > low:
             raise ValueError(f"high must be above low, got {low:g} to {high:g}")
@@ -150,7 +150,7 @@ class Normal(Distribution):
     def _bounds(self) -> tuple[float, float]:
         return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to load)
 
@@ -166,19 +166,19 @@ class Normal(Distribution):
 
 
 class LogNormal(Distribution):
-    """A positive quantity whose logarithm is normal."""
+    """Distribution of a positive quantity whose logarithm is normal."""
 
     median: Positive = described(..., "median")
     factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
         with np.errstate(over="ignore"):  # likewise
-            return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).at(u))).tolist()
+            return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).quantiles(u))).tolist()
 
 
 class Choice(Distribution):
-    """One of some values; written as a list, or as `values` with `weights`."""
+    """Choice among some values; written as a list, or as `values` with `weights`."""
 
     values: tuple[Any, ...] | str = described(
         ..., "any values; `all`, or a kind of jets, for the jets of the vehicle", min_length=1
@@ -189,11 +189,11 @@ class Choice(Distribution):
 
     @model_validator(mode="before")
     @classmethod
-    def _short(cls, value: Any) -> Any:
+    def _wrap_plain_values(cls, value: Any) -> Any:
         return value if isinstance(value, dict) else {"values": value}
 
     @model_validator(mode="after")
-    def _weighed(self) -> Choice:
+    def _require_matching_weights(self) -> Choice:
         if self.weights is None:
             return self
         if isinstance(self.values, str) or len(self.weights) != len(self.values):
@@ -202,7 +202,7 @@ class Choice(Distribution):
             raise ValueError("one weight at least must be above zero")
         return self
 
-    def at(self, u: Array) -> list[Any]:
+    def quantiles(self, u: Array) -> list[Any]:
         """Computes the quantiles."""
         assert not isinstance(self.values, str), "jets are named by the vehicle"
         edges = np.cumsum(np.ones(len(self.values)) if self.weights is None else np.array(self.weights))

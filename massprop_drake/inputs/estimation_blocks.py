@@ -57,7 +57,7 @@ class GivenStart(Model):
     )
 
     @model_validator(mode="after")
-    def _one(self) -> GivenStart:
+    def _require_one_uncertainty(self) -> GivenStart:
         if (self.standard_deviation is None) == (self.covariance is None):
             raise ValueError("give either standard_deviation or covariance")
         if self.covariance is not None:
@@ -104,7 +104,7 @@ class EstimationBlock(Model):
     )
 
     @model_validator(mode="after")
-    def _start_is_given(self) -> EstimationBlock:
+    def _require_given_mass_properties(self) -> EstimationBlock:
         if (self.start == "given") != (self.given is not None):
             raise ValueError("start: given and the field `given` go together")
         return self
@@ -322,7 +322,7 @@ class FaultsBlock(Model):
     jets: dict[Text, JetFaults] = described({}, "jets unlike the others, by designation")
 
     @model_validator(mode="after")
-    def _consistent(self) -> FaultsBlock:
+    def _require_consistent_rates(self) -> FaultsBlock:
         problems: list[tuple[FieldPath, str]] = []
         if (both := self.full_thrust + self.drifting) > 1.0 + 1e-12:
             problem = f"is with drifting {both:g} of all failures; both are shares, and sum to at most 1"

@@ -32,16 +32,17 @@ def bundled_files(kind: Kind) -> list[str]:
     Raises:
         InputError: when the package lacks them.
     """
-    every = _folder(kind).iterdir()
+    every = _bundled_folder(kind).iterdir()
     return sorted(item.name.removesuffix(".yaml") for item in every if item.name.endswith(".yaml"))
 
 
 def bundled_text(kind: Kind, name: str) -> str:
     """Reads the text of a bundled file."""
-    return _folder(kind).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    return _bundled_folder(kind).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
 
 
-def _folder(kind: Kind) -> Traversable:
+def _bundled_folder(kind: Kind) -> Traversable:
+    """Finds the folder of the bundled files of a kind; raises InputError where the package lacks it."""
     package, *below = _PLACES[kind]
     try:
         return resources.files(f"massprop_drake.{package}").joinpath(*below)

@@ -35,13 +35,13 @@ Probability = Annotated[Real, Field(gt=0.0, lt=1.0)]
 RelativeSigma = Annotated[Real, Field(ge=0.0, le=0.3)]
 
 
-def _plain_name(value: str) -> str:
+def _require_plain_name(value: str) -> str:
     if not value.isprintable() or value != value.strip():
         raise ValueError(f"must be printable characters, with no blank at either end, got {value!r}")
     return value
 
 
-Name = Annotated[str, Field(strict=True, max_length=100), AfterValidator(_plain_name)]
+Name = Annotated[str, Field(strict=True, max_length=100), AfterValidator(_require_plain_name)]
 Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 NotNegative3 = tuple[NotNegative, NotNegative, NotNegative]
@@ -69,7 +69,7 @@ _MOST_PROBLEMS = 100  # that are told of one file
 
 
 class Span(typing.NamedTuple):
-    """The sizes that a physical quantity can have, and why no other; zero is another key's matter.
+    """Range of sizes that a physical quantity can have, other than zero, and the reason for it.
 
     Attributes:
         least, most: of the absolute value, in SI units whatever the units of the file.
@@ -135,12 +135,13 @@ def validate_data(model: type[M], data: Any, document: Document | None = None, s
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(*_problems(model, data, error, document, source)) from None
+        raise InputError(*_describe_problems(model, data, error, document, source)) from None
 
 
-def _problems(
+def _describe_problems(
     model: type[Model], data: Any, error: ValidationError, document: Document | None, source: str
 ) -> list[str]:
+    """Describes the errors of a validation: file, line and field of each, and a sentence; unknown keys first."""
     problems = []
     # unknown keys first: a misspelled one is often the cause of a missing one
     items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
@@ -200,9 +201,10 @@ def _shorten_value(given: Any) -> str:
 
 
 def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
+    """Writes one of pydantic's errors as a sentence in the file's terms."""
     kind, given = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
-        reason = _why_required(model, path, data)
+        reason = _required_reason(model, path, data)
         if kind == "missing" or reason:
             return f"{'missing' if kind == 'missing' else 'is empty'}; this field is required{reason}"
     if kind == "extra_forbidden":
@@ -237,7 +239,7 @@ def _explain_unknown_key(model: type[Model], path: FieldPath, data: Any, tags: t
     return f"unknown key{suggestion(path[-1], list(chosen.model_fields))}"
 
 
-def _why_required(model: type[Model], path: FieldPath, data: Any) -> str:
+def _required_reason(model: type[Model], path: FieldPath, data: Any) -> str:
     """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
@@ -298,6 +300,7 @@ def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: 
 
 
 def _means_same(key: str, *models: type[Model]) -> bool:
+    """Tests whether a key has the same meaning and default in all of several models."""
     fields = [model.model_fields.get(key) for model in models]
     meanings = {None if field is None else (field.description, repr(field.default)) for field in fields}
     return None not in meanings and len(meanings) == 1
@@ -414,6 +417,7 @@ def _format_default(value: Any) -> str:
 
 
 def _type_name(annotation: Any) -> str:
+    """Names the type of a field for documentation, such as "number" or "list of text"."""
     if annotation is None or annotation is type(None):
         return "null"
     if hasattr(annotation, "__metadata__"):

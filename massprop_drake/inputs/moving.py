@@ -87,7 +87,7 @@ class Slosh(_MovingPart):
 
     @field_validator("axes")
     @classmethod
-    def _square(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
+    def _require_orthonormal_axes(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
         axes = _directions(value)
         for axis in axes:
             require_unit_length(axis)
@@ -96,7 +96,7 @@ class Slosh(_MovingPart):
         return value
 
     @model_validator(mode="after")
-    def _swings(self) -> Slosh:
+    def _require_arm_normal_to_axes(self) -> Slosh:
         if self.pivot is not None:
             arm = np.array(self.position) - np.array(self.pivot)
             length = float(np.linalg.norm(arm))
@@ -106,7 +106,7 @@ class Slosh(_MovingPart):
 
     @property
     def bow(self) -> Array:
-        """Vector -n/L of the arm L n, zero without, shape (3,)."""
+        """Change of the mode shape with the coordinate, -n/L for an arm L n, zero without a pivot, shape (3,)."""
         if self.pivot is None:
             return np.zeros(3)
         arm = np.array(self.position) - np.array(self.pivot)
@@ -114,15 +114,15 @@ class Slosh(_MovingPart):
 
     @property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Phi_v and Phi_w about the vehicle origin of each mode."""
+        """Mode shapes of translation and rotation, Phi_v and Phi_w, about the vehicle origin, a pair per axis."""
         root = math.sqrt(self.mass)
         axes = _directions(self.axes)
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         return [(root * axis, root * np.cross(self.position, axis)) for axis in axes]
 
     def swelling(self, center: Array) -> list[Array]:
-        """Computes I_1 of each mode about a center of mass, shape (3, 3) each."""
-        return _swelling(self.modes, np.array(self.position) - center)
+        """Computes the inertia's derivative I_1 by each modal coordinate, about a center of mass, shape (3, 3) each."""
+        return _inertia_derivatives(self.modes, np.array(self.position) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -131,7 +131,7 @@ class Slosh(_MovingPart):
 
     @property
     def start_sigma(self) -> float | None:
-        """1-sigma of eta at the start."""
+        """1-sigma of the modal coordinate eta at the start."""
         return None if self.start_std is None else math.sqrt(self.mass) * self.start_std
 
 
@@ -148,7 +148,7 @@ class HingedPanel(_MovingPart):
     start_std: Share | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad")
 
     @model_validator(mode="after")
-    def _possible(self) -> HingedPanel:
+    def _require_possible_inertia(self) -> HingedPanel:
         least = self.mass * float(np.sum(np.cross(self._unit_axis, self._arm) ** 2))
         if self.inertia < (1.0 - _SQUARE_TOLERANCE) * least:
             raise ValueError(
@@ -168,13 +168,13 @@ class HingedPanel(_MovingPart):
 
     @property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Phi_v and Phi_w about the vehicle origin."""
+        """Mode shape of translation and rotation, Phi_v and Phi_w, about the vehicle origin."""
         push = self.mass * np.cross(self._unit_axis, self._arm) / math.sqrt(self.inertia)
         return [(push, math.sqrt(self.inertia) * self._unit_axis + np.cross(self.hinge, push))]
 
     def swelling(self, center: Array) -> list[Array]:
-        """Computes I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
-        return _swelling(self.modes, np.array(self.center_of_mass) - center)
+        """Computes the inertia's derivative I_1 by the modal coordinate, the panel as a point mass, shape (3, 3)."""
+        return _inertia_derivatives(self.modes, np.array(self.center_of_mass) - center)
 
     @property
     def size_uncertainty(self) -> float:
@@ -183,7 +183,7 @@ class HingedPanel(_MovingPart):
 
     @property
     def start_sigma(self) -> float | None:
-        """1-sigma of eta at the start."""
+        """1-sigma of the modal coordinate eta at the start."""
         return None if self.start_std is None else math.sqrt(self.inertia) * self.start_std
 
 
@@ -201,18 +201,18 @@ class StatedMode(_MovingPart):
     )
 
     @model_validator(mode="after")
-    def _says_something(self) -> StatedMode:
+    def _require_motion(self) -> StatedMode:
         if not any((*self.translation, *self.rotation)):
             raise ValueError(f"mode '{self.name}' moves nothing; give translation, rotation or both")
         return self
 
     @property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Phi_v and Phi_w about the vehicle origin."""
+        """Mode shape of translation and rotation, Phi_v and Phi_w, about the vehicle origin."""
         return [(np.array(self.translation), np.array(self.rotation))]
 
     def swelling(self, center: Array) -> list[Array]:
-        """Returns I_1, of which nothing is stated: zero, shape (3, 3)."""
+        """Returns the inertia's derivative I_1 by the modal coordinate, not stated: zero, shape (3, 3)."""
         return [np.zeros((3, len(center)))]
 
     @property
@@ -222,14 +222,15 @@ class StatedMode(_MovingPart):
 
     @property
     def start_sigma(self) -> float | None:
-        """1-sigma of eta at the start."""
+        """1-sigma of the modal coordinate eta at the start."""
         return self.start_std
 
 
 MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="kind")]
 
 
-def _swelling(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
+def _inertia_derivatives(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
+    """Computes the derivative I_1 of a point mass's inertia by each modal coordinate, shape (3, 3) each."""
     return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in modes]
 
 
@@ -273,7 +274,7 @@ def _leaves_mass_and_inertia(
 
 
 def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
-    """Computes `ModeParams.crossing`, zero but for masses that slosh along several axes, shape (n, n, 3)."""
+    """Computes the coupling of the modes of a mass that sloshes along several axes, else zero, shape (n, n, 3)."""
     result = np.zeros((owners.size, owners.size, 3))
     for one, owner in enumerate(owners):
         part = parts[owner]

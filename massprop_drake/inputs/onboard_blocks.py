@@ -106,7 +106,7 @@ class WheelControlBlock(Model):
     )
 
     @model_validator(mode="after")
-    def _in_order(self) -> WheelControlBlock:
+    def _require_unload_band(self) -> WheelControlBlock:
         if self.unload_above is not None and self.unload_below >= self.unload_above:
             raise ValueError(
                 f"unload_below must be less than unload_above, got {self.unload_below:g} and {self.unload_above:g}"
@@ -129,7 +129,7 @@ class FiringTestBlock(Model):
     )
 
     @model_validator(mode="after")
-    def _asks(self) -> FiringTestBlock:
+    def _require_matching_targets(self) -> FiringTestBlock:
         if (self.when == "target") != bool(self.targets):
             raise ValueError("targets go with when: target, which needs at least one")
         return self

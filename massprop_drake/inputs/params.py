@@ -84,7 +84,7 @@ def filter_setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
-        trackers=_attitude_sensors(scenario),
+        trackers=_make_attitude_sensors(scenario),
         disturbance=stated_disturbance(scenario),
         opens_at=vehicle.opens_at,
         wheels=wheels(vehicle),
@@ -127,7 +127,7 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
 
 
 def modes(vehicle: Vehicle) -> ModeParams:
-    """Makes the modes of the parts that move inside a vehicle."""
+    """Makes the joint filter's modes of the parts that move inside a vehicle."""
     nominal = vehicle.nominal
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     return mode_params(vehicle.moving, known, vehicle.wrenches, vehicle.rms_arm)
@@ -297,7 +297,8 @@ def non_inertial_sensors(scenario: Scenario) -> tuple[PoseSensor | VelocitySenso
     )
 
 
-def _attitude_sensors(scenario: Scenario) -> AttitudeSensors:
+def _make_attitude_sensors(scenario: Scenario) -> AttitudeSensors:
+    """Makes the joint filter's parameters of the trackers: variances and share of outliers."""
     found = trackers(scenario)
     each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
     attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T

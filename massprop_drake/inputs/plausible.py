@@ -132,6 +132,7 @@ def unit_in_si(unit: str, units: str) -> float:
 
 
 def _nested_models(value: Any, path: FieldPath) -> Iterator[tuple[FieldPath, Model]]:
+    """Yields a model and the models nested in it, each with its path."""
     if isinstance(value, Model):
         yield path, value
     elif isinstance(value, (dict, tuple)):

@@ -89,7 +89,7 @@ class Difference(Model):
     rate_unit: Annotated[Text, _unit_validator("velocity", "rate")] = described("m/s", "its unit")
 
     @model_validator(mode="after")
-    def _alike(self) -> Difference:
+    def _require_matching_units(self) -> Difference:
         if is_unit_of(self.value_unit, "angle") != is_unit_of(self.rate_unit, "rate"):
             raise ValueError(f"rate_unit {self.rate_unit!r} is none of a rate of {self.value_unit!r}")
         return self
@@ -120,7 +120,7 @@ class RecordTime(Model):
     )
 
     @model_validator(mode="after")
-    def _added_to_a_column(self) -> RecordTime:
+    def _require_time_column(self) -> RecordTime:
         if self.fraction is not None and self.column is None:
             raise ValueError("fraction: is added to a column; give column, too")
         if self.date is not None and self.column is None:
@@ -160,7 +160,7 @@ class _Vector(_Sampled):
     zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, subtracted")
 
     @model_validator(mode="after")
-    def _turned(self) -> _Vector:
+    def _require_columns_and_rotation(self) -> _Vector:
         if all(column is None for column in self.columns):
             raise ValueError("columns: none is named; leave the sensor out")
         if self.rotation is not None:
@@ -199,7 +199,7 @@ class AccelerometerMap(_Vector, _Read):
     )
 
     @model_validator(mode="after")
-    def _of_its_kind(self) -> AccelerometerMap:
+    def _require_unit_of_gives(self) -> AccelerometerMap:
         kind = "velocity" if self.gives in ("integral", "increment") else "acceleration"
         if not is_unit_of(self.unit, kind):
             raise ValueError(f"unit {self.unit!r} does not fit gives: {self.gives}, which is of {kind}")
@@ -236,7 +236,7 @@ class _Attitude(_Read):
         return [name for name in ("quaternion", "angles", "heading") if getattr(self, name) is not None]
 
     @model_validator(mode="after")
-    def _one_form(self) -> _Attitude:
+    def _require_one_form(self) -> _Attitude:
         if len(self.forms) > 1:
             raise ValueError(f"give one of {' and '.join(self.forms)}")
         for name in ("axes", "world_axes"):
@@ -254,7 +254,7 @@ class AttitudeMap(_Attitude):
     kind: Literal["attitude"] = described(..., "attitude; read, not estimated from")
 
     @model_validator(mode="after")
-    def _given(self) -> AttitudeMap:
+    def _require_attitude(self) -> AttitudeMap:
         if not self.forms:
             raise ValueError("give quaternion, angles or heading")
         return self
@@ -337,7 +337,7 @@ class CommandMap(_Sampled):
     on_change: Flag = described(False, "whether only changes of commands are logged")
 
     @model_validator(mode="after")
-    def _one_form(self) -> CommandMap:
+    def _require_one_form(self) -> CommandMap:
         given = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
@@ -408,7 +408,7 @@ class RecordMap(Model):
     )
 
     @model_validator(mode="after")
-    def _consistent(self) -> RecordMap:
+    def _require_known_rows_and_units(self) -> RecordMap:
         if self.rows is not None and self.rows not in self.sensors:
             raise ValueError(f"rows: {self.rows!r} is not one of sensors ({', '.join(self.sensors)})")
         for name, kind in (("known_force", "force"), ("known_torque", "torque")):

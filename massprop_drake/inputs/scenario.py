@@ -54,8 +54,8 @@ class Scenario(ScenarioFields):
 
     @model_validator(mode="before")
     @classmethod
-    def _as_the_filter_has_it(cls, data: Any) -> Any:
-        """Loads a vehicle that is named, and fills in defaults that depend on the filter, and the filter itself."""
+    def _fill_in_defaults(cls, data: Any) -> Any:
+        """Loads a vehicle that is named, and fills in the filter and defaults that depend on it."""
         if not isinstance(data, dict):
             return data
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
@@ -75,7 +75,7 @@ class Scenario(ScenarioFields):
         return given
 
     @model_validator(mode="after")
-    def _sound(self) -> Scenario:
+    def _require_consistent_scenario(self) -> Scenario:
         problems = list(_foreign_to_filter(self)) or list(schedule_problems(self))
         if not problems and isinstance(self.vehicle, Vehicle):  # an `Estimator` has its own beside the usual one
             problems = check_against_vehicle(self, self.vehicle)
@@ -184,7 +184,7 @@ def _spell_out_vehicle(document: Document, folder: Path) -> None:
     """Puts the data of a vehicle into a scenario that names it, so that a field of it can be set."""
     named = document.data.get("vehicle", USUAL_VEHICLE)
     if isinstance(named, str):
-        document.data["vehicle"] = _find_vehicle(named, folder, document).model_dump(mode="json")
+        document.data["vehicle"] = _load_named_vehicle(named, folder, document).model_dump(mode="json")
 
 
 def resolve_scenario(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
@@ -201,9 +201,9 @@ def resolve_scenario(data: Any, document: Document | None = None, folder: Path |
     data = _inline_model_text(data, document, folder or Path())
     vehicle = data.get("vehicle", USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
-        vehicle = _inline_vehicle(vehicle, document)
+        vehicle = _validate_inline_vehicle(vehicle, document)
     elif isinstance(vehicle, str):
-        vehicle = _find_vehicle(vehicle, folder or Path(), document)
+        vehicle = _load_named_vehicle(vehicle, folder or Path(), document)
     data = _update_detector_terms({**data, "vehicle": vehicle}, document)
     return validate_data(Scenario, data, document, "scenario")
 
@@ -236,7 +236,8 @@ def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
     return data
 
 
-def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
+def _validate_inline_vehicle(data: Any, document: Document | None) -> Vehicle:
+    """Validates a vehicle that stands in the scenario itself."""
     try:
         return validate_data(Vehicle, data, None)
     except InputError as error:
@@ -246,7 +247,8 @@ def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
         raise InputError(*(f"{source}: {problem}" for problem in said)) from None
 
 
-def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
+def _load_named_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
+    """Loads the vehicle of a scenario: a file beside it, or else a bundled one."""
     beside = Path(os.path.normpath(folder / name))
     try:
         return load_vehicle(beside if exists(beside) else name)

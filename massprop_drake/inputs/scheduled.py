@@ -20,7 +20,7 @@ class ScheduledInterval(Model):
     """An interval from `start_s` to `end_s`, None: for ever, which must be later."""
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _require_end_after_start(self) -> Self:
         timed: Any = self  # the fields have a meaning of their own in each class
         if timed.end_s is not None and timed.end_s <= timed.start_s:
             both = f"{moment(timed.start_s)} to {moment(timed.end_s)}"

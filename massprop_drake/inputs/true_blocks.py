@@ -98,7 +98,7 @@ class Dispersion(Model):
 
     @property
     def spread(self) -> Spread:
-        """Spread as the mathematics takes it."""
+        """Standard deviations as fractions and rad, as `draw_body` takes them."""
         return Spread(
             0.01 * self.mass_percent,
             self.center_of_mass,
@@ -171,7 +171,7 @@ class MultibodyBlock(_Plant):
         return tuple(joint.unit for joint in model_joints(self.model) for _ in joint.columns)
 
     @model_validator(mode="after")
-    def _one_at_a_time(self) -> MultibodyBlock:
+    def _require_feasible_moves(self) -> MultibodyBlock:
         problems = list(find_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
         named = [start.joint for start in self.joints]
         problems += [
@@ -179,11 +179,11 @@ class MultibodyBlock(_Plant):
             for index, name in enumerate(named)
             if name in named[:index]
         ]
-        if problems := problems or list(self._too_fast()):
+        if problems := problems or list(self._find_fast_joints()):
             raise field_validation_error(problems)
         return self
 
-    def _too_fast(self) -> Iterator[tuple[FieldPath, str]]:
+    def _find_fast_joints(self) -> Iterator[tuple[FieldPath, str]]:
         """Finds joints that start, or are moved, faster than anything turns."""
         most = plausible.RATE.most
         where = {start.joint: start.position for start in self.joints}

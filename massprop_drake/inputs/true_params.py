@@ -295,7 +295,7 @@ def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
                 kind=failures.FailureKind[entry.kind.upper()],
                 start_s=entry.start_s,
                 end_s=math.inf if entry.end_s is None else entry.end_s,
-                amount=_amount(entry),
+                amount=_failure_amount(entry),
                 probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
                 stream=f"failure {number} of {entry.jet}",
             )
@@ -303,8 +303,8 @@ def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     return tuple(result)
 
 
-def _amount(entry: Failure) -> float:
-    """Returns the amount of a `maths.vehicle.true_failures.Failure`; of a leak its force."""
+def _failure_amount(entry: Failure) -> float:
+    """Returns the size of a failure: fraction of thrust, force of a leak, level or rate of a drift; else 0."""
     match entry:
         case Degraded():
             return entry.fraction

@@ -93,9 +93,9 @@ def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     jets = [(("jets", index), jet) for index, jet in enumerate(vehicle.jets)]
     kinds = ("gyros", "accelerometers", "poses", "velocities", "wheels", "engines")
     sensors = [((kind, index, "name"), one.name) for kind in kinds for index, one in enumerate(getattr(vehicle, kind))]
-    yield from _repeated(((*path, "designation"), jet.designation) for path, jet in jets)
-    yield from _repeated(((*path, "number"), jet.number) for path, jet in jets)
-    yield from _repeated(sensors)
+    yield from _find_repeated(((*path, "designation"), jet.designation) for path, jet in jets)
+    yield from _find_repeated(((*path, "number"), jet.number) for path, jet in jets)
+    yield from _find_repeated(sensors)
     for path, name in sensors:
         if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
             yield path, f"{name!r} is a signal of every run; give the sensor another"
@@ -112,7 +112,7 @@ def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
         yield ("moving",), problem
 
 
-def _repeated(values: Iterable[tuple[FieldPath, Any]]) -> Iterator[Problem]:
+def _find_repeated(values: Iterable[tuple[FieldPath, Any]]) -> Iterator[Problem]:
     """Finds values that an earlier field has."""
     seen = set()
     for path, value in values:
@@ -123,7 +123,7 @@ def _repeated(values: Iterable[tuple[FieldPath, Any]]) -> Iterator[Problem]:
 
 def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     """Finds tanks that feed unknown jets, or one jet together, or hold more than the vehicle has."""
-    yield from _repeated((("tanks", index, "name"), tank.name) for index, tank in enumerate(vehicle.tanks))
+    yield from _find_repeated((("tanks", index, "name"), tank.name) for index, tank in enumerate(vehicle.tanks))
     known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
     for index, tank in enumerate(vehicle.tanks):
         for place, name in enumerate(tank.feeds):

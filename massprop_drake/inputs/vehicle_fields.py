@@ -277,11 +277,11 @@ class VehicleFields(Model):
 
     def gyro(self, name: str) -> Gyro:
         """Returns the gyro package of a name; raises InputError where there is none."""
-        return _package_named("gyro package", name, self.gyros)
+        return _find_package("gyro package", name, self.gyros)
 
     def accelerometer(self, name: str) -> Accelerometer:
         """Returns the accelerometer package of a name; raises InputError where there is none."""
-        return _package_named("accelerometer package", name, self.accelerometers)
+        return _find_package("accelerometer package", name, self.accelerometers)
 
     def jet_index(self, designation: str) -> int:
         """Returns the index of a jet in `jets`; raises KeyError for an unknown designation."""
@@ -310,7 +310,8 @@ class VehicleFields(Model):
 _P = TypeVar("_P", bound=SensorPackage)
 
 
-def _package_named(what: str, name: str, packages: Sequence[_P]) -> _P:
+def _find_package(what: str, name: str, packages: Sequence[_P]) -> _P:
+    """Finds a sensor package by its name; raises InputError with a similar name where there is none."""
     found = next((package for package in packages if package.name == name), None)
     if found is None:
         raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")

@@ -27,7 +27,7 @@ class Vehicle(VehicleFields):
     """
 
     @model_validator(mode="after")
-    def _sound(self) -> Vehicle:
+    def _require_consistent_vehicle(self) -> Vehicle:
         for find in (frame_problems, component_problems, tank_problems, impossible_figures):
             if problems := list(find(self)):
                 raise field_validation_error(problems)

@@ -66,7 +66,7 @@ class MassPropertiesModel(Model):
 
     @field_validator("inertia")
     @classmethod
-    def _possible(cls, value: Matrix3) -> Matrix3:
+    def _require_possible_inertia(cls, value: Matrix3) -> Matrix3:
         inertia = np.array(value)
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 1e-9 * moments[2]:
@@ -198,7 +198,7 @@ class Tank(Model):
     feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that it feeds", min_length=1)
 
     @model_validator(mode="after")
-    def _holds_it(self) -> Tank:
+    def _require_propellant_fits(self) -> Tank:
         if self.propellant > self.capacity:
             problem = f"is {self.propellant:g}, more than the capacity, {self.capacity:g}"
             raise field_validation_error([(("propellant",), problem)])
@@ -269,7 +269,7 @@ class Disturbance(Model):
     time_constant_s: Positive = described(..., "correlation time", "s", span=plausible.CORRELATION)
 
     @model_validator(mode="after")
-    def _says_something(self) -> Disturbance:
+    def _require_torque_or_force(self) -> Disturbance:
         if not any((*self.torque_std, *self.force_std)):
             raise ValueError("nothing is said to act; give torque_std, force_std or both, or leave disturbance out")
         return self

@@ -53,7 +53,7 @@ class SensorPackage(Model):
     rate_hz: Positive | None = described(None, _EACH_SAMPLE, "1/s", span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
-    def _noisy(self) -> SensorPackage:
+    def _require_reading_error(self) -> SensorPackage:
         if self.quantum == 0.0 and self.noise_std == 0.0:
             raise ValueError(
                 f"sensor '{self.name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
@@ -126,7 +126,7 @@ class PoseSensor(Model):
     rate_hz: Positive | None = described(None, _EACH_SAMPLE, "1/s", span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
-    def _measures(self) -> PoseSensor:
+    def _require_measurement(self) -> PoseSensor:
         if self.position_std is None and self.attitude_std is None:
             raise ValueError(f"sensor '{self.name}' measures nothing: give position_std, attitude_std or both")
         return self
@@ -179,7 +179,7 @@ class Wheel(Model):
     speed_limit: Positive | None = described(None, "largest speed either way; null: any", "rad/s", span=plausible.SPIN)
 
     @model_validator(mode="after")
-    def _is_read(self) -> Wheel:
+    def _require_reading_error(self) -> Wheel:
         if self.quantum == 0.0 and self.noise_std == 0.0:
             raise ValueError(f"wheel '{self.name}' needs a quantum or a noise_std above zero: no reading is perfect")
         return self
@@ -220,7 +220,7 @@ class Gimbal(Model):
 
     @field_validator("axes")
     @classmethod
-    def _apart(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
+    def _require_distinct_axes(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
         if float(np.linalg.norm(np.cross(*value))) < _APART:
             raise ValueError("the two axes must not be parallel: a gimbal turns about both")
         return value
@@ -274,7 +274,7 @@ class RocketEngine(Model):
     )
 
     @model_validator(mode="after")
-    def _possible(self) -> RocketEngine:
+    def _require_possible_levels_and_axes(self) -> RocketEngine:
         if isinstance(self.specific_impulse_s, tuple):
             levels = [each.level for each in self.specific_impulse_s]
             if not levels or any(low >= high for low, high in pairwise(levels)):

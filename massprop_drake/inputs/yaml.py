@@ -134,7 +134,7 @@ class Document:
 
 @lru_cache(maxsize=128)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
 def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
-    """Reads the data, the line of each part, and the present name of each old key; errors go on after the source."""
+    """Parses YAML text into data, the line of each part, and new names of old keys; errors go on after the source."""
     if len(text) > _LONGEST:
         raise InputError(f": has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
     reader = YAML(typ="safe", pure=True)
@@ -150,7 +150,7 @@ def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath,
         what = "is empty" if node is None else "is no mapping"
         raise InputError(f": the document {what}; expected keys with values, such as 'name: ...'")
     walk = _Walk(within)
-    walk.through(node, ())
+    walk.visit(node, ())
     try:
         return reader.constructor.construct_document(node), walk.lines, walk.renamed
     except (YAMLError, ValueError) as error:
@@ -165,8 +165,8 @@ class _Walk:
         self.lines: dict[FieldPath, int] = {}
         self.renamed: dict[str, str] = {}
 
-    def through(self, node: Node, path: FieldPath) -> None:
-        """Walks through a part and its content."""
+    def visit(self, node: Node, path: FieldPath) -> None:
+        """Notes the lines of a part and of all in it, and renames old keys."""
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, MappingNode):
             for key, value in node.value:
@@ -184,10 +184,10 @@ class _Walk:
                         f"first in line {self.lines[field]}; keep one of them"
                     )
                 self.lines[field] = line
-                self.through(value, field)
+                self.visit(value, field)
         elif isinstance(node, SequenceNode):
             for index, value in enumerate(node.value):
-                self.through(value, (*path, index))
+                self.visit(value, (*path, index))
 
 
 def _error_text(error: Exception) -> str:

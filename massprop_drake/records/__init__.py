@@ -1,1 +1,1 @@
-"""Recorded telemetry: files of any recorder, the maps that make rows of them, and what the rows are worth."""
+"""Recorded telemetry: files of any recorder, the maps that make rows of them, and their quality."""

@@ -80,7 +80,7 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except ImportError:
         raise missing_extra(path, "rosbags", "rosbag", "a bag") from None
     bag = _Bag(path)
-    gathered: dict[str, _Gathered] = {}
+    gathered: dict[str, _TopicMessages] = {}
     named: dict[str, str] = {}  # type of each topic
 
     def is_wanted(channel: StoredTopic) -> bool:
@@ -92,15 +92,15 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         channel = message.channel
         named.setdefault(channel.topic, channel.msgtype)
         if is_wanted(channel):
-            topic = gathered.setdefault(channel.topic, _Gathered())
+            topic = gathered.setdefault(channel.topic, _TopicMessages())
             if rows is None or topic.seen < rows:
                 topic.add(message, types)
     named = {one.topic: one.msgtype for one in bag.channels} | named
     if by is not None:
         for name in sorted(by.topics - set(named)):
             raise missing_topic(str(path), name, list(named), bag.losses)
-        gathered |= {name: _Gathered() for name in by.topics - set(gathered)}  # it is there, without a message
-    losses, notes = [*bag.losses, *bag.differences()], list(bag.notes)
+        gathered |= {name: _TopicMessages() for name in by.topics - set(gathered)}  # it is there, without a message
+    losses, notes = [*bag.losses, *bag.find_lost_messages()], list(bag.notes)
     for name, found in gathered.items():
         if found.unread and not found.fields:
             if by is not None:
@@ -110,7 +110,7 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
             left_out = f"{counted(found.unread, 'message')} of {name} cannot be read, and left out: {found.reason}"
             losses.append(Loss("damaged", f"{path}: {left_out}"))
     origin = bag.first_ns
-    topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items() if found.readable}
+    topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items() if found.is_readable}
     if origin is not None:
         notes.append(f"{path}: times count from the bag's first message, {origin * _NANO:.3f} s of its clock")
     kind = "ros1" if path.suffix.lower() == ".bag" else "ros2"
@@ -119,8 +119,8 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     )
 
 
-class _Stated(NamedTuple):
-    """Metadata of a bag, as the recorder wrote them.
+class _BagMetadata(NamedTuple):
+    """Metadata of a bag as its recorder wrote them: files, counts of messages, end.
 
     Attributes:
         files: names of its files, in order; empty: it says nothing.
@@ -137,7 +137,7 @@ class _Stated(NamedTuple):
     packs: bool = False
 
     @staticmethod
-    def of(folder: Path) -> _Stated:
+    def read(folder: Path) -> _BagMetadata:
         """Reads the metadata beside the files of a bag; raises ValueError where it is damaged."""
         from ruamel.yaml import YAML  # noqa: PLC0415
         from ruamel.yaml.error import YAMLError  # noqa: PLC0415
@@ -145,7 +145,7 @@ class _Stated(NamedTuple):
         try:
             text = (folder / _METADATA).read_text(encoding="utf-8")
         except OSError:
-            return _Stated()
+            return _BagMetadata()
         try:
             about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
             counts = {one["topic_metadata"]["name"]: one["message_count"] for one in about["topics_with_message_count"]}
@@ -153,7 +153,7 @@ class _Stated(NamedTuple):
             end_ns = about["starting_time"]["nanoseconds_since_epoch"] + about["duration"]["nanoseconds"]
             files = tuple(Path(one).name for one in about["relative_file_paths"])
             packs = str(about.get("compression_mode") or "").lower() == "message"
-            return _Stated(files, counts, by_file, int(end_ns), packs)
+            return _BagMetadata(files, counts, by_file, int(end_ns), packs)
         except (YAMLError, *_DAMAGED) as error:
             raise ValueError(_first_line(error)) from None
 
@@ -178,17 +178,17 @@ class _Bag:
         self._read: Counter[str] = Counter()
         self._counts: Counter[str] = Counter()  # by the files themselves
         folder = path if path.is_dir() else path.parent
-        self._stated, self._files = _Stated(), [path]
+        self._stated, self._files = _BagMetadata(), [path]
         if path.suffix.lower() == ".bag" and not path.is_dir():
             return
         try:
-            self._stated = _Stated.of(folder)
+            self._stated = _BagMetadata.read(folder)
         except ValueError as error:
             self.losses.append(Loss("damaged", f"{folder / _METADATA}: cannot be read: {error}"))
         if path.is_dir():
-            self._files = self._of_the_folder()
+            self._files = self._list_files()
 
-    def _of_the_folder(self) -> list[Path]:
+    def _list_files(self) -> list[Path]:
         """Lists the files of a folder, as its metadata name them, or else all that are there."""
         there = sorted(one for one in self._path.iterdir() if _content_suffix(one) in (".db3", ".mcap"))
         if not self._stated.files:
@@ -225,7 +225,7 @@ class _Bag:
                         stamp = message.stamp_ns
                         self.first_ns = stamp if self.first_ns is None else min(self.first_ns, stamp)
                         self.last_ns = stamp if self.last_ns is None else max(self.last_ns, stamp)
-                        yield self._unpacked(message) if self._stated.packs and message.data else message
+                        yield self._unpack(message) if self._stated.packs and message.data else message
                 except InputError as error:
                     if len(self._files) == 1:
                         raise
@@ -235,19 +235,19 @@ class _Bag:
                 self._counts += storage.stated
 
     @staticmethod
-    def _unpacked(message: Message) -> Message:
+    def _unpack(message: Message) -> Message:
         """Unpacks a message that the bag compressed by itself; a damaged one stays as it is, and is no message."""
         try:
             return message._replace(data=zstd_library().decompress(message.data))
         except (zstd_library().ZstdError, EOFError):
             return message
 
-    def differences(self) -> Iterator[Loss]:
+    def find_lost_messages(self) -> Iterator[Loss]:
         """Yields a loss for each topic of which fewer messages were read than the recorder counted; notes surpluses."""
         stated, who = self._stated.counts, str(self._path / _METADATA)
         if not (stated and self._path.is_dir()):
             stated, who = self._counts, f"{self._path}: its recorder"
-            yield from self._difference_of_one()
+            yield from self._find_lost_messages_of_file()
         less = {name: count for name, count in stated.items() if self._read[name] < count}
         if less:
             early = self._stated.end_ns is not None and (self.last_ns or 0) < self._stated.end_ns - _LEAST_NS
@@ -258,7 +258,7 @@ class _Bag:
             if self._read[name] > count:
                 self.notes.append(f"{who} counted {count} messages of {name}, {self._read[name]} were read")
 
-    def _difference_of_one(self) -> Iterator[Loss]:
+    def _find_lost_messages_of_file(self) -> Iterator[Loss]:
         """Compares the messages of a file that was named without its folder with what the metadata beside it say."""
         total, read = self._stated.by_file.get(self._path.name), self._read.total()
         if total is not None and read < total and not self._path.is_dir():
@@ -287,7 +287,7 @@ class _Types:
         """Reads a message; raises ValueError, which says why, where it cannot be read."""
         if channel not in self._by_channel:
             try:
-                self._by_channel[channel] = self._reader(channel)
+                self._by_channel[channel] = self._make_reader(channel)
             except self._errors as error:
                 self._by_channel[channel] = _first_line(error)
         found = self._by_channel[channel]
@@ -298,7 +298,8 @@ class _Types:
         except self._errors as error:
             raise ValueError(_first_line(error)) from None
 
-    def _reader(self, channel: StoredTopic) -> Callable[[bytes], Any]:
+    def _make_reader(self, channel: StoredTopic) -> Callable[[bytes], Any]:
+        """Makes the function that deserializes a channel's messages; raises ValueError for an unknown type."""
         from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 (an extra)
 
         if channel.encoding not in ("cdr", "ros1"):
@@ -327,8 +328,8 @@ def _split_idl(definition: str) -> list[str]:
     return [part.partition("\n")[2] for part in definition.split(rule)[1:]]
 
 
-class _Gathered:
-    """Messages of a topic."""
+class _TopicMessages:
+    """Messages of a topic as they are read: stamps, fields, and a count of those that cannot be read."""
 
     def __init__(self) -> None:
         self.stamps: list[int] = []
@@ -342,12 +343,12 @@ class _Gathered:
         return len(self.stamps) + self.unread
 
     @property
-    def readable(self) -> bool:
+    def is_readable(self) -> bool:
         """True if there are messages that can be read, or none at all."""
         return bool(self.stamps) or not self.unread
 
     def add(self, recorded: Message, types: _Types) -> None:
-        """Takes in a message."""
+        """Adds a message, or counts one that cannot be read."""
         try:
             message = types.message(recorded.channel, recorded.data)
         except ValueError as error:
@@ -360,7 +361,7 @@ class _Gathered:
         self.fields.append(dict(_flatten_fields(message)))
 
     def topic(self, source: str, origin: int | None) -> Topic:
-        """Returns the columns, in the order in which messages were recorded."""
+        """Makes the topic's columns, in the order in which messages were recorded."""
         order = np.argsort(self.stamps, kind="stable")
         if (np.diff(order) < 0).any():
             self.stamps, self.fields = [self.stamps[one] for one in order], [self.fields[one] for one in order]

@@ -90,7 +90,7 @@ def infinite_value_message(where: str, column: str) -> str:
 
 
 def require_meaningful(block: Block, columns: Sequence[str], source: str, place: str) -> None:
-    """Requires that all values of a block are finite and of some meaning; raises InputError with the place of another.
+    """Raises InputError for a value of a block that is infinite or too large, with its place.
 
     Args:
         block: of a table.

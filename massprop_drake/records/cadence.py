@@ -30,10 +30,10 @@ class HeldRows:
         self._told_s = -math.inf if after is None else after.time_s
         self._pushed_s = self._told_s
 
-    def over(
+    def fill_in(
         self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
     ) -> tuple[Array, Array | None, Array | None]:
-        """Returns commands, onsets and outside wrench of rows, filled in where there are none.
+        """Fills in commands, onsets and outside wrench of rows without any from the rows before.
 
         Args:
             times: of the rows, s, shape (n,).
@@ -82,7 +82,7 @@ class Cadence:
         self._usual_s = None if rate_hz is None else 1.0 / rate_hz
         self._last_s = self._before_s = math.nan
 
-    def lacking(self, times: Array, reading: Array) -> int:
+    def count_missing(self, times: Array, reading: Array) -> int:
         """Counts the missing readings, or those that lack an axis where these are more."""
         there = ~np.isnan(reading).any(axis=1)
         partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())

@@ -30,7 +30,7 @@ class CommandSearch(MapSearch):
         """Returns a column for each jet, by designation; empty where not all are found."""
         for family in self._families(topic):
             columns = list(family.columns.values())
-            if family.lacking or (not family.named and not self._scaled(topic, columns)):
+            if family.lacking or (not family.named and not self._are_pulse_widths(topic, columns)):
                 continue
             if any(_varies(topic.numbers(column)) for column in family.beside):
                 self.partial_commands = (
@@ -40,13 +40,13 @@ class CommandSearch(MapSearch):
             return family.columns
         return {}
 
-    def _commands(self, topic: Topic) -> bool:
+    def _find_commands(self, topic: Topic) -> bool:
         """Looks for commands to the jets; returns whether there are any."""
         columns = self._jet_columns(topic)
         if columns:
             self.data["commands"] = {"columns": columns}
             self._say(f"commands: a column for each of the {len(columns)} jets, by their names")
-            self._scale(topic, columns)
+            self._find_scale(topic, columns)
             return True
         families = self._families(topic)
         part = next((one for one in families if one.named and 2 * len(one.columns) > len(self.vehicle.jets)), None)
@@ -79,12 +79,12 @@ class CommandSearch(MapSearch):
                 return True
         return False
 
-    def _scaled(self, topic: Topic, columns: Sequence[str]) -> bool:
+    def _are_pulse_widths(self, topic: Topic, columns: Sequence[str]) -> bool:
         """Tests whether columns that are only numbered hold values of commands: widths of pulses."""
         values = np.concatenate([topic.numbers(column) for column in columns])
         return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
 
-    def _scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
+    def _find_scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
         """Finds the scales that the numbers of the jets' columns may have, and takes the likeliest."""
         values = np.concatenate([topic.numbers(column) for column in columns.values()])
         values = values[np.isfinite(values)]

@@ -76,8 +76,8 @@ class Ending:
     def __init__(self) -> None:
         self._shortest = _LONGEST_LINE
 
-    def saw(self, cell: str) -> None:
-        """Takes in the last cell of a whole row."""
+    def note_last_cell(self, cell: str) -> None:
+        """Notes the length of a complete row's last cell."""
         self._shortest = min(self._shortest, len(cell))
 
     def is_cut(self, cell: str, *, number: bool) -> bool:

@@ -13,7 +13,7 @@ from massprop_drake.records.rows import Rows
 
 
 class Thinning:
-    """Thinning of rows, block by block, to those with commands of their own at which the rate is read.
+    """Selection of rows, block by block: one a sample period, with commands of its own and a reading of the rate.
 
     Args:
         period_s: sample period.
@@ -25,7 +25,7 @@ class Thinning:
         self._last_s = -math.inf
         self._before: tuple[Array, Array] | None = None  # commands of the last two rows
 
-    def of(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
+    def select(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
         """Selects the rows of a block, and their signals."""
         read = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
         told = np.ones_like(read) if rows.told is None else rows.told
@@ -38,10 +38,10 @@ class Thinning:
         which = np.array(chosen, dtype=int)
         found = {name: values[which] for name, values in signals.items()}
         if "usable" in found:
-            found["usable"] = self._steady(rows.commands[which])
-        return rows.chosen(which), found
+            found["usable"] = self._steady_commands(rows.commands[which])
+        return rows.select(which), found
 
-    def _steady(self, commands: Array) -> Array:
+    def _steady_commands(self, commands: Array) -> Array:
         """Returns 1 where the command of the interval that ends is that of the one before, shape (n, 1)."""
         nothing = np.zeros(commands.shape[1])
         last, now = self._before or (nothing, nothing)

@@ -22,7 +22,7 @@ _SPREAD = 3.0  # of readings while coasting, in that of their changes, above whi
 
 
 class JetEvidence(NamedTuple):
-    """Changes of a reading beside those that the jets should cause.
+    """Measured changes of a reading, and the changes that the jets should cause.
 
     Attributes:
         meant: predicted with the nominal mass properties, shape (n, 3).
@@ -33,32 +33,34 @@ class JetEvidence(NamedTuple):
     change: Array
 
     @property
-    def _both(self) -> NDArray[np.bool_]:
+    def _firing(self) -> NDArray[np.bool_]:
+        """Mask of the components that are read and that the jets should change, shape (n, 3)."""
         largest = np.abs(self.meant).max(initial=0.0)
         found: NDArray[np.bool_] = np.isfinite(self.change) & (np.abs(self.meant) > _FIRES * largest)
         return found
 
     @property
-    def _sums(self) -> tuple[float, float, float]:
-        both = self._both
+    def _sums_of_products(self) -> tuple[float, float, float]:
+        """Sums of predicted squared, predicted times measured, and measured squared changes."""
+        both = self._firing
         meant, change = self.meant[both], self.change[both]
         return float((meant**2).sum()), float((meant * change).sum()), float((change**2).sum())
 
     @property
     def samples(self) -> int:
-        """Components of samples in which jets fire."""
-        return int(self._both.sum())
+        """Number of components that are read while jets should change them."""
+        return int(self._firing.sum())
 
     @property
     def correlation(self) -> float:
         """Correlation of both about zero; NaN with too few samples."""
-        own, mixed, other = self._sums
+        own, mixed, other = self._sums_of_products
         return mixed / math.sqrt(own * other) if self.samples >= FEWEST and own * other > 0.0 else math.nan
 
     @property
     def slope(self) -> float:
         """Ratio of the change that is read to that which should be, by least squares."""
-        own, mixed, _ = self._sums
+        own, mixed, _ = self._sums_of_products
         return mixed / own if own > 0.0 else math.nan
 
     @property
@@ -72,14 +74,15 @@ class JetEvidence(NamedTuple):
         return self._log_likelihood(-1.0)
 
     def _log_likelihood(self, sign: float) -> float:
+        """Log likelihood of the changes by the jets, with this sign, over that without them."""
         if math.isnan(self.correlation):
             return math.nan
         return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, 1e-12))
 
     @property
     def is_poor(self) -> bool:
-        """True if more than the jets, and than the scatter while coasting, changes the reading."""
-        there, both = np.isfinite(self.change), self._both
+        """True if the jets explain the changes badly: the residual exceeds the scatter while coasting."""
+        there, both = np.isfinite(self.change), self._firing
         coasting = np.abs(self.change[there & ~both])
         scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
         if coasting.size >= FEWEST:

@@ -22,14 +22,14 @@ _FARTHEST = 20  # intervals that commands may be logged early or late: a budget 
 class JetSearch(CommandSearch):
     """Search by the jets' effects: when commands act, their scale, and the meaning of readings."""
 
-    def look_at_the_jets(self) -> None:
+    def search_by_jets(self) -> None:
         """Finds, by the jets' effects on sensors, when commands act, their scale, and the meaning of readings."""
         if "commands" not in self.data or not self.data["sensors"]:
             return
         commands, usual = self.data["commands"], "a row's command acts from the row on"
         commands["acts"] = "from_row"
         inertial = [name for name, one in self.data["sensors"].items() if one["kind"] in ("gyro", "accelerometer")]
-        by = {acts: self._understood(acts) for acts in ("from_row", "until_row")}
+        by = {acts: self._apply_map_so_far(acts) for acts in ("from_row", "until_row")}
         before, after = by["until_row"], by["from_row"]
         gyro = next((name for name in inertial if self.data["sensors"][name]["kind"] == "gyro"), "")
         if not gyro or before is None or after is None:
@@ -49,10 +49,10 @@ class JetSearch(CommandSearch):
                 "before"
             )
             self._look_for_a_lag(gyro, alike[0], alike[later])
-            self._tell_scale(gyro, alike[later])
+            self._choose_scale(gyro, alike[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
-                self._tell_sums(name, shown)
+                self._choose_gives(name, shown)
 
     def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
         """Warns where commands act at a lag other than a row's two neighboring intervals, or at none that is known."""
@@ -84,15 +84,15 @@ class JetSearch(CommandSearch):
                 "at axes, signs, units and which jet is which, and whether these columns are its"
             )
 
-    def _understood(self, acts: str) -> channels.Mapped | None:
-        """Returns the record as the map has it so far; None where the map cannot be applied."""
+    def _apply_map_so_far(self, acts: str) -> channels.Mapped | None:
+        """Applies the map found so far to the record; None where it cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
             return mapping.apply_map(self.recording, by, self.vehicle)
         except ValueError:  # said when the map is shown
             return None
 
-    def _tell_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
+    def _choose_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
         """Chooses the scale of commands, and a unit of rates that no name gives, by how the jets turn the vehicle.
 
         One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
@@ -134,8 +134,8 @@ class JetSearch(CommandSearch):
                 "make them"
             )
 
-    def _tell_sums(self, name: str, by: channels.Mapped) -> None:
-        """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
+    def _choose_gives(self, name: str, by: channels.Mapped) -> None:
+        """Decides if an accelerometer gives sums of velocity, increments or accelerations, by the jets' effects."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
             self._warn_of_misfit(name, "readings", evidence.compare_with_jet_effects(by, name))
@@ -145,7 +145,7 @@ class JetSearch(CommandSearch):
         if sums.explained > values.explained + evidence.ODDS:
             gives, followed = "integral", "differences"
         elif values.explained > sums.explained + evidence.ODDS:
-            gives, followed = self._of_values(name, by, values), "values"
+            gives, followed = self._increment_or_mean(name, by, values), "values"
         elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(by, name):
             gives = "integral"
         self._warn_of_misfit(name, "readings", sums if gives == "integral" else values)
@@ -165,8 +165,8 @@ class JetSearch(CommandSearch):
             f"{min(sums.correlation, values.correlation):.2f}"
         )
 
-    def _of_values(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
-        """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
+    def _increment_or_mean(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
+        """Decides between increments and mean accelerations, by the size of their changes."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
             return usual

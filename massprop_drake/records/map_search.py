@@ -51,7 +51,7 @@ class MapSearch:
         self._say(reason)
         self.warnings.append(reason)
 
-    def _kind(self, name: ColumnName) -> str:
+    def _find_quantity(self, name: ColumnName) -> str:
         """Finds the quantity of a column, by its words or a package's name; "": not known."""
         called = compact_name("".join(name.words))
         return next((kind for kind, names in self._called.items() if called in names), column_quantity(name))
@@ -60,8 +60,8 @@ class MapSearch:
         """Tests whether words name a package of the vehicle."""
         return bool({*map(compact_name, words), compact_name("".join(words))} & self._called[kind])
 
-    def _package(self, kind: str, words: Sequence[str] = ()) -> str:
-        """Returns a package of the vehicle that is not taken yet, one of that name first; "": none is left."""
+    def _take_package(self, kind: str, words: Sequence[str] = ()) -> str:
+        """Takes a free package of the vehicle, one of that name first; "": none is left."""
         free = self._free[kind]
         said = {*map(compact_name, words), compact_name("".join(words))}
         name = next((one for one in free if compact_name(one) in said), free[0] if free else "")
@@ -69,14 +69,14 @@ class MapSearch:
             free.remove(name)
         return name
 
-    def _tracker(self, kind: str, shown_as: str, what: str) -> str:
-        """Finds the place of a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name."""
-        name = self._package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
+    def _take_tracker(self, kind: str, shown_as: str, what: str) -> str:
+        """Takes a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name; "": none."""
+        name = self._take_package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
         if not name:
             self._say(f"{what}: the vehicle has no further {kind} sensor")
         return name
 
-    def tell_what_is_left(self) -> None:
+    def report_unused(self) -> None:
         """Reports packages of the vehicle without columns, and every column that is not used."""
         missing = [name for free in self._free.values() for name in free]
         if missing:
@@ -93,26 +93,26 @@ class MapSearch:
             self.left_out += topics
             self._say(f"topics not used: {', '.join(topics)}")
 
-    def _put_in_its_topic(self, entry: dict[str, Any]) -> None:
-        """Names topic and time of parts that do not lie where the map begins."""
+    def _set_topic_and_time(self, entry: dict[str, Any]) -> None:
+        """Writes topic and time into a map's part, where they differ from the map's own."""
         name, time = self._here
         if name != self.data.get("topic", ""):
             entry["topic"] = name
             if time is not None and time != self.data.get("time"):
                 entry["time"] = time
 
-    def _add(self, name: str, entry: dict[str, Any]) -> None:
-        """Adds a sensor, the first of its name."""
+    def _add_sensor(self, name: str, entry: dict[str, Any]) -> None:
+        """Adds a sensor to the map, unless it has one of that name."""
         if name not in self.data["sensors"]:
-            self._put_in_its_topic(entry)
+            self._set_topic_and_time(entry)
             self.data["sensors"][name] = entry
 
     def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
         unit = members[min(members)].unit
         return unit if unit and si_factor_or_none(unit, kind) is not None else otherwise
 
-    def _gives(self, topic: str) -> str:
-        """Takes accelerations of a topic for instants, where there are enough to be integrated, or for means."""
+    def _instant_or_mean(self, topic: str) -> str:
+        """Decides whether accelerations of a topic are instants, dense enough to be integrated, or means."""
         stamps = self.recording.topics[topic].stamps_s
         if stamps is None or stamps.size < 2:
             return "mean"

@@ -125,7 +125,7 @@ def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> 
     """
     if gyro is None:
         return _make_table_at_own_times(record)
-    _require_usable(record, gyro)
+    _require_gyro_and_axes(record, gyro)
     if own_times:
         return _make_table_at_own_times(record)
     places = row_places(record)
@@ -236,7 +236,8 @@ def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Arr
     return result
 
 
-def _require_usable(record: Mapped, gyro: str) -> None:
+def _require_gyro_and_axes(record: Mapped, gyro: str) -> None:
+    """Raises InputError without the gyro in use, or where a gyro or accelerometer lacks an axis."""
     channel = record.channels.get(gyro)
     if channel is None:
         there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
@@ -377,7 +378,7 @@ def _switches_within(record: Mapped, fractions: Array) -> bool:
 
 
 def _centered_onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
-    """Onsets by which each jet is open about the middle of all its time in a row, s, shape (n, n_jets)."""
+    """Computes onsets that center each jet's on-time in a row, s, NaN where not partly open, shape (n, n_jets)."""
     ends_s = np.append(time_s[1:], time_s[-1] + period_s)
     found = np.full_like(fractions, np.nan)
     for row, jet in np.argwhere(_partly_open(fractions)).tolist():

@@ -73,12 +73,13 @@ def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str
     work = _Mapping(recording, by, vehicle, source)
     channels = {name: work.channel(name, sensor) for name, sensor in by.sensors.items()}
     commands = work.commands(by.commands)
-    force, torque = (None if part is None else work.held(part) for part in (by.known_force, by.known_torque))
+    force, torque = (None if part is None else work.force_or_torque(part) for part in (by.known_force, by.known_torque))
     notes = (*recording.notes, *dict.fromkeys(work.notes))
     return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes)
 
 
 def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
+    """Raises InputError for sensors and jets of a map that do not match the vehicle's."""
     problems = []
     kinds = {package.name: kind for key, kind in _KINDS.items() for package in getattr(vehicle, key)}
     for name, sensor in by.sensors.items():
@@ -132,7 +133,8 @@ class _Mapping:
         return self._timed[key]
 
     def _timed_rows(self, topic: Topic, time: RecordTime) -> tuple[Array, Places]:
-        logged = self._logged(topic, time)
+        """Returns rising times of a topic's rows, s, and the rows that have them; others are left out and noted."""
+        logged = self._logged_times(topic, time)
         if not logged.size:
             raise InputError(f"{topic.source}: is empty: it has no row of data")
         places = np.flatnonzero(np.isfinite(logged))
@@ -163,7 +165,7 @@ class _Mapping:
             )
             places, found = places[fresh], found[fresh]
         if time.differences:
-            found = self._recovered(topic, time, found, places)
+            found = self._recover_times(topic, time, found, places)
         found = found[0] + (found - found[0]) / (1.0 + time.drift) + time.offset_s
         if self._zero_s is None:
             self._zero_s = float(np.floor(found[0])) if abs(found[0]) > _EPOCH_S else 0.0
@@ -171,7 +173,7 @@ class _Mapping:
                 self.notes.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
         return found - self._zero_s, places
 
-    def _logged(self, topic: Topic, time: RecordTime) -> Array:
+    def _logged_times(self, topic: Topic, time: RecordTime) -> Array:
         """Returns times as they are logged, s."""
         if time.column is not None:
             whole = topic.times_s(time.column, si_factor(time.unit, "time"), time.date)
@@ -186,7 +188,7 @@ class _Mapping:
             f"{self._source}: {topic.source} has no stamps of its own: name the column, `time: {{column: ...}}`"
         )
 
-    def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
+    def _recover_times(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
         """Recovers times from the true steps, by which logged differences were divided."""
         if logged.size < 2:
             raise InputError(f"{topic.source}: has one row, and times are to come from differences")
@@ -194,7 +196,7 @@ class _Mapping:
         each = []
         for pair in time.differences:
             value, size = topic.numbers(pair.value)[places], si_factor(pair.value_unit, "length", "angle")
-            quantum, value = _quantum(value) * size, value * size
+            quantum, value = _rounding_step(value) * size, value * size
             rate = topic.numbers(pair.rate)[places[1:]] * si_factor(pair.rate_unit, "velocity", "rate")
             step = np.diff(value)
             if is_unit_of(pair.value_unit, "angle"):
@@ -246,13 +248,13 @@ class _Mapping:
         gives = ""
         if isinstance(sensor, GyroMap):
             values = self._vector(topic, sensor, si_factor(sensor.unit, "rate"), places)
-            self._require_rates(name, topic, sensor.unit, values)
+            self._require_plausible_rates(name, topic, sensor.unit, values)
         elif isinstance(sensor, AccelerometerMap):
             gives = sensor.gives
             values = self._vector(
                 topic, sensor, si_factor(sensor.unit, "velocity", "acceleration") / self._length, places
             )
-            self._require_accelerations(name, topic, sensor, values, time_s)
+            self._require_plausible_accelerations(name, topic, sensor, values, time_s)
         elif isinstance(sensor, VelocityMap):
             values = self._vector(topic, sensor, si_factor(sensor.unit, "velocity") / self._length, places)
         elif isinstance(sensor, WheelMap):
@@ -263,8 +265,8 @@ class _Mapping:
                 angles = np.stack([topic.numbers(one)[places] for one in sensor.gimbal], axis=1)
                 values = np.hstack((values, angles * si_factor(sensor.unit, "angle")))
         else:
-            values = self._attitude(topic, sensor, places)
-            self._require_turning(name, topic, sensor, values, time_s)
+            values = self._quaternions(topic, sensor, places)
+            self._require_plausible_turns(name, topic, sensor, values, time_s)
             if isinstance(sensor, PoseMap):
                 position = self._three(topic, sensor.position, places) * (
                     si_factor(sensor.unit, "length") / self._length
@@ -273,11 +275,11 @@ class _Mapping:
         if not np.isfinite(values).any():
             raise InputError(f"{topic.source}: sensor '{name}' has no reading: every value is missing")
         if sensor.every > 1:
-            values = self._anew(name, topic, values, sensor.every)
+            values = self._drop_repeats(name, topic, values, sensor.every)
         return Channel(name, sensor.kind, time_s, values, places, gives)
 
-    def _anew(self, name: str, topic: Topic, values: Array, every: int) -> Array:
-        """Removes readings that only repeat the one before."""
+    def _drop_repeats(self, name: str, topic: Topic, values: Array, every: int) -> Array:
+        """Replaces readings that only repeat the one before by NaN, as the map's `every` says."""
         rows = find_changes(values)
         off = rows[(rows - rows[:1]) % every != 0]
         if off.size:
@@ -296,7 +298,7 @@ class _Mapping:
     def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
         return _rotate_vectors((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
 
-    def _attitude(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
+    def _quaternions(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
         """Computes quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 (slow to load)
 
@@ -305,7 +307,7 @@ class _Mapping:
             return found
         if sensor.quaternion is not None:
             given = np.column_stack([topic.numbers(one)[places] for one in sensor.quaternion])
-            self._require_unit(topic, sensor.quaternion, given, places)
+            self._require_unit_quaternions(topic, sensor.quaternion, given, places)
             given = given if sensor.order == "xyzw" else np.roll(given, -1, axis=1)
             there = np.isfinite(given).all(axis=1)
             turns = Rotation.from_quat(given[there])
@@ -334,7 +336,7 @@ class _Mapping:
 
     # ----------------------------------------------------------------- what units cannot be
 
-    def _require_unit(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
+    def _require_unit_quaternions(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
         off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
         if _exceeds_spikes(off):
             row = int(np.argmax(off))
@@ -343,7 +345,7 @@ class _Mapping:
                 "and a quaternion that turns has length 1: these are other columns"
             )
 
-    def _require_rates(self, name: str, topic: Topic, unit: str, values: Array) -> None:
+    def _require_plausible_rates(self, name: str, topic: Topic, unit: str, values: Array) -> None:
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
@@ -356,7 +358,7 @@ class _Mapping:
             f"in a sample of {period_s:g} s or than any gyro measures{hint}"
         )
 
-    def _require_turning(self, name: str, topic: Topic, sensor: Any, values: Array, time_s: Array) -> None:
+    def _require_plausible_turns(self, name: str, topic: Topic, sensor: Any, values: Array, time_s: Array) -> None:
         cosine = np.abs((values[1:] * values[:-1]).sum(axis=1))
         rates = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)) / np.diff(time_s)
         rates = rates[np.isfinite(rates)]
@@ -367,9 +369,10 @@ class _Mapping:
                 f"no vehicle does{hint}"
             )
 
-    def _require_accelerations(
+    def _require_plausible_accelerations(
         self, name: str, topic: Topic, sensor: AccelerometerMap, values: Array, time_s: Array
     ) -> None:
+        """Raises InputError for accelerations that no vehicle has, as of a wrong unit."""
         most = plausible.ACCELERATION.most / self._length
         sizes = np.abs(values)
         if sensor.gives in ("integral", "increment") and time_s.size > 1:
@@ -390,17 +393,17 @@ class _Mapping:
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
         if part.listed is not None:
-            values = self._from_list(topic, part, places)
+            values = self._commands_from_list(topic, part, places)
         elif part.mask is not None:
-            values = self._from_mask(topic, part, places)
+            values = self._commands_from_mask(topic, part, places)
         else:
             assert part.columns is not None  # one form is given
-            values = self._from_columns(topic, part, part.columns, places)
+            values = self._commands_from_columns(topic, part, part.columns, places)
         if part.missing == "off":
             values = np.nan_to_num(values, nan=0.0)
         return _hold_values(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
 
-    def held(self, part: Any) -> HeldValues:
+    def force_or_torque(self, part: Any) -> HeldValues:
         """Reads a known outside force or torque, which acts from its row on."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
@@ -408,7 +411,10 @@ class _Mapping:
         size = si_factor(part.unit, "force", "torque") / (self._force if force else self._force * self._length)
         return _hold_values(time_s, self._vector(topic, part, size, places))
 
-    def _from_columns(self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places) -> Array:
+    def _commands_from_columns(
+        self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places
+    ) -> Array:
+        """Reads commands from a column per jet: fractions, NaN where missing, shape (n, n_jets)."""
         timed = is_unit_of(part.unit, "time")
         size = si_factor(part.unit, "time", "number")
         full = self._vehicle.sample_period_s if timed else 1.0
@@ -433,7 +439,8 @@ class _Mapping:
             )
         return np.clip(values, 0.0, 1.0)
 
-    def _from_mask(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+    def _commands_from_mask(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+        """Reads commands from the bits of a column: 0 or 1, NaN where missing, shape (n, n_jets)."""
         assert part.mask is not None  # the form that is given
         column = part.mask.column
         logged = topic.numbers(column)[places]
@@ -452,7 +459,8 @@ class _Mapping:
         values[np.isnan(logged)] = np.nan
         return values
 
-    def _from_list(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+    def _commands_from_list(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+        """Reads commands from texts that name the jets that fire: 0 or 1, shape (n, n_jets)."""
         assert part.listed is not None  # the form that is given
         jets = self._vehicle.designations
         names = {(part.listed.names.get(jet) or jet).lower(): index for index, jet in enumerate(jets)}
@@ -505,7 +513,7 @@ def _rotate_vectors(vectors: Array, matrix: Array) -> Array:
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
 
 
-def _quantum(values: Array) -> float:
+def _rounding_step(values: Array) -> float:
     """Returns the step to which values are rounded, by their decimals; that of doubles where there are too many."""
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))

@@ -111,6 +111,7 @@ def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, byte
 
 
 def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
+    """Reads the variables of a file of version 7.3; damaged ones are left out."""
     try:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
@@ -156,14 +157,14 @@ def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for name, value in content.items():
         if isinstance(value, dict):
             topics[name] = dict(_flatten_fields(value))
-        elif (rows := _structures(value)) is not None:
+        elif (rows := _as_structures(value)) is not None:
             topics[name] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
         else:
             topics[""][name] = value
     return topics
 
 
-def _structures(value: Any) -> list[dict[str, Any]] | None:
+def _as_structures(value: Any) -> list[dict[str, Any]] | None:
     """Returns the structures of an array whose fields are single numbers; None for any other value."""
     rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
@@ -195,7 +196,7 @@ def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[s
         if not value.ndim and value.dtype != object:
             continue
         if not _is_table(value):
-            left_out.append(f"{name} ({_why_no_column(value)})")
+            left_out.append(f"{name} ({_no_column_reason(value)})")
         elif len(tall) != length or tall.ndim > 2:
             shape = " x ".join(map(str, value.shape))
             left_out += [f"{name} (of {shape} values)"] if value.size > 1 else []
@@ -227,7 +228,7 @@ def _is_table(value: Any) -> bool:
     return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)
 
 
-def _why_no_column(value: Any) -> str:
+def _no_column_reason(value: Any) -> str:
     """Returns the reason for which an array gives no columns."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"

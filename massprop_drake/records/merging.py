@@ -107,7 +107,7 @@ class MergedTable(Table):
         names = [self.header[column] for column in wanted]
         for number, part in enumerate(self._parts):
             own = {name: place for place, name in enumerate(names) if self._owner.get(name) == number}
-            self._take(number, part, own, values)
+            self._copy_columns(number, part, own, values)
         for place, name in enumerate(names):
             if name == "time_s":
                 values[:, place] = self._time_s
@@ -117,7 +117,7 @@ class MergedTable(Table):
             self._read = min(begin + _ROWS, self._time_s.size)
             yield Block(numbers[rows], values[rows])
 
-    def _take(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
+    def _copy_columns(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
         """Copies the wanted columns of a source file into the merged values."""
         names, places = list(wanted), list(wanted.values())
         table = open_table(part.path)

@@ -98,7 +98,7 @@ class ColumnName(NamedTuple):
     indexed: bool = False
 
     @property
-    def turning(self) -> int:
+    def turn_axis(self) -> int:
         """Axis that roll, pitch or yaw turn about; -1: it names none."""
         return next((_TURNING[word] for word in self.words if word in _TURNING), -1)
 
@@ -237,8 +237,8 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
         columns: names.
         jets: designation and number of each.
     """
-    split = {column: _tokens(column) for column in columns}
-    called = {_tokens(designation): designation for designation, _ in jets}
+    split = {column: _split_tokens(column) for column in columns}
+    called = {_split_tokens(designation): designation for designation, _ in jets}
     families: dict[tuple[str, ...], dict[str, str]] = {}
     counted: dict[tuple[str, ...], dict[int, str]] = {}
     for column, tokens in split.items():
@@ -248,7 +248,7 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
             if token.isdigit():
                 family = (*tokens[:place], "", *tokens[place + 1 :])
                 counted.setdefault(family, {}).setdefault(int(token), column)
-    ranked = [(_rank(rest, sure=True), _family(found, jets, [], named=True)) for rest, found in families.items()]
+    ranked = [(_rank_words(rest, sure=True), _family(found, jets, [], named=True)) for rest, found in families.items()]
     for rest, numbered in counted.items():
         if len(numbered) < 2 or len(jets) < 2:
             continue
@@ -260,18 +260,21 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
             numbers = {designation: index for index, (designation, _) in enumerate(jets)}
         here = {designation: numbered[number] for designation, number in numbers.items() if number in numbered}
         beside = [column for number, column in sorted(numbered.items()) if number not in numbers.values()]
-        ranked.append((_rank(rest, sure=False), _family(here, jets, beside, named=bool(set(rest) & (_JETS | _ON)))))
+        ranked.append(
+            (_rank_words(rest, sure=False), _family(here, jets, beside, named=bool(set(rest) & (_JETS | _ON))))
+        )
     ordered = sorted(ranked, key=lambda one: (len(one[1].lacking) > 0, one[0], len(one[1].lacking)))
     return [family for rank, family in ordered if rank < 3]
 
 
 def _family(found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: list[str], *, named: bool) -> JetColumns:
+    """Makes a group of columns in the vehicle's order of jets; lists the jets without one."""
     columns = {designation: found[designation] for designation, _ in jets if designation in found}
     lacking = [designation for designation, _ in jets if designation not in found]
     return JetColumns(columns, lacking, beside, named)
 
 
-def _rank(rest: tuple[str, ...], *, sure: bool) -> int:
+def _rank_words(rest: tuple[str, ...], *, sure: bool) -> int:
     """Rates words around the jets' names as those of commands: 0 (likely) to 2, 3: they are none."""
     words = {word for word in rest if word}
     if words & _NO_COMMANDS:
@@ -283,7 +286,7 @@ def _rank(rest: tuple[str, ...], *, sure: bool) -> int:
     return 2 if len(words) == 1 and all(len(word) == 1 for word in words) else 3
 
 
-def _tokens(name: str) -> tuple[str, ...]:
+def _split_tokens(name: str) -> tuple[str, ...]:
     """Splits a name into letters and numbers in turn, without zeros before these: `THR01_ON` is thr, 1, on."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
     return tuple(one.lstrip("0") or "0" if one.isdigit() else one for one in re.findall(r"[a-zµ°%]+|\d+", text))

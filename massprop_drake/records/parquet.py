@@ -71,13 +71,13 @@ class ParquetTable(Table):
             if not (number or arrow.types.is_decimal(kind) or arrow.types.is_null(kind)):
                 raise InputError(f"{self._path}, column {name}: holds {kind}; expected numbers")
         for first, batch in parquet_batches(self._file, names, self._rows_per_block, self.source, self.losses):
-            columns = [self._numbers(batch.column(name)) for name in names]
+            columns = [self._to_floats(batch.column(name)) for name in names]
             self._read = first + batch.num_rows
             block = Block(first + 1 + np.arange(batch.num_rows), np.column_stack(columns))
             require_meaningful(block, names, str(self._path), self.place)
             yield block
 
-    def _numbers(self, column: Any) -> Array:
+    def _to_floats(self, column: Any) -> Array:
         if self._arrow.types.is_boolean(column.type):
             column = column.cast(self._arrow.int8())
         values: Array = column.cast(self._arrow.float64(), safe=False).to_numpy(zero_copy_only=False)

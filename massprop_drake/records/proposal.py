@@ -64,13 +64,13 @@ def make_proposal(recording: Recording, vehicle: Vehicle) -> Proposal:
     """
     work = RecordingSearch(recording, vehicle)
     if recording.kind == "ulog":
-        work.in_px4()
+        work.search_px4()
     elif recording.kind in ("ros1", "ros2"):
-        work.in_a_bag()
+        work.search_bag()
     else:
-        work.in_a_table()
-    work.look_at_the_jets()
-    work.tell_what_is_left()
+        work.search_tables()
+    work.search_by_jets()
+    work.report_unused()
     if not work.data["sensors"]:
         work.lacking.append("no sensor was found: name its columns under `sensors`")
     if "commands" not in work.data:
@@ -82,10 +82,10 @@ def make_proposal(recording: Recording, vehicle: Vehicle) -> Proposal:
 
 
 class RecordingSearch(SensorSearch):
-    """Search in tables, in topics of PX4, and in bags."""
+    """Search for sensors and commands in tables, in topics of PX4, and in bags."""
 
-    def in_a_table(self) -> None:
-        """Looks in tables and .mat files, by names and numbers; of several parts in the one with rates first."""
+    def search_tables(self) -> None:
+        """Searches tables and .mat files, by names and numbers; of several parts the one with rates first."""
         form = self.recording.form.model_dump(exclude_defaults=True)
         if form:
             self.data["csv"] = form
@@ -100,23 +100,25 @@ class RecordingSearch(SensorSearch):
             for name, names in read.items()
         }
         for topic in topics.values():
-            self._tell_spoilt(topic)
-        kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()}
+            self._warn_of_text_cells(topic)
+        kinds = {
+            name: {self._find_quantity(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()
+        }
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
             if kinds[name] or len(topics) == 1:
-                self._enter(name, read[name])
-                self._sensors(topics[name], numeric[name])
+                self._enter_topic(name, read[name])
+                self._find_sensors(topics[name], numeric[name])
         for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
-            self._enter(name, read[name], quietly=True)
-            if self._commands(topics[name]):
-                self._put_in_its_topic(self.data["commands"])
+            self._enter_topic(name, read[name], quietly=True)
+            if self._find_commands(topics[name]):
+                self._set_topic_and_time(self.data["commands"])
                 break
         if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
             faults = [fault for name in topics if (fault := clock_fault(topics[name], read[name]))]
             self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
 
-    def _tell_spoilt(self, topic: Topic) -> None:
+    def _warn_of_text_cells(self, topic: Topic) -> None:
         """Warns of columns that are not numbers because a few cells hold text."""
         for column, values in topic.columns.items():
             numeric = sum(map(is_number, values)) if values.dtype == object else 0
@@ -127,8 +129,8 @@ class RecordingSearch(SensorSearch):
             except InputError as error:
                 self._warn(f"{error}, as the rest of its column is: nothing is made of it")
 
-    def _enter(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
-        """Continues in a topic: the first one, and its time, are those of the map."""
+    def _enter_topic(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
+        """Makes a topic the current one; the first one, and its time, become those of the map."""
         found = self._clock(name, names)
         self._here = name, found.data if found is not None and found.data else None
         if "time" not in self.data and "topic" not in self.data:
@@ -149,21 +151,21 @@ class RecordingSearch(SensorSearch):
             self._clocks[name] = find_clock(self.recording.topics[name], names, self.vehicle.sample_period_s)
         return self._clocks[name]
 
-    def in_px4(self) -> None:
+    def search_px4(self) -> None:
         """Takes the topics that PX4 logs, in its frame: forward, right, down."""
         topics = {_base_topic(name): name for name in reversed(list(self.recording.topics))}
         for base, column, what in _PX4_RATES:
-            if self._px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
+            if self._add_px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
                 break
         for base, column, gives, what in _PX4_ACCELERATIONS:
-            taken = self._gives(topics[base]) if base in topics and gives == "instant" else gives
+            taken = self._instant_or_mean(topics[base]) if base in topics and gives == "instant" else gives
             more = {"unit": "m/s" if taken == "increment" else "m/s^2", "gives": taken}
             guess = "; one a sample is taken for the mean over it: a guess" if taken != gives else ""
-            if self._px4_vector(topics, (base, column), "accelerometer", more, what + guess):
+            if self._add_px4_vector(topics, (base, column), "accelerometer", more, what + guess):
                 break
         for base in _PX4_POSE:
             if base in topics and {"position[0]", "q[0]"} <= set(self.recording.topics[topics[base]].columns):
-                name = self._tracker("pose", "mocap", f"{topics[base]}, poses")
+                name = self._take_tracker("pose", "mocap", f"{topics[base]}, poses")
                 if not name:
                     break
                 self.data["sensors"][name] = {
@@ -186,30 +188,31 @@ class RecordingSearch(SensorSearch):
                 block["missing"] = "off"
                 self.data["commands"] = block
                 self._say(f"commands: {topics[base]}, {column}[0] the vehicle's first jet and so on; NaN is disarmed")
-                self._scale(self.recording.topics[topics[base]], block["columns"])
+                self._find_scale(self.recording.topics[topics[base]], block["columns"])
                 break
 
-    def _px4_vector(
+    def _add_px4_vector(
         self, topics: Mapping[str, str], where: tuple[str, str], kind: str, more: dict[str, Any], what: str
     ) -> bool:
+        """Adds a topic of PX4 as a package of the vehicle; False: there is no such topic, or no free package."""
         base, column = where
         columns = [f"{column}[{axis}]" for axis in range(3)]
         if base not in topics or not set(columns) <= set(self.recording.topics[topics[base]].columns):
             return False
-        package = self._package(kind)
+        package = self._take_package(kind)
         if package:
             self.data["sensors"][package] = {"kind": kind, "topic": topics[base], "columns": columns, **more}
             self._say(f"{package}: {topics[base]}, {what}")
         return bool(package)
 
-    def in_a_bag(self) -> None:
+    def search_bag(self) -> None:
         """Takes topics by the types of their messages."""
-        self.in_px4()
+        self.search_px4()
         axes = ("x", "y", "z")
         for name, topic in self.recording.topics.items():
             kind = self.recording.types.get(name, "").rpartition("/")[2]
             if kind == "Imu":
-                self._of_imu(name)
+                self._add_imu(name)
             before = {"PoseStamped": "pose.", "Odometry": "pose.pose.", "PoseWithCovarianceStamped": "pose.pose."}.get(
                 kind
             )
@@ -217,7 +220,7 @@ class RecordingSearch(SensorSearch):
             if kind == "TransformStamped":
                 before, names = "transform.", ("translation", "rotation")
             known = any(one["kind"] == "pose" for one in self.data["sensors"].values())
-            sensor = "" if before is None or known else self._tracker("pose", "pose", f"{name}, poses")
+            sensor = "" if before is None or known else self._take_tracker("pose", "pose", f"{name}, poses")
             if sensor:
                 self.data["sensors"][sensor] = {
                     "kind": "pose",
@@ -228,26 +231,28 @@ class RecordingSearch(SensorSearch):
                 }
                 self._say(f"{sensor}: {name}, a {kind}")
             if "commands" not in self.data:
-                self._bag_commands(name, topic)
+                self._find_bag_commands(name, topic)
         if any(one["kind"] in ("gyro", "accelerometer") for one in self.data["sensors"].values()):
             self._say(
                 "axes: as they are logged; ROS has forward, left, up, so that a vehicle of forward, right, down needs "
                 "`axes: [x, -y, -z]`"
             )
 
-    def _of_imu(self, name: str) -> None:
+    def _add_imu(self, name: str) -> None:
+        """Adds rates and accelerations of an Imu message as packages of the vehicle."""
         for kind, field, more in (
             ("gyro", "angular_velocity", {"unit": "rad/s"}),
-            ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": self._gives(name)}),
+            ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": self._instant_or_mean(name)}),
         ):
-            package = self._package(kind)
+            package = self._take_package(kind)
             if package:
                 columns = [f"{field}.{axis}" for axis in ("x", "y", "z")]
                 self.data["sensors"][package] = {"kind": kind, "topic": name, "columns": columns, **more}
                 guess = ", taken for the mean over the sample that ended" if more.get("gives") == "mean" else ""
                 self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}{guess}")
 
-    def _bag_commands(self, name: str, topic: Topic) -> None:
+    def _find_bag_commands(self, name: str, topic: Topic) -> None:
+        """Takes an array of as many numbers as jets, or columns named after them, for the commands."""
         count = len(self.vehicle.jets)
         columns = self._jet_columns(topic)
         arrays = {column.partition("[")[0] for column in topic.columns if column.endswith(f"[{count - 1}]")}
@@ -257,7 +262,7 @@ class RecordingSearch(SensorSearch):
         if columns:
             self.data["commands"] = {"topic": name, "columns": columns}
             self._say(f"commands: {name}, of as many numbers as there are jets, in the vehicle's order")
-            self._scale(topic, columns)
+            self._find_scale(topic, columns)
 
 
 def _has_numbers(values: NDArray[Any]) -> bool:

@@ -27,7 +27,7 @@ _COMMANDS, _RATES, _IMU = "actuator_motors", "vehicle_angular_velocity", "vehicl
 _NORMAL = 0.6745  # median of the absolute value of a standard normal number
 
 
-class Made(NamedTuple):
+class VehicleFromLog(NamedTuple):
     """Vehicle file made from a log.
 
     Attributes:
@@ -41,7 +41,7 @@ class Made(NamedTuple):
 
 def vehicle_from_log(
     recording: Recording, name: str, mass: float | None, inertia: tuple[float, float, float] | None
-) -> Made:
+) -> VehicleFromLog:
     """Makes a vehicle file from the parameters of a PX4 log.
 
     A thruster's axis is the direction of the force on the vehicle, its coefficient the thrust in N at full command, in
@@ -65,7 +65,7 @@ def vehicle_from_log(
         )
     if mass is None or inertia is None:
         raise InputError(f"{recording.source}: PX4 logs neither mass nor inertia: give --mass and --inertia")
-    jets, assumed = _jets(recording, count)
+    jets, assumed = _read_jets(recording, count)
     period_s = _period_s(recording)
     gyro_noise = _white_noise_std(recording, _RATES, "xyz")
     if gyro_noise is None:
@@ -101,10 +101,11 @@ def vehicle_from_log(
     assumed.append("a specific impulse of 60 s (cold gas), no lag, and thrusts known to 10 % are assumed")
     data["jets"] = jets
     validate_data(Vehicle, data, source=f"vehicle of {recording.source}")
-    return Made(data, assumed)
+    return VehicleFromLog(data, assumed)
 
 
-def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[str]]:
+def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[str]]:
+    """Reads the thrusters as jets of a vehicle file, and remarks on PX4's defaults among them."""
     jets: list[dict[str, Any]] = []
     defaulted: set[str] = set()
     for index in range(count):

@@ -28,8 +28,8 @@ from massprop_drake.records.quality_measures import (
     Stuck,
     UnknownCommands,
     could_be_off_nominal,
-    exceeds_doubt,
     impulses_at_extremes,
+    is_significant_change,
     jets_to_blame,
     rigid_body,
 )
@@ -87,7 +87,7 @@ class QualityReport:
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each, by_turning = np.abs(self._nominal.changed(wrenches, package)), coupling
+            each, by_turning = np.abs(self._nominal.predict_increments(wrenches, package)), coupling
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._nominal.center
                 by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
@@ -128,7 +128,7 @@ class QualityReport:
     # ------------------------------------------------------------------------------------ adding
 
     def add(self, rows: Rows, signals: Mapping[str, Array]) -> None:
-        """Takes in a block of rows and the estimators' signals for them.
+        """Accumulates a block of rows and the estimators' signals for them.
 
         Args:
             rows: of the record.
@@ -152,7 +152,7 @@ class QualityReport:
             package, name = entry.package, entry.package.name
             readings = np.vstack([self._last[name], rows.readings[name]])
             increments[name] = np.diff(readings, axis=0)
-            predicted[name] = self._nominal.changed(impulses, package)
+            predicted[name] = self._nominal.predict_increments(impulses, package)
             if not isinstance(package, Accelerometer):
                 speed = np.fmin(speed, np.linalg.norm(readings, axis=1))
             limit = math.inf if package.range is None else package.range * (1.0 - 1e-9)
@@ -182,7 +182,7 @@ class QualityReport:
             self._watch_units(entry, (rows.time_s, told, slower), increments[name], predicted[name], good)
         self._gathered = gathered[-1]
         self._fired = self._fired + answer.silent.sum(axis=0)
-        self._sort_samples(signals, commands, gap, fresh, missing, saturated)
+        self._count_samples_by_reason(signals, commands, gap, fresh, missing, saturated)
         if "tested" in signals:
             self._tested += int(signals["tested"].sum())
         self._estimate, self._deviation = signals["estimate"][-1], signals["standard_deviation"][-1]
@@ -192,6 +192,7 @@ class QualityReport:
     def _watch_standing(
         self, entry: Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: Answer
     ) -> None:
+        """Follows stretches in which a component stands still, and notes those in which it should have changed."""
         standing, (time_s, gathered) = self._standing[entry.package.name], when
         fired = self._fired + np.cumsum(answer.silent, axis=0)
         if standing.fired_since.shape[1] != fired.shape[1]:
@@ -199,7 +200,7 @@ class QualityReport:
         gross = standing.gross + np.cumsum(answer.fired @ entry.each, axis=0)
         for axis in range(3):
             values, total = readings[:, axis], standing.sum[axis] + np.cumsum(predicted[:, axis])
-            others = standing.answer[axis] + np.cumsum(answer.beside(entry.package.name, axis), axis=0)
+            others = standing.answer[axis] + np.cumsum(answer.total_of_others(entry.package.name, axis), axis=0)
             changed = values != np.concatenate([[standing.value[axis]], values[:-1]])
             starts = np.flatnonzero(changed)
             edges = np.unique(np.concatenate([[0], starts]))
@@ -222,7 +223,7 @@ class QualityReport:
             for index in np.flatnonzero(most - least >= STUCK * entry.scale):
                 rows = slice(edges[index], lasts[index] + 1)
                 alone, first = gross[rows, axis] - weight[index], index == 0
-                sure[index] = exceeds_doubt(total[rows], alone, before if first else _NOTHING, entry) or (
+                sure[index] = is_significant_change(total[rows], alone, before if first else _NOTHING, entry) or (
                     first and was_sure
                 )
             for index in np.flatnonzero(sure[:-1]):
@@ -273,6 +274,7 @@ class QualityReport:
         self._stuck.append(Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
 
     def _watch_jumps(self, entry: Package, time_s: Array, increments: Array, speed: Array) -> None:
+        """Counts increments larger than all jets and the vehicle's rotation can cause in a sample."""
         caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
         limit = _JUMP_FACTOR * caused + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
@@ -292,6 +294,7 @@ class QualityReport:
         predicted: Array,
         rows: NDArray[np.bool_],
     ) -> None:
+        """Collects ratios of measured to predicted increments, which show a wrong unit."""
         size = (predicted**2).sum(axis=1)
         clear = rows & (size > (_CLEAR * entry.increment_std) ** 2)
         kept = self._ratios[entry.package.name]
@@ -301,9 +304,9 @@ class QualityReport:
             found = map(Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
             kept.extend(list(found)[: _MOST - len(kept)])
 
-    def _about_commands(self) -> list[str]:
+    def _describe_unknown_commands(self) -> list[str]:
         """Describes the jets whose commands are unknown, from when to when, and the consequences."""
-        stretches = self._unknown.found()
+        stretches = self._unknown.first_stretches()
         if not stretches:
             return []
         jets = [name for name in self._vehicle.designations if any(name in one["jets"] for one in stretches)]
@@ -326,7 +329,7 @@ class QualityReport:
         lasts = stretch["to_s"] >= self._unknown.until_s
         return f"from {moment(stretch['from_s'])} s {'on' if lasts else 'to ' + moment(stretch['to_s']) + ' s'}"
 
-    def _sort_samples(
+    def _count_samples_by_reason(
         self,
         signals: Mapping[str, Array],
         commands: Array,
@@ -335,6 +338,7 @@ class QualityReport:
         missing: Mapping[str, NDArray[np.bool_]],
         saturated: Mapping[str, NDArray[np.bool_]],
     ) -> None:
+        """Counts used samples of each filter, and unused ones by the first reason that holds."""
         unknown: NDArray[np.bool_] = np.asarray(np.isnan(commands).any(axis=1))
         if self._filter == "joint":  # thrust settles in the sample that follows
             unknown[1:] |= unknown[:-1].copy()
@@ -370,7 +374,7 @@ class QualityReport:
 
     # --------------------------------------------------------------------------------- finishing
 
-    def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
+    def _select_ratios(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
         """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little."""
         kept = self._ratios[package.name]
         if not kept or could_be_off_nominal(own := float(np.median([each.ratio for each in kept]))):
@@ -381,7 +385,7 @@ class QualityReport:
         larger = max((slope for slope in slopes if slope > UNIT_LIMIT), default=1.0)  # than it is in its unit
         return [each for each in kept if each.turned <= _TURNED * larger**2]
 
-    def _stands(self, stuck: Stuck) -> bool:
+    def _is_truly_stuck(self, stuck: Stuck) -> bool:
         """Tests whether a reading should have changed by the mass properties learned by the end, too.
 
         A jet turns the vehicle about an axis through a product of inertia, or moves the place of an accelerometer one
@@ -392,10 +396,10 @@ class QualityReport:
         if stuck.lasted_s > _TAUGHT_S or shown < ANSWERED * meant or not np.isfinite(self._estimate).all():
             return True
         body = rigid_body(self._estimate)
-        change = float(body.changed(stuck.impulse[None], stuck.package.package)[0, stuck.axis])
+        change = float(body.predict_increments(stuck.impulse[None], stuck.package.package)[0, stuck.axis])
         return abs(change) >= _STANDS * stuck.package.scale
 
-    def finished(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
+    def summarize(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
         """Composes the content of `data_quality`.
 
         Args:
@@ -409,11 +413,11 @@ class QualityReport:
                 self._note_standing(entry, axis, standing, self._fired)
         # from then on others fire against it for a while, and nothing shows
         self._unanswered = [one for one in self._unanswered if one["to_s"] <= failed_s]
-        told = [one for one in self._stuck if one.lasts(failed_s) and self._stands(one)]
+        told = [one for one in self._stuck if one.is_real(failed_s) and self._is_truly_stuck(one)]
         self._n_stuck, self._stuck = self._n_stuck - len(self._stuck) + len(told), told
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
-            kept = self._telling(entry.package, units)
+            kept = self._select_ratios(entry.package, units)
             if len(kept) < FEWEST:
                 continue
             ratios, times = np.array([each.ratio for each in kept]), np.array([each.time_s for each in kept])
@@ -459,11 +463,12 @@ class QualityReport:
             "jumps": self._jumps,
             "units": units,
             "samples": self._samples,
-            "unknown_commands": self._unknown.found(),
+            "unknown_commands": self._unknown.first_stretches(),
         }
-        return {**quality, "warnings": [*record.notes, *warnings_of(quality, self._known())]}
+        return {**quality, "warnings": [*record.notes, *warnings_of(quality, self._collect_known())]}
 
-    def _known(self) -> KnownOfRecord:
+    def _collect_known(self) -> KnownOfRecord:
+        """Collects what the warnings need beside the measures of quality."""
         return KnownOfRecord(
             vehicle=self._vehicle,
             filter=self._filter,
@@ -478,5 +483,5 @@ class QualityReport:
             limits=self._limits,
             estimate=self._estimate,
             deviation=self._deviation,
-            about_commands=self._about_commands(),
+            about_commands=self._describe_unknown_commands(),
         )

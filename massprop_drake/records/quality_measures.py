@@ -46,7 +46,7 @@ class Package(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Mass properties by which predicted readings change.
+    """Mass properties of a rigid body, from which increments of readings are predicted.
 
     Attributes:
         inverse: inverse inertia, shape (3, 3).
@@ -58,8 +58,8 @@ class _Body(NamedTuple):
     center: Array
     lightness: float
 
-    def changed(self, impulses: Array, package: SensorPackage) -> Array:
-        """Computes increments of a package's readings, shape (n, 3), by impulses about the origin, shape (n, 6)."""
+    def predict_increments(self, impulses: Array, package: SensorPackage) -> Array:
+        """Predicts increments of a package's readings, shape (n, 3), by impulses about the origin, shape (n, 6)."""
         turned: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
         if not isinstance(package, Accelerometer):
             return turned
@@ -92,7 +92,7 @@ class Stuck(NamedTuple):
         """Duration of the stretch, s."""
         return float(self.entry["to_s"] - self.entry["from_s"])
 
-    def lasts(self, failed_s: float) -> bool:
+    def is_real(self, failed_s: float) -> bool:
         """Tests whether the stretch is real, not one of jets that fire against a failed one."""
         return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
 
@@ -114,7 +114,7 @@ class Ratio(NamedTuple):
 
 
 class Standing:
-    """Constancy of each component of a package: since when, and the change predicted meanwhile."""
+    """State of the search for stuck readings, by component: stretch without change, and change predicted in it."""
 
     def __init__(self) -> None:
         self.value = np.full(3, np.nan)
@@ -157,7 +157,7 @@ class Repeats:
 
 
 class Answer(NamedTuple):
-    """Answer of all readings to their predictions, sample by sample, in 1-sigma of an increment.
+    """Agreement of all increments with their predictions, sample by sample, in 1-sigma of an increment.
 
     Attributes:
         own: increment times predicted, and the square of the latter, of each component of each package, by its name,
@@ -170,27 +170,27 @@ class Answer(NamedTuple):
 
     @property
     def total(self) -> Array:
-        """Sums over all components, shape (n, 2)."""
+        """Sums over all components: measured times predicted, and predicted squared, shape (n, 2)."""
         nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
         result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
         return result
 
     @property
     def silent(self) -> Array:
-        """Commanded jets of which the readings show little, sample by sample, shape (n, n_jets)."""
+        """Commanded jets that the readings do not show, sample by sample, shape (n, n_jets)."""
         shown, meant = self.total.T
         result: Array = self.fired * (shown < ANSWERED * meant)[:, None]
         return result
 
-    def beside(self, name: str, axis: int) -> Array:
-        """Computes sums over all components but one, each sample weighted by its share in that one's prediction."""
+    def total_of_others(self, name: str, axis: int) -> Array:
+        """Computes `total` without one component, each sample weighted by its share in that one's prediction."""
         total, own = self.total, self.own[name][:, axis]
         share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
         result: Array = share[:, None] * (total - own)
         return result
 
 
-def exceeds_doubt(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
+def is_significant_change(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
     """Tests whether the predicted change is significant at some sample, also where jets cancel each other.
 
     Args:
@@ -285,9 +285,10 @@ class UnknownCommands:
         within = np.append(self._within, some)
         self._within = bool(within[-1])
         for row in np.flatnonzero(some).tolist():
-            self._note(float(time_s[row]), np.flatnonzero(unknown[row]), begins=not within[row])
+            self._note_sample(float(time_s[row]), np.flatnonzero(unknown[row]), begins=not within[row])
 
-    def _note(self, time_s: float, jets: NDArray[np.int_], *, begins: bool) -> None:
+    def _note_sample(self, time_s: float, jets: NDArray[np.int_], *, begins: bool) -> None:
+        """Counts a sample of unknown commands, and begins or extends its stretch."""
         self.samples += 1
         names = [self._vehicle.designations[jet] for jet in jets.tolist()]
         if begins:
@@ -300,6 +301,6 @@ class UnknownCommands:
             more = [name for name in names if name not in last["jets"]]
             last.update(jets=[*last["jets"], *more], to_s=time_s, samples=last["samples"] + 1)
 
-    def found(self) -> list[dict[str, Any]]:
+    def first_stretches(self) -> list[dict[str, Any]]:
         """Returns the first stretches: jets, from when to when, s, and number of samples."""
         return self._stretches

@@ -90,6 +90,7 @@ def _test_warnings(known: KnownOfRecord) -> list[str]:
 
 
 def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of readings out of proportion to the prediction: a wrong unit, or jets that fail."""
     found = []
     blamed: dict[tuple[str, ...], list[str]] = {}
     for entry in known.packages:
@@ -119,6 +120,7 @@ def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
 
 
 def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of gaps, jitter, a wrong period, rows left out, and columns that are not used."""
     found = []
     gaps = quality["gaps"]
     if gaps["count"]:
@@ -163,6 +165,7 @@ def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[st
 
 
 def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of readings that are missing, stuck, repeated, saturated or jump."""
     found = []
     for name, count in quality["missing"].items():
         if count:
@@ -202,6 +205,7 @@ def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]
 
 
 def _sample_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
+    """Warns of a filter for which no sample could be used, with the commonest reason."""
     names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
     found = []
     for name, counts in quality["samples"].items():

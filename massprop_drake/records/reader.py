@@ -101,7 +101,7 @@ class Reader:
         self.source = self._table.source
         self.record.notes = list(self._table.notes)
         try:
-            self._plan(gyro)
+            self._plan_columns(gyro)
         except BaseException:
             self._table.close()
             raise
@@ -154,13 +154,13 @@ class Reader:
 
     # ----------------------------------------------------------------------------------- columns
 
-    def _plan(self, gyro: str | None) -> None:
+    def _plan_columns(self, gyro: str | None) -> None:
         """Decides which columns of the table to read, and where each lies among them."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = jet_columns(vehicle, present)
         own = [f"{gyro}_{axis}" for axis in AXES] if gyro is not None else []
-        problems = self._missing_columns(["time_s", *own, *jets], present)
+        problems = self._describe_missing_columns(["time_s", *own, *jets], present)
         self._wanted: list[int] = []
         self._accelerations: list[str] = []
         used: set[str] = set()
@@ -216,7 +216,8 @@ class Reader:
             name: _closest_name(name, known) for name in dict.fromkeys(header) if name and name not in used
         }
 
-    def _missing_columns(self, required: list[str], present: set[str]) -> list[str]:
+    def _describe_missing_columns(self, required: list[str], present: set[str]) -> list[str]:
+        """Describes required columns that the table lacks; empty: none."""
         missing = [name for name in required if name not in present]
         sensors = self._vehicle.tracked
         if sensors and not self._vehicle.gyros and not present & set(self._vehicle.tracked_columns):
@@ -239,7 +240,7 @@ class Reader:
         try:
             for block in self._blocks():
                 self._check_commands(block)
-                ordered = self._ordered(block)
+                ordered = self._order_rows(block)
                 if ordered is not None:
                     yield ordered
         finally:
@@ -284,6 +285,7 @@ class Reader:
         return float(steps.size / steps.sum())
 
     def _check_commands(self, block: Block) -> None:
+        """Raises InputError for commands that are no fractions, on-times or onsets within the sample."""
         self._check_on_times(block)
         commands = np.where(self._timed, np.nan, block.values[:, self._command_places])
         self._tally.add(commands)
@@ -321,7 +323,7 @@ class Reader:
                 f"{period_s:g} s"
             )
 
-    def _told(self, values: Array) -> tuple[Array, Array | None]:
+    def _read_commands(self, values: Array) -> tuple[Array, Array | None]:
         """Reads commands of rows of the table, as fractions, and their onsets; None: jets switch with samples."""
         commands = values[:, self._command_places]
         commands = np.where(self._timed, np.minimum(commands / self._period_s, 1.0), commands)
@@ -333,16 +335,16 @@ class Reader:
         onsets_s[:, self._opening] = np.where(np.isnan(given), onsets_s[:, self._opening], given)
         return commands, onsets_s
 
-    def _ordered(self, block: Block) -> Rows | None:
+    def _order_rows(self, block: Block) -> Rows | None:
         """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
         off = ~self._follows(steps)
         if not self._awaiting and not off.any():
-            self._count_steps(steps, self.record.interval_sum_s + float(steps.sum()))
+            self._count_intervals(steps, self.record.interval_sum_s + float(steps.sum()))
             self._last_s = float(times[-1])
             self._late_in_a_row = 0
-            return self._rows(block, np.arange(times.size), {})
+            return self._make_rows(block, np.arange(times.size), {})
         # rows that follow a row in use by a period are taken together, others one by one
         ends = [*np.flatnonzero(off).tolist(), times.size]
         taken: list[int] = []
@@ -352,14 +354,14 @@ class Reader:
             end = ends[bisect.bisect_left(ends, index)]
             before = self._last_s if index == 0 else times[index - 1]
             if end > index and not self._awaiting and self._last_s == before:
-                self._count_steps(steps[index:end], _accumulate_steps(self.record.interval_sum_s, steps[index:end]))
+                self._count_intervals(steps[index:end], _accumulate_steps(self.record.interval_sum_s, steps[index:end]))
                 taken.extend(range(index, end))
                 self._last_s, self._late_in_a_row = float(times[end - 1]), 0
                 index = end
             else:
-                self._place(index, float(times[index]), block, taken, breaks)
+                self._place_row(index, float(times[index]), block, taken, breaks)
                 index += 1
-        return self._rows(block, np.array(taken, dtype=int), breaks) if taken else None
+        return self._make_rows(block, np.array(taken, dtype=int), breaks) if taken else None
 
     def _follows(self, steps: Array) -> Flags:
         """Tests whether rows follow those before them without a gap; NaN does not."""
@@ -369,7 +371,7 @@ class Reader:
         follows: Flags = np.abs(steps - self._period_s) <= self.jitter * self._period_s * (1.0 + ROUNDING)
         return follows
 
-    def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
+    def _place_row(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
         """Decides whether a row is taken, left out, or taken after a gap."""
         record, period = self.record, self._period_s
         line = int(block.lines[index])
@@ -379,7 +381,7 @@ class Reader:
         step = time - self._last_s
         if self._awaiting:
             if abs(step) <= JITTER * period:  # the row at which the earlier part ended
-                self.before = self._boundary(block, index)
+                self.before = self._state_at_boundary(block, index)
                 self._last_s = time
                 self._awaiting = False
                 return
@@ -402,7 +404,7 @@ class Reader:
         self._late_in_a_row = 0
         if not math.isnan(step):
             if self._follows(np.array([step]))[0]:
-                self._count_steps(np.array([step]), record.interval_sum_s + step)
+                self._count_intervals(np.array([step]), record.interval_sum_s + step)
             else:
                 breaks[len(taken)] = self._last_s + min(period, 0.5 * step)
                 taken.append(-1)
@@ -415,16 +417,18 @@ class Reader:
         taken.append(index)
         self._last_s = time
 
-    def _boundary(self, block: Block, index: int) -> tuple[Array, Array, Array | None]:
+    def _state_at_boundary(self, block: Block, index: int) -> tuple[Array, Array, Array | None]:
+        """Returns commands, outside wrench and onsets of the row at which the earlier part ended."""
         values = block.values[index]
         wrench = np.zeros(6)
         wrench[self._outside] = np.nan_to_num(values[self._outside_places])
-        commands, onsets_s = self._told(values[None])
+        commands, onsets_s = self._read_commands(values[None])
         if self.own_times and np.isnan(commands).all() and self._after is not None:
             return self._after.command, self._after.outside_wrench, self._after.onset_s
         return np.clip(commands[0], 0.0, 1.0), wrench, None if onsets_s is None else onsets_s[0]
 
-    def _count_steps(self, steps: Array, sum_s: float) -> None:
+    def _count_intervals(self, steps: Array, sum_s: float) -> None:
+        """Counts intervals between rows and those with jitter."""
         record = self.record
         size = np.abs(steps - self._period_s)
         record.intervals += steps.size
@@ -434,6 +438,7 @@ class Reader:
         self._watch_period(steps.tolist())
 
     def _watch_period(self, steps: list[float]) -> None:
+        """Collects the first intervals, and checks the sample period once there are enough."""
         lacking = FIRST_INTERVALS - len(self._first_steps)
         if lacking > 0:
             self._first_steps.extend(steps[:lacking])
@@ -457,7 +462,8 @@ class Reader:
                 f"'{self._vehicle.name}' is {self._period_s:g} s{looks}; resample the record, or set sample_period_s"
             )
 
-    def _rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:
+    def _make_rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:
+        """Makes rows of those taken of a block, with one without readings at each gap."""
         values = block.values[taken]
         recorded = taken >= 0
         for row, time in breaks.items():
@@ -470,28 +476,28 @@ class Reader:
         record.last_s = float(times[-1])
         record.rows += int(recorded.sum())
 
-        readings, steps = {}, self._steps(times)
+        readings, steps = {}, self._sample_lengths(times)
         for name in self._vehicle.sensor_names():
             places = self._sensor_places.get(name)
             reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
             if places is not None:
                 there = times[recorded], reading[recorded]
-                lacking = self._cadence[name].lacking(*there) if self.own_times else _count_rows_lacking(there[1])
+                lacking = self._cadence[name].count_missing(*there) if self.own_times else _count_rows_lacking(there[1])
                 record.missing[name] = record.missing.get(name, 0) + lacking
             if name in self._accelerations:
                 since_s = self._cadence[name].steps(times, reading, self._period_s) if self.own_times else steps
-                reading = self._integrated(name, reading, since_s)
+                reading = self._integrate(name, reading, since_s)
             readings[name] = reading
         outside = None
         if self._outside:
             outside = np.zeros((taken.size, 6))
             outside[:, self._outside] = values[:, self._outside_places]
-        commands, onsets_s = self._told(values)
+        commands, onsets_s = self._read_commands(values)
         commands = np.clip(commands, 0.0, 1.0)
         own: Flags | None = None
         if self.own_times:
             own, told = rows_with_values(commands), (commands, onsets_s, outside)
-            commands, onsets_s, outside = self._held.over(times, recorded, told, self._period_s)
+            commands, onsets_s, outside = self._held.fill_in(times, recorded, told, self._period_s)
         if outside is not None:
             outside = np.nan_to_num(outside)
         tracked = None
@@ -500,7 +506,7 @@ class Reader:
             tracked[:, self._tracked] = values[:, self._tracked_places]
         return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
 
-    def _steps(self, times: Array) -> Array:
+    def _sample_lengths(self, times: Array) -> Array:
         """Computes the length of the sample that ends with each row, s, shape (n, 1): the period, or time passed."""
         if not self._any_time:
             return np.full((times.size, 1), self._period_s)
@@ -508,7 +514,7 @@ class Reader:
         self._before_s = float(times[-1])
         return np.diff(times, prepend=first)[:, None]
 
-    def _integrated(self, name: str, acceleration: Array, steps_s: Array) -> Array:
+    def _integrate(self, name: str, acceleration: Array, steps_s: Array) -> Array:
         """Integrates the mean acceleration of each sample; NaN where it is missing, continuing from the last value."""
         missing = np.isnan(acceleration)
         steps = np.where(missing, 0.0, acceleration) * steps_s

@@ -106,10 +106,10 @@ class Rows(NamedTuple):
 
     def first(self, count: int) -> Rows:
         """Returns the first rows."""
-        return self.chosen(slice(count))
+        return self.select(slice(count))
 
-    def chosen(self, which: slice | NDArray[np.int_]) -> Rows:
-        """Returns some of the rows."""
+    def select(self, which: slice | NDArray[np.int_]) -> Rows:
+        """Selects rows by a mask, indices or a slice."""
         readings = {name: values[which] for name, values in self.readings.items()}
         outside, tracked, onsets_s = (
             None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)
@@ -141,10 +141,10 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
             onsets = [] if block.onsets_s is None else [block.onsets_s]
             parts = [block.time_s, *sensors, *tracked, block.commands, *onsets, *outside]
             table = np.column_stack(parts)[block.recorded]
-            writer.writerows([_cell(value) for value in row] for row in table.tolist())
+            writer.writerows([_format_cell(value) for value in row] for row in table.tolist())
 
 
-def _cell(value: float) -> str:
+def _format_cell(value: float) -> str:
     if math.isnan(value):  # not measured, or not commanded
         return ""
     return str(int(value)) if value in (0.0, 1.0) else repr(value)

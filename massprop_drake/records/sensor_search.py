@@ -22,34 +22,37 @@ _FEWEST = 20  # samples from which differences and repeated readings are told
 class SensorSearch(JetSearch):
     """Search for sensors among the columns of a table."""
 
-    def _sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+    def _find_sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+        """Finds the sensors in a topic by the names of its columns, and adds them to the map."""
         groups: dict[tuple[tuple[str, ...], str], dict[int, ColumnName]] = {}
         angles: dict[int, ColumnName] = {}
         for name in names:
-            if name.turning >= 0 and not set(name.words) & WORDS["gyro"]:
-                angles.setdefault(name.turning, name)
-            elif name.turning >= 0:
-                groups.setdefault((("rate",), name.unit), {})[name.turning] = name
-            elif name.axis >= 0 and self._kind(name):
+            if name.turn_axis >= 0 and not set(name.words) & WORDS["gyro"]:
+                angles.setdefault(name.turn_axis, name)
+            elif name.turn_axis >= 0:
+                groups.setdefault((("rate",), name.unit), {})[name.turn_axis] = name
+            elif name.axis >= 0 and self._find_quantity(name):
                 groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
         found: dict[str, list[dict[int, ColumnName]]] = {}
         for members in map(_number_axes_from_zero, groups.values()):
-            if set(members) <= set(range(4 if self._kind(members[min(members)]) == "quaternion" else 3)):
-                found.setdefault(self._kind(members[min(members)]), []).append(members)
+            if set(members) <= set(range(4 if self._find_quantity(members[min(members)]) == "quaternion" else 3)):
+                found.setdefault(self._find_quantity(members[min(members)]), []).append(members)
         for kind, several in found.items():
-            several.sort(key=lambda one, kind=kind: self._order(kind, one))  # type: ignore[misc]
+            several.sort(key=lambda one, kind=kind: self._sort_key(kind, one))  # type: ignore[misc]
         position = next(iter(found.get("position", [])), {})
-        pairs = self._differences(topic, position, angles, found)
+        pairs = self._find_differences(topic, position, angles, found)
         for members in found.get("gyro", []):
             self._add_gyro(topic, members)
         both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
-        for members, kind in sorted(both, key=lambda one: self._order("accelerometer", one[0])):
+        for members, kind in sorted(both, key=lambda one: self._sort_key("accelerometer", one[0])):
             self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
-            package = self._tracker("velocity", "velocity", f"{_join_column_names(members)}, velocities by their names")
+            package = self._take_tracker(
+                "velocity", "velocity", f"{_join_column_names(members)}, velocities by their names"
+            )
             if package:
-                self._add(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
+                self._add_sensor(package, {"kind": "velocity", "columns": _column_names(members), "unit": unit})
                 self._say(f"{package}: {_join_column_names(members)}, by their names")
         self._add_wheels(names)
         self._add_engines(names)
@@ -70,7 +73,7 @@ class SensorSearch(JetSearch):
                 continue
             unit = self._unit({0: column}, "rate", "rad/s")
             self._free["wheel"].remove(name)
-            self._add(name, {"kind": "wheel", "speed": column.column, "unit": unit})
+            self._add_sensor(name, {"kind": "wheel", "speed": column.column, "unit": unit})
             self._say(f"{name}: {column.column}, in {unit}, by its name")
 
     def _add_engines(self, names: Sequence[ColumnName]) -> None:
@@ -85,16 +88,16 @@ class SensorSearch(JetSearch):
             if angles:
                 entry |= {"gimbal": [one.column for one in angles], "unit": self._unit({0: angles[0]}, "angle", "rad")}
             self._free["engine"].remove(engine.name)
-            self._add(engine.name, entry)
+            self._add_sensor(engine.name, entry)
             self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
 
-    def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
-        """Orders groups of columns: those called as a package first, whole ones, readings before estimates."""
+    def _sort_key(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
+        """Sort key of groups of columns: those called as a package first, whole ones, readings before estimates."""
         words = members[min(members)].words
         own = kind in self._called and self._is_own(kind, words)
         return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
 
-    def _differences(
+    def _find_differences(
         self,
         topic: Topic,
         position: Mapping[int, ColumnName],
@@ -140,6 +143,7 @@ class SensorSearch(JetSearch):
         return pairs
 
     def _use_differences(self, topic: Topic, pairs: list[tuple[dict[str, str], Array]]) -> None:
+        """Takes the true time steps from pairs of values and rates, unless the logged clock is a true one."""
         steps = np.concatenate([steps[np.isfinite(steps)] for _, steps in pairs])
         typical = float(np.median(steps))
         time = self.data.setdefault("time", {})
@@ -158,7 +162,7 @@ class SensorSearch(JetSearch):
         time["differences"] = [pair for pair, _ in pairs]
 
     def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
-        package = self._package("gyro", members[min(members)].words)
+        package = self._take_package("gyro", members[min(members)].words)
         if not package:
             self._say(f"{_join_column_names(members)}: rates, but the vehicle has no further gyro")
             return
@@ -176,12 +180,12 @@ class SensorSearch(JetSearch):
         if every > 1:
             entry["every"] = every
             why += f"; they change in every {every} rows at the most, so rows between only repeat them"
-        self._add(package, entry)
+        self._add_sensor(package, entry)
         self._say(f"{package}: rates {_join_column_names(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
         first = members[min(members)]
-        package = self._package("accelerometer", first.words)
+        package = self._take_package("accelerometer", first.words)
         if not package:
             self._say(f"{_join_column_names(members)}: accelerations, but the vehicle has no further accelerometer")
             return
@@ -212,7 +216,7 @@ class SensorSearch(JetSearch):
             if si_factor_or_none(first.unit, "acceleration") is None:
                 self._guessed[package] = own
         entry = {"kind": "accelerometer", "columns": _column_names(members), "unit": unit, "gives": gives}
-        self._add(package, entry)
+        self._add_sensor(package, entry)
         self._say(f"{package}: {_join_column_names(members)} in {unit}, {why}")
 
     def _add_pose(
@@ -239,7 +243,7 @@ class SensorSearch(JetSearch):
         if not position and not self._free["pose"]:
             self._say(f"{why}: the vehicle has no sensor of attitude that is not taken")
             return
-        name = self._tracker("pose", kind, f"{_join_column_names(position)}, positions" if position else why)
+        name = self._take_tracker("pose", kind, f"{_join_column_names(position)}, positions" if position else why)
         if not name:
             return
         if position:
@@ -248,7 +252,7 @@ class SensorSearch(JetSearch):
             entry = {"position": _column_names(position), "unit": unit, **entry}
         else:
             said = why
-        self._add(name, {"kind": kind, **entry})
+        self._add_sensor(name, {"kind": kind, **entry})
         self._say(f"{name}: {said}")
 
 

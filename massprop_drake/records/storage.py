@@ -94,18 +94,18 @@ class Storage:
         Raises:
             InputError: when the file is none of its kind.
         """
-        read = {".db3": self._sqlite, ".mcap": self._mcap, ".bag": self._ros1}[self.path.suffix.lower()]
+        read = {".db3": self._read_sqlite, ".mcap": self._read_mcap, ".bag": self._read_ros1}[self.path.suffix.lower()]
         try:
             yield from read(wanted)
         except OSError as error:
             raise InputError(f"{self.name}: cannot be read: {error.strerror or error}") from None
 
-    def _lost(self, kind: Any, text: str) -> None:
+    def _note_loss(self, kind: Any, text: str) -> None:
         loss = Loss(kind, f"{self.name}: {text}")
         if loss not in self.losses[-1:]:
             self.losses.append(loss)
 
-    def _content(self, begins: bytes, what: str) -> memoryview:
+    def _map_file(self, begins: bytes, what: str) -> memoryview:
         """Reads the bytes of the file, which must begin as its kind does."""
         with self.path.open("rb") as file:
             start = file.read(len(begins))
@@ -117,12 +117,13 @@ class Storage:
 
     # -------------------------------------------------------------------------------------- MCAP
 
-    def _mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        content = self._content(_MCAP, "an MCAP file")
+    def _read_mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+        """Yields the messages of an MCAP file; goes on after damaged parts."""
+        content = self._map_file(_MCAP, "an MCAP file")
         chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
         whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
         if whole:  # the summary has all channels and counts; without it they come along the way
-            chunks = self._mcap_summary(content, schemas)
+            chunks = self._read_mcap_summary(content, schemas)
         place = len(_MCAP)
         while True:
             for op, body in _mcap_records(content, place, len(content)):
@@ -130,32 +131,34 @@ class Storage:
                 if op in (_DATA_END, _END):
                     checksum = int.from_bytes(body[:4], "little") if op == _DATA_END else 0
                     if checksum and not self.losses and zlib.crc32(content[: place - 9 - len(body)]) != checksum:
-                        self._lost("damaged", "its checksum is another: something in it has changed")
+                        self._note_loss("damaged", "its checksum is another: something in it has changed")
                     if not whole:
-                        self._lost("truncated", "is cut off within the summary at its end; all messages are there")
+                        self._note_loss("truncated", "is cut off within the summary at its end; all messages are there")
                     return
                 if op == _CHUNK:
-                    yield from self._mcap_chunk(body, wanted, schemas)
+                    yield from self._read_mcap_chunk(body, wanted, schemas)
                 else:
-                    yield from self._mcap_record(op, body, wanted, schemas)
+                    yield from self._read_mcap_record(op, body, wanted, schemas)
             if not whole:
-                self._lost("truncated", f"is cut off: it ends at byte {len(content)}, without the summary at its end")
+                self._note_loss(
+                    "truncated", f"is cut off: it ends at byte {len(content)}, without the summary at its end"
+                )
                 if content[place : place + 1] == bytes([_CHUNK]):
-                    yield from self._mcap_chunk(content[place + 9 :], wanted, schemas, cut=True)
+                    yield from self._read_mcap_chunk(content[place + 9 :], wanted, schemas, cut=True)
                 return
             following = min((one for one in chunks if one > place), default=len(content))
-            self._lost("damaged", f"bytes {place} to {following} are damaged, and left out")
+            self._note_loss("damaged", f"bytes {place} to {following} are damaged, and left out")
             place = following
             if place == len(content):
                 return
 
-    def _mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
+    def _read_mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
         """Reads the channels and counts of the summary; returns where chunks begin."""
         chunks = []
         begin = int.from_bytes(content[-28:-20], "little")
         try:
             for op, body in _mcap_records(content, begin, len(content) - 8) if begin else ():
-                self._mcap_described(op, body, schemas)
+                self._read_mcap_description(op, body, schemas)
                 if op == _CHUNK_INDEX:
                     chunks.append(int.from_bytes(body[16:24], "little"))
                 elif op == _STATISTICS:
@@ -164,10 +167,10 @@ class Storage:
                         if number in self.channels:
                             self.stated[self.channels[number].topic] += count
         except _DAMAGED:
-            self._lost("damaged", "its summary is damaged")
+            self._note_loss("damaged", "its summary is damaged")
         return chunks
 
-    def _mcap_described(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
+    def _read_mcap_description(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
         """Adds a record of MCAP to `schemas` or to the channels; ignores records of other kinds."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
@@ -181,21 +184,22 @@ class Storage:
             msgtype, language, definition = schemas.get(schema, ("of no type", "", ""))
             self.channels[number] = StoredTopic(topic, _ros2_type_name(msgtype), encoding, language, definition)
 
-    def _mcap_record(
+    def _read_mcap_record(
         self, op: int, body: memoryview, wanted: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
     ) -> Iterator[Message]:
+        """Yields the message of a record, if it is one; notes a channel or schema."""
         try:
-            self._mcap_described(op, body, schemas)
+            self._read_mcap_description(op, body, schemas)
             if op != _MESSAGE:
                 return
             number, _, stamp = struct.unpack_from("<HIQ", body)
             channel = self.channels[number]
         except _DAMAGED:
-            self._lost("damaged", "a record is damaged, and left out")
+            self._note_loss("damaged", "a record is damaged, and left out")
             return
         yield Message(channel, stamp, body[22:].tobytes() if wanted(channel) else b"")
 
-    def _mcap_chunk(
+    def _read_mcap_chunk(
         self,
         body: memoryview,
         wanted: Callable[[StoredTopic], bool],
@@ -213,21 +217,22 @@ class Storage:
             if not cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
                 raise ValueError("its checksum is another")
             for op, record in _mcap_records(memoryview(data), 0, len(data), strict=not cut):
-                yield from self._mcap_record(op, record, wanted, schemas)
+                yield from self._read_mcap_record(op, record, wanted, schemas)
         except _DAMAGED as error:
             if not cut:
-                self._lost("damaged", f"{where} damaged, and left out: {error}")
+                self._note_loss("damaged", f"{where} damaged, and left out: {error}")
 
     # -------------------------------------------------------------------------------------- ROS 1
 
-    def _ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        content = self._content(_ROS1, "a bag of ROS 1")
+    def _read_ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+        """Yields the messages of a bag of ROS 1; goes on after damaged parts."""
+        content = self._map_file(_ROS1, "a bag of ROS 1")
         header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
         if header.fields.get("encryptor"):
             raise InputError(f"{self.name}: is encrypted")
         index = int.from_bytes(header.fields.get("index_pos", b""), "little")
         whole = 0 < index <= len(content)
-        chunks = self._ros1_index(content[index:], wanted) if whole else []
+        chunks = self._read_ros1_index(content[index:], wanted) if whole else []
         place, end = len(_ROS1), index if whole else len(content)
         while True:
             for header, data in _ros1_records(content[:end], place):
@@ -237,27 +242,27 @@ class Storage:
                         inner = decompress(data, header.fields["compression"].decode())
                         if len(inner) != header.number("size", "<I"):
                             raise ValueError("a chunk is not whole")
-                        yield from self._ros1_inner(inner, wanted, strict=True)
+                        yield from self._read_ros1_chunk(inner, wanted, strict=True)
                     else:
-                        yield from self._ros1_record(header, data, wanted)
+                        yield from self._read_ros1_record(header, data, wanted)
                 except _DAMAGED:
-                    self._lost("damaged", f"the record that ends at byte {place} is damaged, and left out")
+                    self._note_loss("damaged", f"the record that ends at byte {place} is damaged, and left out")
             if place == end and whole:
                 return
             if not whole:
                 cut = f"is cut off: it ends at byte {end}" if place < end or index else "was not finished"
-                self._lost("truncated", f"{cut}, without the index at its end")
+                self._note_loss("truncated", f"{cut}, without the index at its end")
                 with contextlib.suppress(*_DAMAGED):
                     header = _Header.read(content, place)
                     if header.op == 5:
                         inner = decompress(content[place + header.size :], header.fields["compression"].decode())
-                        yield from self._ros1_inner(inner, wanted, strict=False)
+                        yield from self._read_ros1_chunk(inner, wanted, strict=False)
                 return
             following = min((one for one in chunks if one > place), default=end)
-            self._lost("damaged", f"bytes {place} to {following} are damaged, and left out")
+            self._note_loss("damaged", f"bytes {place} to {following} are damaged, and left out")
             place = following
 
-    def _ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
+    def _read_ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
         """Reads the channels and counts of the index; returns where chunks begin."""
         chunks, place = [], 0
         try:
@@ -268,21 +273,24 @@ class Storage:
                     for number, count in struct.iter_unpack("<II", data):
                         self.stated[self.channels[number].topic] += count
                 else:
-                    list(self._ros1_record(header, data, wanted))
+                    list(self._read_ros1_record(header, data, wanted))
         except _DAMAGED:
-            self._lost("damaged", "its index is damaged")
+            self._note_loss("damaged", "its index is damaged")
         if place < len(content):
-            self._lost("truncated", "is cut off within the index at its end; all messages are there")
+            self._note_loss("truncated", "is cut off within the index at its end; all messages are there")
         return chunks
 
-    def _ros1_inner(self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool) -> Iterator[Message]:
+    def _read_ros1_chunk(
+        self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool
+    ) -> Iterator[Message]:
         """Yields messages of a chunk."""
         for header, data in _ros1_records(memoryview(content), 0, strict=strict):
-            yield from self._ros1_record(header, data, wanted)
+            yield from self._read_ros1_record(header, data, wanted)
 
-    def _ros1_record(
+    def _read_ros1_record(
         self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
     ) -> Iterator[Message]:
+        """Yields the message of a record, if it is one; notes a connection as a channel."""
         if header.op == 7:
             about = _split_header(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
@@ -298,8 +306,9 @@ class Storage:
 
     # ------------------------------------------------------------------------------------- SQLite
 
-    def _sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        content = self._content(_SQLITE, "a database of SQLite")
+    def _read_sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+        """Yields the messages of an SQLite file, from a copy where reading could change it or it is cut off."""
+        content = self._map_file(_SQLITE, "a database of SQLite")
         size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
         size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
         lacking = max(pages * size - len(content), 0)
@@ -314,15 +323,15 @@ class Storage:
                     shutil.copyfile(path, Path(folder, path.name))
                 where = file.as_uri()
             with closing(sqlite3.connect(where, uri=True)) as connection:
-                yield from self._sqlite_messages(connection, wanted, lacking)
+                yield from self._read_sqlite_messages(connection, wanted, lacking)
 
-    def _sqlite_messages(
+    def _read_sqlite_messages(
         self, connection: sqlite3.Connection, wanted: Callable[[StoredTopic], bool], lacking: int
     ) -> Iterator[Message]:
         cut = f"is cut off: {counted(lacking, 'byte')} of the database are missing" if lacking else ""
         try:
             connection.execute("PRAGMA writable_schema=ON")  # or a database that is cut off cannot be read at all
-            self._sqlite_channels(connection)
+            self._read_sqlite_channels(connection)
             numbers = ",".join(str(number) for number, one in self.channels.items() if wanted(one))
             rows = connection.execute(
                 f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({numbers}) THEN data ELSE x'' END FROM messages"
@@ -335,14 +344,14 @@ class Storage:
                 if number in self.channels and isinstance(stamp, int) and isinstance(data, bytes):
                     yield Message(self.channels[number], stamp, data)
                 elif not cut:
-                    self._lost("damaged", "a message is damaged, and left out")
+                    self._note_loss("damaged", "a message is damaged, and left out")
         except (sqlite3.Error, *_DAMAGED) as error:
             if not cut:
-                self._lost("damaged", f"cannot be read further: {error}")
+                self._note_loss("damaged", f"cannot be read further: {error}")
         if cut:
-            self._lost("truncated", cut)
+            self._note_loss("truncated", cut)
 
-    def _sqlite_channels(self, connection: sqlite3.Connection) -> None:
+    def _read_sqlite_channels(self, connection: sqlite3.Connection) -> None:
         tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
         if not {"topics", "messages"} <= tables:
             raise ValueError("it has no tables of topics and messages")

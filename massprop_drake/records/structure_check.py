@@ -52,6 +52,7 @@ def _lost(losses: Sequence[Loss]) -> dict[str, Any]:
 
 
 def _check_structure(path: Path) -> dict[str, Any]:
+    """Describes a record without a vehicle: its rows, sample period, gaps, jitter and losses."""
     table = open_table(path)
     try:
         if "time_s" not in table.header:

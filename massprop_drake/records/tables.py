@@ -71,7 +71,7 @@ def require_file(path: Path) -> None:
         raise InputError(f"{path}: is {what}, not a file; rows of telemetry are read from standard input, as '-'")
 
 
-class _Watched(io.RawIOBase):
+class _HashingStream(io.RawIOBase):
     """Binary stream that hashes and counts the bytes read from it."""
 
     def __init__(self, inner: IO[bytes]):
@@ -112,7 +112,7 @@ class CsvTable(Table):
         self.source = source
         self._rows_per_block = rows_per_block
         self._size = size
-        self._watched = _Watched(binary)
+        self._watched = _HashingStream(binary)
         self._suspicious = False  # whether the last line may hold what `float` takes, but a cell must not
         self._line = 0
         self._unended = False  # whether the last line has no end
@@ -140,6 +140,7 @@ class CsvTable(Table):
         self._binary.close()
 
     def _lines(self) -> Iterator[str]:
+        """Yields the lines; notes the number of each, and whether it has an end."""
         text = io.TextIOWrapper(io.BufferedReader(self._watched, 1 << 16), encoding="utf-8-sig", newline="")
         for number, line in text_lines(text, self.source, self._zeros):
             self._line = number
@@ -184,7 +185,7 @@ class CsvTable(Table):
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
         """
         width = len(self.header)
-        pick, ending = _picker(wanted, width), Ending()
+        pick, ending = _make_picker(wanted, width), Ending()
         numeric = width - 1 in wanted
         lines: list[int] = []
         values = array("d")
@@ -200,7 +201,7 @@ class CsvTable(Table):
             if len(row) != width or (self._unended and ending.is_cut(row[-1], number=numeric)):
                 pending, self.ragged.last_incomplete = self._line, len(row) <= width
                 continue
-            ending.saw(row[-1])
+            ending.note_last_cell(row[-1])
             cells = pick(row)
             try:
                 values.extend(map(float, self._strictly(cells, wanted) if self._suspicious else cells))
@@ -210,18 +211,19 @@ class CsvTable(Table):
             lines.append(self._line)
             good += 1
             if len(lines) == self._rows_per_block:
-                yield self._block(lines, values, wanted)
+                yield self._make_block(lines, values, wanted)
                 lines, values = [], array("d")
         if lines:
-            yield self._block(lines, values, wanted)
+            yield self._make_block(lines, values, wanted)
         if pending:
             self.ragged.add(pending)
         self._require_regular(good, at_end=True)
 
     def _strictly(self, cells: Sequence[str], wanted: list[int]) -> list[float]:
-        return [self._number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
+        return [self._parse_number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
 
-    def _number(self, cell: str, column: str) -> float:
+    def _parse_number(self, cell: str, column: str) -> float:
+        """Parses a cell: NaN if missing; raises InputError with its place for any other text."""
         text = cell.strip()
         if text.lower() in MISSING:
             return np.nan
@@ -235,7 +237,7 @@ class CsvTable(Table):
             )
         return float(text)
 
-    def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
+    def _make_block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
         require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
         return block
@@ -262,7 +264,7 @@ def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_en
         )
 
 
-def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
+def _make_picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
     """Makes a function that returns the wanted cells of a row of `width` cells."""
     if wanted == list(range(width)):
         return lambda row: row

@@ -1,4 +1,4 @@
-"""Tables of other programs in text files: separators, remarks and units are told by the first lines."""
+"""Tables of other programs in text files, whose separators, comments and units are found in the first lines."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Record
         form, units = _detect_form(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form, losses)
-            where = _Where()
-            lined = where.watched(numbered)
+            where = _CurrentLine()
+            lined = where.follow(numbered)
             named = next(lined, "")
             header = _split_cells(named, form.separator)
             marked = named.strip().partition(form.separator)[0].strip()
@@ -149,7 +149,7 @@ def unit_in(text: str) -> str:
     return ""
 
 
-class _Where:
+class _CurrentLine:
     """Line that is being read.
 
     Attributes:
@@ -161,7 +161,8 @@ class _Where:
         self.line = 0
         self.unended = False
 
-    def watched(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+    def follow(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+        """Yields the lines' texts, and keeps the number of the current one."""
         for self.line, text in numbered:
             self.unended = text[-1] not in "\r\n"
             yield text
@@ -203,7 +204,10 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
 
 
 def _collect_columns(
-    cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
+    cells: Iterator[list[str]],
+    header: list[str],
+    wanted: list[str],
+    how: tuple[CsvForm, set[str], int | None, _CurrentLine],
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
     form, as_text, most, where = how
@@ -214,12 +218,13 @@ def _collect_columns(
     lines: list[int] = []
     ragged, ending = Ragged(), Ending()
 
-    def settle() -> None:
+    def convert_held() -> None:
+        """Moves the cells held to the columns, as numbers where all of them are."""
         for name, piece, column in zip(wanted, pieces, held, strict=True):
             piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
             column.clear()
 
-    def numeric() -> bool:
+    def is_last_numeric() -> bool:
         """Tests whether the last column of the header is wanted, and has numbers alone in the rows read so far."""
         if header[-1] not in wanted or header[-1] in as_text:
             return False
@@ -230,21 +235,21 @@ def _collect_columns(
         cut = (
             where.unended
             and len(row) == len(header)
-            and ending.is_cut(row[-1].replace(form.decimal, "."), number=numeric())
+            and ending.is_cut(row[-1].replace(form.decimal, "."), number=is_last_numeric())
         )
         ragged.last_incomplete = cut or len(row) < len(header)
         if cut or len(row) != len(header):
             ragged.add(where.line)
             continue
-        ending.saw(row[-1])
+        ending.note_last_cell(row[-1])
         for place, column in zip(places, held, strict=True):
             column.append(row[place])
         lines.append(where.line)
         if len(lines) % CHUNK == 0:
-            settle()
+            convert_held()
         if most is not None and len(lines) >= most:
             break
-    settle()
+    convert_held()
     return (
         {name: _join_pieces(piece) for name, piece in zip(wanted, pieces, strict=True)},
         np.array(lines, np.int64),
@@ -252,7 +257,7 @@ def _collect_columns(
     )
 
 
-def _whole_rows(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
+def _whole_rows(cells: Iterator[list[str]], where: _CurrentLine) -> Iterator[list[str]]:
     """Yields the cells of each row; one that ends within quotes, with the file, has none."""
     try:
         yield from cells

@@ -272,7 +272,7 @@ class _Estimation:
         self._next_row += count
         signals = self._signals(rows, logs)
         self._count(rows, signals, coming[:count])
-        self._quality.add(*((rows, signals) if self._thinning is None else self._thinning.of(rows, signals)))
+        self._quality.add(*((rows, signals) if self._thinning is None else self._thinning.select(rows, signals)))
         return self._intake.take(signals)
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
@@ -388,7 +388,7 @@ class _Estimation:
 
     def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
         """Judges the quality of the record up to the first failure."""
-        quality = self._quality.finished(reader.record, reader.ragged, failed_s)
+        quality = self._quality.summarize(reader.record, reader.ragged, failed_s)
         quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         return quality
 

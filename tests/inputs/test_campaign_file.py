@@ -37,7 +37,7 @@ def written(folder: Path, text: str) -> Path:
 
 def drawn_at(u: float, spec: Any) -> dict[str, Any]:
     """The fields of the case whose coordinates are all the same."""
-    values = {quantity.label: quantity.distribution.at(np.array([u]))[0] for quantity in spec.quantities}
+    values = {quantity.label: quantity.distribution.quantiles(np.array([u]))[0] for quantity in spec.quantities}
     return settings_of(spec, values)
 
 

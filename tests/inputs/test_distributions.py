@@ -37,18 +37,18 @@ def made(tag: str, parameters: Any) -> Any:
 @pytest.mark.parametrize(("tag", "parameters", "oracle"), ORACLES)
 def test_quantiles_are_those_of_scipy(tag: str, parameters: dict[str, Any], oracle: Any) -> None:
     inside = U[1:]  # an unbounded distribution has none at zero
-    np.testing.assert_allclose(made(tag, parameters).at(inside), oracle.ppf(inside), rtol=1e-9, atol=1e-12)
-    assert np.isfinite(made(tag, parameters).at(U)).all()
+    np.testing.assert_allclose(made(tag, parameters).quantiles(inside), oracle.ppf(inside), rtol=1e-9, atol=1e-12)
+    assert np.isfinite(made(tag, parameters).quantiles(U)).all()
 
 
 def test_whole_numbers_and_choices_are_alike_or_as_weighed() -> None:
     u = (np.arange(1000) + 0.5) / 1000
-    numbers = made("integers", {"low": 2, "high": 6}).at(u)
+    numbers = made("integers", {"low": 2, "high": 6}).quantiles(u)
     assert [numbers.count(number) for number in range(2, 7)] == [200] * 5
     assert all(type(number) is int for number in numbers)
-    assert [made("choice", ["a", "b"]).at(u).count(name) for name in "ab"] == [500, 500]
+    assert [made("choice", ["a", "b"]).quantiles(u).count(name) for name in "ab"] == [500, 500]
     weighted = made("choice", {"values": ["a", "b", "c", "d"], "weights": [0, 3, 1, 0]})
-    weighed = weighted.at(np.append(u, [0.0, 1 - 1e-16]))
+    weighed = weighted.quantiles(np.append(u, [0.0, 1 - 1e-16]))
     assert [weighed.count(name) for name in "abcd"] == [0, 751, 251, 0]
 
 
@@ -72,7 +72,7 @@ def test_nothing_is_drawn_beyond_the_bounds(kind: str, a: float, b: float, c: fl
     except InputError:
         assert not low < high or low == 0.0 or math.isinf(high - low)
         return
-    [value] = distribution.at(np.array([u]))
+    [value] = distribution.quantiles(np.array([u]))
     assert low <= value <= high
 
 

@@ -450,6 +450,6 @@ def test_commands_hold_in_rows_that_have_none_for_about_a_period(tmp_path: Path)
 def test_thinned_rows_are_those_with_commands_a_period_apart() -> None:
     times, told = 0.02 * np.arange(21), np.arange(21) % 5 == 0
     rows = Rows(times, {"gyro": np.zeros((21, 3))}, np.zeros((21, 1)), None, np.ones(21, dtype=bool), told=told)
-    chosen, signals = Thinning(PERIOD_S, ["gyro"]).of(rows, {"alarm": np.arange(21)[:, None]})
+    chosen, signals = Thinning(PERIOD_S, ["gyro"]).select(rows, {"alarm": np.arange(21)[:, None]})
     np.testing.assert_allclose(chosen.time_s, [0.0, 0.1, 0.2, 0.3, 0.4])
     np.testing.assert_array_equal(signals["alarm"][:, 0], [0, 5, 10, 15, 20])

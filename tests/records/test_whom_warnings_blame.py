@@ -98,7 +98,7 @@ def checked(
             np.ones(len(time_s[part]), dtype=bool),
         )
         report.add(rows, {name: values[part] for name, values in signals.items()})
-    return report.finished(RECORD, (0, 0, False), failed_s)
+    return report.summarize(RECORD, (0, 0, False), failed_s)
 
 
 RECORD = Record()

@@ -226,6 +226,6 @@ def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
     for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
         values = quantity.distribution.grid() if campaign.file.method == "grid" else None
         if values is None:
-            yield quantity.distribution.at(column)
+            yield quantity.distribution.quantiles(column)
         else:
             yield [values[int(number)] for number in column]

@@ -96,7 +96,7 @@ def design(
     suspected = asked.parse_suspects(suspects, force, vehicle, craft.jets)
     if not wanted and not suspects:
         raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
-    aims = asked.make_aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, False))
+    aims = asked.make_aims(wanted, suspected, craft.params, asked.AimSettings(base.faults, margin, False))
     flow = float(np.median(craft.flows[craft.jets]))
     cost = Cost(1.0 / flow, crafts.SECOND) if spare == "propellant" else Cost(crafts.SECOND / flow, 1.0)
     task = Task(
@@ -111,7 +111,7 @@ def design(
     floors = reach.require_within_reach(sets, task, (wanted, suspected), vehicle)
     reach.require_room(sets, task, limits or {})
     choice = characterize_actions(candidate_actions(sets, craft), task)
-    converging = asked.make_aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, True))
+    converging = asked.make_aims(wanted, suspected, craft.params, asked.AimSettings(base.faults, margin, True))
     found, task = _search_plan(choice, task, converging, len(wanted))
     reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
     made = writing.make_design(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
@@ -169,7 +169,7 @@ def _craft_and_filter(scenario: Scenario, run: Run | None, without: Sequence[str
     for name in without:
         if name not in vehicle.designations:
             raise InputError(f"design: without '{name}': no such jet{suggestion(name, vehicle.designations)}")
-    craft, made = crafts.craft(scenario, frozenset(without)), inputs.estimation_params(scenario)
+    craft, made = crafts.make_craft(scenario, frozenset(without)), inputs.estimation_params(scenario)
     if craft.jets.size == 0 and not craft.torques.any():
         raise InputError("design: without: leaves no jet to fire")
     if run is None:

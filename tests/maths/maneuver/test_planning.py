@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import Scenario
-from massprop_drake.inputs.crafts import craft
+from massprop_drake.inputs.crafts import make_craft
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.maneuver.actions import Craft, candidate_actions, coast_action, fly_action
 from massprop_drake.maths.maneuver.aims import Aims, Known
@@ -31,7 +31,7 @@ JETS = [(jet,) for jet in range(12)]
 
 @pytest.fixture(scope="module")
 def made() -> Craft:
-    return craft(Scenario(vehicle="small_satellite"))
+    return make_craft(Scenario(vehicle="small_satellite"))
 
 
 def task(made: Craft, share: float, limits: ManeuverLimits = FREE) -> Task:
