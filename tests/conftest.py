@@ -80,13 +80,18 @@ def short_run() -> Run:
     return simulate(load_scenario("sample_maneuver", ["duration_s=7"]))
 
 
+# every error that a sensor can have
+SENSOR_ERRORS = (
+    "[{sensor: gyro, scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], bias_random_walk: 1.0e-7, "
+    "noise_std: 2.0e-6}, "
+    "{sensor: acc2, bandwidth_hz: 20.0, bias: [1.0e-3, 0, 0], noise_std: 0.01, delay_samples: 1}]"
+)
+
+
 @pytest.fixture(scope="session")
 def noisy_run() -> Run:
     """The sample maneuver's first 24 s with every sensor error on; do not change its arrays."""
-    gyro = "scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], bias_random_walk: 1.0e-7, noise_std: 2.0e-6"
-    accelerometer = "bandwidth_hz: 20.0, bias: [1.0e-3, 0, 0], noise_std: 0.01, delay_samples: 1"
-    errors = f"sensors.errors=[{{sensor: gyro, {gyro}}}, {{sensor: acc2, {accelerometer}}}]"
-    return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", errors]))
+    return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", f"sensors.errors={SENSOR_ERRORS}"]))
 
 
 TOY = """

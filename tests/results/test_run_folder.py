@@ -302,7 +302,7 @@ def test_a_damaged_run_is_refused(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_seed_gives_its_run_bit_for_bit_and_others_differ() -> None:
-    noisy = ["duration_s=4", f"sensors.errors={' '.join(SENSOR_ERRORS.split())}"]
+    noisy = ["duration_s=4", f"sensors.errors={SENSOR_ERRORS}"]
     one, again, other = (simulate(load_scenario("sample_maneuver", [*noisy, f"seed={seed}"])) for seed in (7, 7, 8))
     _assert_same(again, one)
     for name in ("gyro", "acc1"):  # acc1 is quantized only: the phase is drawn, too

@@ -40,7 +40,7 @@ def flight(settings: Sequence[str]) -> Run:
 
 
 def params_of(settings: Sequence[str]) -> JointFilterParams:
-    return inputs.joint_params(load_scenario("orbiter_maneuver", [*SETTINGS, *settings]))
+    return inputs.estimation_params(load_scenario("orbiter_maneuver", [*SETTINGS, *settings])).filter_params
 
 
 def cycles(run: Run, params: JointFilterParams) -> Iterator[JointEvidence]:

@@ -56,7 +56,7 @@ def flown() -> Flown:
     run = simulate(
         load_scenario("sample_maneuver", [*given, "plant.thrust_transient=vehicle", "duration_s=10"]), look_back=False
     )
-    params, states = inputs.joint_params(filtered), []
+    params, states = inputs.estimation_params(filtered).filter_params, []
     velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
     for kept in (BEGUN, OVER):
         state = joint.initial_state(params)._replace(start=kept)

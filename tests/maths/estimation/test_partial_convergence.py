@@ -35,7 +35,7 @@ def test_a_failure_is_named_by_the_rates_within_a_second_while_mass_is_unknown()
 
 @pytest.fixture(scope="module")
 def params() -> JointParams:
-    return inputs.joint_params(load_scenario("small_satellite_maneuver", SETTINGS)).joint
+    return inputs.estimation_params(load_scenario("small_satellite_maneuver", SETTINGS)).filter_params.joint
 
 
 @pytest.mark.parametrize(("row", "matters"), [(0, True), (1, True), (2, True), (3, True), (7, True), (MASS, False)])

@@ -14,7 +14,7 @@ from massprop_drake import Design, Run, design, load_scenario, load_vehicle, sim
 from massprop_drake.cli.app import app
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.estimation_blocks import CglrBlock
-from massprop_drake.inputs.scenario import ExecutionBlock
+from massprop_drake.inputs.scenario_fields import ExecutionBlock
 from massprop_drake.studies.design import designing, saving
 
 
