@@ -187,7 +187,7 @@ class Estimator:
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns all that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
+        """Returns the state of the next cycle, for `pickle` and `copy`; the rest follows from the scenario."""
         kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s", "_told_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 

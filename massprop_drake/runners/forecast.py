@@ -117,7 +117,7 @@ def foretell(
 
 
 def as_data(found: Forecast) -> dict[str, Any]:
-    """Makes JSON of a forecast: arrays as lists, parameters in the order of a summary's covariance."""
+    """Converts a forecast to JSON data: arrays as lists, parameters in the order of a summary's covariance."""
     return {
         "scenario": found.scenario,
         "properties": found.properties.tolist(),

@@ -100,7 +100,7 @@ def notebook(study: Study) -> str:
 
 
 def contents(study: Study) -> dict[str, Any]:
-    """Returns all that the page shows, as plain values: texts, tables and plots."""
+    """Makes the content of the report page as plain values: texts, tables and plots."""
     spec = study.spec
     cell = study.cells[study.reference]
     rows = cell.rows

@@ -28,7 +28,7 @@ _HOUR_S = 3600.0
 
 
 class Column(NamedTuple):
-    """Column of the comparison.
+    """Column of the comparison: a campaign, or a cell of its sweep.
 
     Attributes:
         label: the campaign's folder, and the settings of the cell where there are several.
@@ -170,6 +170,7 @@ def _has_outcome(outcome: str) -> Callable[[InjectedEvent], bool]:
 def _share_measure(
     words: str, of: Sequence[tuple[Any, Any]], holds: Callable[[Any], bool], measured_on: str
 ) -> Measure:
+    """Measures the share for which a condition holds in both members of pairs, and the paired difference."""
     first, second = [holds(pair[0]) for pair in of], [holds(pair[1]) for pair in of]
     n = max(len(of), 1)
     return Measure(words, "%", (sum(first) / n, sum(second) / n), statistics.paired_share(first, second), measured_on)
@@ -274,7 +275,7 @@ def page(folders: Sequence[str | Path]) -> str:
 
 
 def contents(found: Sequence[Column]) -> dict[str, Any]:
-    """Returns all that the page shows, as plain values."""
+    """Makes the content of the comparison page as plain values."""
     figures = [merit.figures(column.cell.rows) for column in found]
     labels = [column.label for column in found]
     plots = []

@@ -49,7 +49,7 @@ class Case(Protocol):
 
 
 class CampaignWork(NamedTuple):
-    """Cases to fly, and how.
+    """Cases to fly, with their common settings and limits.
 
     Attributes:
         setup: what all cases share, as of `campaign_flight.Flights`, without `key` and `token`.
@@ -281,7 +281,7 @@ class _Chunks:
         return submitted
 
     def _chunk_size(self, threads: int) -> int:
-        """Returns the number of cases of the next chunk."""
+        """Computes the number of cases in the next chunk."""
         share = len(self._waiting) // (_WAITING * threads)
         if self._per_case_s is None:
             return max(1, min(_FIRST, share))

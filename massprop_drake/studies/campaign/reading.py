@@ -179,7 +179,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
 
 
 def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
-    """Returns all plain values in nested data, by dotted path; `vectors`: whether a list of plain ones is one, too."""
+    """Flattens nested data to values by dotted path; `vectors`: a list of plain values stays one value."""
     nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
         parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
