@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from massprop_drake.inputs.vehicle_file import load_vehicle as load_vehicle
     from massprop_drake.runners.estimator import Estimator as Estimator
     from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
-    from massprop_drake.runners.foretelling import foretell as foretell
+    from massprop_drake.runners.forecast import foretell as foretell
     from massprop_drake.runners.recorded import estimate as estimate
     from massprop_drake.runners.simulate import simulate as simulate
     from massprop_drake.studies.campaign.campaign import Campaign as Campaign
@@ -37,7 +37,7 @@ _HOMES = {
     "estimate": "runners.recorded",
     "Estimator": "runners.estimator",
     "EstimatorStep": "runners.estimator",
-    "foretell": "runners.foretelling",
+    "foretell": "runners.forecast",
     "Run": "display.run",
     "Scenario": "inputs.scenario",
     "load_scenario": "inputs.scenario",

@@ -42,7 +42,7 @@ OUTSIDE = {"maths": {"numpy"}, "systems": {"numpy", "pydrake"}, "diagrams": {"nu
 KNOWN = {"systems": {"errors", "maths"}, "diagrams": {"maths", "systems", "inputs", "results"}}
 # outside names, and the modules beyond a room that use them
 USERS = {
-    "pydrake": ({"systems", "diagrams"}, {"runners.simulated", "display.graphs", "display.links", "display.stage"}),
+    "pydrake": ({"systems", "diagrams"}, {"runners.drake_engine", "display.graphs", "display.links", "display.stage"}),
     "typer": ({"cli"}, {f"{BESIDE}.command"}),
     "rich": ({"cli"}, {f"{BESIDE}.command"}),
     "click": ({"cli"}, {f"{BESIDE}.command"}),

@@ -40,6 +40,7 @@ app.add_typer(campaigns.app, name="campaign")
 
 
 def _show_version(shown: bool) -> None:
+    """Prints the version and ends the command, if `--version` is given."""
     if shown:
         from importlib.metadata import version
 
@@ -115,7 +116,7 @@ def run(
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
     save = sources.make_run_saver(place, pictures=figures, report=report, replay=view)
 
-    from massprop_drake.runners.guaranteed import with_intervals
+    from massprop_drake.runners.guaranteed_intervals import add_guaranteed_intervals
     from massprop_drake.runners.simulate import simulate
 
     watch = None
@@ -130,7 +131,7 @@ def run(
     ):
         result = simulate(case, progress=progress, watch=watch, folder=place.path.parent, keep=save)
         if intervals:
-            result = sources.extend_or_save(with_intervals, result, save)
+            result = sources.extend_or_save(add_guaranteed_intervals, result, save)
     folder = save(result)
     if as_json:
         show.print_json(result.summary)
@@ -153,12 +154,12 @@ def foretell(
 ) -> None:
     """Forecasts a flight before it is flown: sigmas, floors, propellant, and how soon each leak shows."""
     from massprop_drake.cli import show, sources
-    from massprop_drake.runners import foretelling
+    from massprop_drake.runners import forecast
 
     case = sources.load_recovered_scenario(scenario, overrides or [])
-    found = foretelling.foretell(case, nominal=nominal, share=leak, since_s=since)
+    found = forecast.foretell(case, nominal=nominal, share=leak, since_s=since)
     if as_json:
-        show.print_json(foretelling.as_data(found))
+        show.print_json(forecast.as_data(found))
     else:
         show.print_forecast(found, case.vehicle_data)
 
@@ -303,7 +304,7 @@ def estimate(
     from massprop_drake.records.rows import scenario_name
     from massprop_drake.results.folder import reserve_place
     from massprop_drake.results.run_content import read_summary
-    from massprop_drake.runners.simulated_beside import beside, require_comparable
+    from massprop_drake.runners.simulation_comparison import compare_with_simulation, require_comparable
 
     telemetry: str | list[str] = records[0] if len(records) == 1 else records
     name = scenario_name(records[0])
@@ -322,7 +323,7 @@ def estimate(
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
     save = sources.make_run_saver(place, pictures=figures, report=report, replay=view)
 
-    from massprop_drake.runners.guaranteed import with_intervals
+    from massprop_drake.runners.guaranteed_intervals import add_guaranteed_intervals
     from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)
@@ -342,10 +343,10 @@ def estimate(
             keep=save,
         )
         if against is not None:
-            more = partial(beside, folder=against, spool_folder=place.path.parent)
+            more = partial(compare_with_simulation, folder=against, spool_folder=place.path.parent)
             result = sources.extend_or_save(more, result, save)
         if intervals:
-            result = sources.extend_or_save(with_intervals, result, save)
+            result = sources.extend_or_save(add_guaranteed_intervals, result, save)
         folder = save(result)
     if as_json:
         show.print_json(result.summary)
@@ -376,7 +377,7 @@ def map_record(
     from massprop_drake.cli import records
     from massprop_drake.inputs.vehicle_file import load_vehicle
 
-    how = records.How(force=force, as_json=as_json, quiet=quiet)
+    how = records.OutputOptions(force=force, as_json=as_json, quiet=quiet)
     if make_vehicle is not None:
         records.make_vehicle(record, make_vehicle, mass, records.parse_moments(inertia), how)
         return
@@ -573,7 +574,7 @@ def check(
     from massprop_drake.inputs.vehicle_file import load_vehicle
 
     if schema is not None:
-        shown = checks.keys_of(schema)
+        shown = checks.list_schema_keys(schema)
         if as_json:
             show.print_json([key._asdict() for key in shown])
         else:

@@ -38,12 +38,12 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
 }
 
 
-def keys_of(schema: Schema) -> list[Key]:
+def list_schema_keys(schema: Schema) -> list[Key]:
     """Lists the keys of a kind of file; those of a scenario leave out its vehicle's, a schema of their own."""
     return [key for key in KEYS[schema]() if not key.name.startswith("vehicle.")]
 
 
-class Checked(NamedTuple):
+class CheckFindings(NamedTuple):
     """Findings of a check of files.
 
     Attributes:
@@ -57,7 +57,7 @@ class Checked(NamedTuple):
     problems: list[str]
 
 
-def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bool) -> Checked:
+def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bool) -> CheckFindings:
     """Checks files.
 
     Args:
@@ -66,7 +66,7 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
         pairs: of jets that look alike, in the report on a vehicle.
         report: whether a vehicle is reported on.
     """
-    said = Checked([], [], [])
+    said = CheckFindings([], [], [])
     for name in names:
         try:
             good = read_checked_file(name, whose)
@@ -75,7 +75,7 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
             said.problems.extend(error.problems)
             said.lines.extend(error.problems)
             continue
-        about = good.words if isinstance(good, Described) else show.describe_input(good)
+        about = good.words if isinstance(good, InputDescription) else show.describe_input(good)
         doubts = list(map(str, good.doubts))
         said.findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
         said.lines.extend([f"{name}: ok: {about}", *(f"{name}: warning: {doubt}" for doubt in doubts)])
@@ -87,8 +87,8 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
     return said
 
 
-class Described(NamedTuple):
-    """The content of a file in words.
+class InputDescription(NamedTuple):
+    """Description of a good file in words.
 
     Attributes:
         words: a line.
@@ -99,12 +99,12 @@ class Described(NamedTuple):
     doubts: Sequence[str] = ()
 
 
-def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
+def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | InputDescription:
     """Reads and validates a file; returns its content, telemetry and maps in words; raises InputError for a bad one."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
-        return Described(show.describe_telemetry(found, whose), found["notes"])
+        return InputDescription(show.describe_telemetry(found, whose), found["notes"])
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
@@ -117,7 +117,7 @@ def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | 
     if kind == "vehicle":
         return validate_data(Vehicle, document.data, document)
     if "commands" in document.data and "sensors" in document.data:
-        return Described(show.describe_map(validate_data(RecordMap, document.data, document)))
+        return InputDescription(show.describe_map(validate_data(RecordMap, document.data, document)))
     if kind == "campaign":
         return campaign_from(document, Path(name).parent)
     return _require_flyable(resolve_scenario(document.data, document, Path(name).parent), name)

@@ -17,7 +17,7 @@ from massprop_drake.results.manifest import read as read_manifest
 from massprop_drake.results.run_content import read_summary
 
 
-class Written(NamedTuple):
+class WrittenExport(NamedTuple):
     """Export that was written.
 
     Attributes:
@@ -49,7 +49,7 @@ class ExportOptions(NamedTuple):
     force: bool
 
 
-def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[[Path, str], None]) -> Written:
+def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[[Path, str], None]) -> WrittenExport:
     """Writes a run as a file, into its folder or elsewhere.
 
     Args:
@@ -82,7 +82,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
         write_file(target, put, chosen.name, force=asked.force, reads=[folder])
     else:
         write_files(folder, {name: put}, force=asked.force, found=None if before is None else before.id)
-    return Written(
+    return WrittenExport(
         str(target), target.stat().st_size, run.time_s.size, list(content.outline.series), list(content.outline.notes)
     )
 

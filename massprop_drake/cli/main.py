@@ -59,6 +59,7 @@ class SavedWork:
 
 
 def _file_identity(file: Path) -> tuple[int, ...] | None:
+    """Device, inode and time of change of a file, which differ once it is written anew; None: there is none."""
     try:
         found = os.stat(file)
     except OSError:
@@ -109,6 +110,7 @@ def run(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int
 
 
 def _run_command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
+    """Checks arguments and locale, and runs the command; returns its exit status."""
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":

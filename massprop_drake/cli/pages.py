@@ -67,6 +67,7 @@ def write(
 
 
 def _page_html(name: str, run: Run, folder: Path | None, replay: str | None = None) -> str:
+    """Makes the report or the replay of a run as HTML; the report links to the replay that is in the folder."""
     if name == REPLAY:
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 

@@ -27,7 +27,7 @@ from massprop_drake.results.folder import require_file, write_file
 _WIDTH = 96  # of the comments in a file
 
 
-class How(NamedTuple):
+class OutputOptions(NamedTuple):
     """Options of how a result is written and printed, and files that are read besides the record."""
 
     force: bool
@@ -36,7 +36,7 @@ class How(NamedTuple):
     reads: tuple[str, ...] = ()
 
 
-def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> None:
+def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: OutputOptions) -> None:
     """Proposes a map, writes it where it is wanted, and shows the first rows as it understands them.
 
     Raises:
@@ -63,7 +63,7 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
         raise InputError(*(f"{recording.source}: {one}" for one in found.lacking))
 
 
-def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
+def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> None:
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
@@ -72,7 +72,7 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
 
 
 def make_vehicle(
-    record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, how: How
+    record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, how: OutputOptions
 ) -> None:
     """Writes a vehicle's file from the parameters of a PX4 log.
 
@@ -141,10 +141,10 @@ def _comment(text: str) -> list[str]:
     )
 
 
-def _print_map(found: Proposal, understood: channels.Mapped | None, how: How, recording: Recording) -> None:
+def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputOptions, recording: Recording) -> None:
     """Prints a map's first rows, or all of it as JSON, and notes on the record."""
     rows = [] if understood is None else mapped_rows.preview_rows(understood)
-    of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
+    of_rows = () if understood is None else (*understood.notes, *_find_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
     notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
     if how.as_json:
@@ -152,12 +152,12 @@ def _print_map(found: Proposal, understood: channels.Mapped | None, how: How, re
         show.print_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet:
         if understood is not None:
-            Terminal(120).print(_table(understood, rows))
+            Terminal(120).print(_make_rows_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
 
 
-def _refusals(understood: channels.Mapped) -> list[str]:
+def _find_refusals(understood: channels.Mapped) -> list[str]:
     """Lists reasons for which the estimators would not take the record as mapped; none where they would."""
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
@@ -175,7 +175,8 @@ def _refusals(understood: channels.Mapped) -> list[str]:
     return []
 
 
-def _table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
+def _make_rows_table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
+    """Makes a table of a record's first rows: a line for each sensor component, and one for the open jets."""
     table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
     table.add_column("")
     for row in rows:
@@ -184,13 +185,13 @@ def _table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
         for component in channels.COMPONENTS[channel.kind][: channel.values.shape[1]]:
             values = [row["sensors"][name][component] for row in rows]
             if any(value is not None for value in values):
-                unit = _unit(understood, channel, component)
+                unit = _unit_suffix(understood, channel, component)
                 table.add_row(f"{name} {component}{unit}", *("-" if one is None else f"{one:.5g}" for one in values))
     table.add_row("jets open", *(_open_jets_text(row["jets"]) for row in rows))
     return table
 
 
-def _unit(understood: channels.Mapped, channel: channels.Channel, component: str) -> str:
+def _unit_suffix(understood: channels.Mapped, channel: channels.Channel, component: str) -> str:
     """Returns the unit of a channel's component, after a blank."""
     if component.startswith("q_") or component == "level":
         return ""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from massprop_drake.results.detections import DetectionRecord
     from massprop_drake.results.events import EventRecord
     from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
-    from massprop_drake.runners.foretelling import Forecast
+    from massprop_drake.runners.forecast import Forecast
 
 _READABLE = 60  # characters, of a column of sentences
 _DIAGONAL = 3  # elements of the inverse inertia that are on its diagonal come first
@@ -124,7 +124,7 @@ def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     _print_parameters(console, title, results, vehicle, truth=True)
-    console.say(_consistency(results.consistency))
+    console.say(_consistency_text(results.consistency))
     _print_doubts(console, results)
     autopilot = results.autopilot
     console.say(
@@ -154,7 +154,7 @@ def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         console.say((f"{results.completeness}:", "bold yellow"), f"{'':{13 - len(results.completeness) - 1}}{loss}")
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
-    console.say(_consistency(results.consistency))
+    console.say(_consistency_text(results.consistency))
     _print_doubts(console, results)
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
@@ -163,7 +163,7 @@ def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
     _print_detector_report(console, results, vehicle)
     if results.against is not None:
-        _print_against(console, results.against)
+        _print_simulation_comparison(console, results.against)
     _print_intervals(console, results, vehicle)
     console.say(f"speed:       {_speed_text(quality['rows'] / results.timing.wall_s)} rows a second")
     _print_files(console, folder)
@@ -188,7 +188,7 @@ def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> N
     console.say(name, f"{'' if found.contradicted else '  '} {found.in_words()}")
 
 
-def _print_against(console: Terminal, found: Against) -> None:
+def _print_simulation_comparison(console: Terminal, found: Against) -> None:
     """Prints how far a record is from a simulation of its commands, and possible causes."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
@@ -286,13 +286,13 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
     print_table(console, title, first.headings, rows, spare=spare, absent=(table.KNOWN,))
 
 
-def _consistency(found: Consistency) -> str:
+def _consistency_text(found: Consistency) -> str:
     return f"consistency: {found.verdict}; {found.in_words()}"
 
 
 def _print_doubts(console: Terminal, results: Summary) -> None:
     """Explains why estimates are not to be relied on, and which."""
-    from massprop_drake.results.identified import in_words  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.identifiability_flags import in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
         console.say(("inconsistent:", "bold red"), f" {reason}")
@@ -346,7 +346,9 @@ def _print_detector_report(console: Terminal, results: Summary, vehicle: Vehicle
     for lost in results.injected or ():
         if lost.good is False:
             acted = "" if lost.first_acted_s is None else f", acting since {lost.first_acted_s:.2f} s"
-            console.say(("missed:", "bold red"), f"      {lost.name} at {lost.start_s:.2f} s{acted}: {lost.became}")
+            console.say(
+                ("missed:", "bold red"), f"      {lost.name} at {lost.start_s:.2f} s{acted}: {lost.outcome_text}"
+            )
     for group in results.untested:
         console.say(f"untested:    {', '.join(group.jets)}: {group.reason}")
 
@@ -435,7 +437,7 @@ def vehicle_lines(report: Mapping[str, Any], units: Mapping[str, str]) -> list[s
     )
     condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
     length, force = units["length"], units["force"]
-    gyration, arms, thrusts = (_range(report["body"][name]) for name in ("gyration", "arms", "thrusts"))
+    gyration, arms, thrusts = (_range_text(report["body"][name]) for name in ("gyration", "arms", "thrusts"))
     lines = [
         f"body:        {report['body']['mass']:.4g} {units['mass']}, radii of gyration {gyration} {length}; "
         f"jets of {thrusts} {force}, {arms} {length} from the center of mass",
@@ -458,7 +460,7 @@ def vehicle_lines(report: Mapping[str, Any], units: Mapping[str, str]) -> list[s
     return [f"  {line}" for line in lines]
 
 
-def _range(values: Sequence[float]) -> str:
+def _range_text(values: Sequence[float]) -> str:
     """Formats the least and the largest of some values."""
     least, largest = f"{min(values):.3g}", f"{max(values):.3g}"
     return least if least == largest else f"{least} to {largest}"
@@ -507,11 +509,11 @@ def print_differences(found: Mapping[str, Any]) -> None:
         for one in column["differences"]:
             difference = one["difference"]
             numbers = (one["baseline"], one["here"], difference["value"])
-            bounds = f"{_short(difference['low'])} to {_short(difference['high'])}"
-            rows.append([one["what"], *map(_short, numbers), bounds, _short(one["p"])])
+            bounds = f"{_number_text(difference['low'])} to {_number_text(difference['high'])}"
+            rows.append([one["what"], *map(_number_text, numbers), bounds, _number_text(one["p"])])
         title = f"{column['label']}, compared with {baseline}"
         print_table(console, title, ["", "there", "here", "difference", "95 %", "p"], rows)
 
 
-def _short(value: float | None) -> str:
+def _number_text(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"

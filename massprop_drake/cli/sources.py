@@ -38,7 +38,7 @@ def report_compilation(case: Scenario, *, quiet: bool) -> Iterator[None]:
 @contextlib.contextmanager
 def _print_log_messages(*, quiet: bool) -> Iterator[None]:
     """Prints what the package logs, a line each; if quiet, nothing."""
-    logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _Noted()
+    logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _NoteHandler()
     logger.addHandler(handler)
     try:
         yield
@@ -46,7 +46,9 @@ def _print_log_messages(*, quiet: bool) -> Iterator[None]:
         logger.removeHandler(handler)
 
 
-class _Noted(logging.Handler):
+class _NoteHandler(logging.Handler):
+    """Log handler that prints each message as a note on the error stream."""
+
     def emit(self, record: logging.LogRecord) -> None:
         note(record.getMessage())
 

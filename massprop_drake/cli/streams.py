@@ -60,14 +60,15 @@ class Stream:
 
     def write(self, text: str) -> int:
         """Prints text."""
-        self._attempt(lambda: self._stream.write(text))
+        self._try_to_print(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
         """Prints what waits to be printed."""
-        self._attempt(self._stream.flush)
+        self._try_to_print(self._stream.flush)
 
-    def _attempt(self, action: Callable[[], object]) -> None:
+    def _try_to_print(self, action: Callable[[], object]) -> None:
+        """Writes or flushes, unless the stream has failed; notes a failure instead of raising it."""
         if self.failure is not None:
             return
         try:
@@ -75,7 +76,7 @@ class Stream:
         except OSError as error:
             self.failure = error
             with contextlib.suppress(OSError):  # what still waits goes nowhere when the interpreter ends
-                _redirect(self._stream.fileno(), os.O_WRONLY)
+                _redirect_to_null(self._stream.fileno(), os.O_WRONLY)
 
 
 @contextlib.contextmanager
@@ -100,11 +101,12 @@ def guard_streams() -> Iterator[Stream]:
 
 def _replace_closed_stream(descriptor: int, mode: str) -> TextIO:
     """Makes a stream in the place of one that was closed before the program began."""
-    _redirect(descriptor, os.O_RDONLY)
+    _redirect_to_null(descriptor, os.O_RDONLY)
     return cast(TextIO, open(descriptor, mode, encoding="utf-8", closefd=False))
 
 
-def _redirect(descriptor: int, flags: int) -> None:
+def _redirect_to_null(descriptor: int, flags: int) -> None:
+    """Redirects a file descriptor to the null device."""
     nowhere = os.open(os.devnull, flags)
     if nowhere != descriptor:  # as it is when the descriptor was free
         os.dup2(nowhere, descriptor)

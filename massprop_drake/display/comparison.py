@@ -42,7 +42,7 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
     Args:
         runs: of one vehicle, each with a name.
     """
-    shown = [(name, run.shown()) for name, run in runs]
+    shown = [(name, run.thin_for_plots()) for name, run in runs]
     sources = _comparable_sources([(name, plots.source(run)) for name, run in shown])
     longest = max((source.time_s for _, source in sources), key=lambda time_s: float(time_s[-1]))
     drawn = [interactive.plotly_figure(plot) for plot in overlay_plots(sources)]

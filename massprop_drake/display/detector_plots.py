@@ -35,7 +35,7 @@ def likelihoods(run: Source) -> Plot:
 
     The detector by thrust factors has the lead of each jet's failure over no failure in their place.
     """
-    tested = run.where("tested")
+    tested = run.nonzero_rows("tested")
     of_jets = run.signals["likelihood"][tested]
     clusters = np.array([jet.cluster for jet in run.vehicle.jets])
     numbers = np.unique(clusters)
@@ -112,7 +112,7 @@ def _final_value_text(values: Array) -> str:
 
 def margins(run: Source) -> Plot:
     """Plots margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
-    tested = run.where("tested")
+    tested = run.nonzero_rows("tested")
     limit = getattr(run.scenario.detector, "margin", None)  # a matter of the method
     levels = () if limit is None else (Level(limit, label=f"isolated above {limit:g}"),)
     sides = (("jet_margin", "jet, within its cluster"), ("cluster_margin", "cluster, over all others"))
@@ -131,7 +131,7 @@ def failure_magnitude(run: Source) -> Plot:
     suspected or do fail; and the force that is taken as known from then on.
     """
     marks: list[Mark] = []
-    alarm = run.where("alarm")
+    alarm = run.nonzero_rows("alarm")
     if "thrust" in run.signals:
         jets = run.signals["suspected_jet"][alarm, 0]
         suspected = jets[~np.isnan(jets)].astype(int).tolist()
@@ -159,7 +159,7 @@ def failure_magnitude(run: Source) -> Plot:
 def detection_timeline(run: Source) -> Plot:
     """Plots tests, alarms and declarations beside the rates and the number of jets commanded."""
     rate = DEGREES * motion.rate(run.scenario, run.signals)
-    turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], AXES[axis]) for axis in run.turning)
+    turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], AXES[axis]) for axis in run.rotation_axes)
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)
     rows = {
@@ -169,7 +169,7 @@ def detection_timeline(run: Source) -> Plot:
     }
     ticks = []
     for row, (name, (_, color)) in enumerate(rows.items()):
-        at = run.time_s[run.where(name)]
+        at = run.time_s[run.nonzero_rows(name)]
         ticks.append(Points(at, np.full(at.shape, float(row)), color, size=9.0, symbol="tick"))
     panels = [
         Panel("rate", "deg/s", turning),

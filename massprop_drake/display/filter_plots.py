@@ -173,7 +173,7 @@ def consistency(run: Source) -> Plot:
     panels = []
     filters = [name for name in ("rotation", "mass") if f"{name}_nis" in run.signals]
     for name, color in zip(filters, COLORS, strict=False):
-        used = run.where(f"{name}_used")
+        used = run.nonzero_rows(f"{name}_used")
         nis = run.signals[f"{name}_nis"][used, 0]
         marks = (
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
@@ -199,7 +199,7 @@ _TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a f
 
 def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
     """Plots innovations of a filter, a panel per axis."""
-    used = run.where(f"{filtered}_used")
+    used = run.nonzero_rows(f"{filtered}_used")
     time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
     bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
     panels = []

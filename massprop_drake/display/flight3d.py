@@ -66,7 +66,7 @@ def write_replay(run: RunContent, path: str | Path, *, force: bool = False) -> P
 
 def replay_html(run: RunContent) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
-    run = run.shown()
+    run = run.thin_for_plots()
     page, stage = build_scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
     return flight_page(run.scenario, page, _flight_data(run, stage))
 

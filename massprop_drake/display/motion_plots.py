@@ -31,25 +31,25 @@ Array = NDArray[np.float64]
 
 def rates(run: Source) -> Plot:
     """Plots the angular velocity (figure 5-2)."""
-    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=DEGREES, axes=run.turning)
+    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=DEGREES, axes=run.rotation_axes)
 
 
 def velocities(run: Source) -> Plot:
     """Plots the velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
     title = "Velocity of the center of mass, relative to the start, inertial axes"
-    return _vector(run, "velocities", "velocity", title, axes=run.moving)
+    return _vector(run, "velocities", "velocity", title, axes=run.translation_axes)
 
 
 def attitude_error(run: Source) -> Plot:
     """Plots the attitude error in hold."""
     title = "Attitude error in hold"
-    return _vector(run, "attitude_error", "attitude_error", title, "deg", scale=DEGREES, axes=run.turning)
+    return _vector(run, "attitude_error", "attitude_error", title, "deg", scale=DEGREES, axes=run.rotation_axes)
 
 
 def positions(run: Source) -> Plot:
     """Plots the position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
     panels = []
-    for axis in run.moving:
+    for axis in run.translation_axes:
         marks: list[Mark] = [
             Points(run.time_s, run.signals[sensor.name][:, axis], BAND_COLOR, f"{sensor.name} as read", size=2.0)
             for sensor in run.vehicle.poses
@@ -76,8 +76,8 @@ def phase_plane(run: Source) -> Plot:
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
     deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
     panels = [
-        _phase_panel(axis, (error[:, axis], rate[:, axis]), law, deadbands, key=axis == run.turning[0])
-        for axis in run.turning
+        _phase_panel(axis, (error[:, axis], rate[:, axis]), law, deadbands, key=axis == run.rotation_axes[0])
+        for axis in run.rotation_axes
     ]
     meaning = "an axis beyond the dashed lines asks for a correction of all three"
     return plot(run, "phase_plane", "Phase plane: rate over attitude error, in hold", panels, meaning=meaning)
@@ -114,17 +114,19 @@ def _symmetric_limit(values: Array, least: float) -> float:
 def rates_estimated(run: Source) -> Plot:
     """Plots the angular rate that the filter estimates, of a vehicle without gyro."""
     title = "Angular rate, estimated"
-    return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=DEGREES, axes=run.turning)
+    return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=DEGREES, axes=run.rotation_axes)
 
 
 def torques(run: Source) -> Plot:
     """Plots the applied torque about the center of mass (figure 5-4)."""
-    return _vector(run, "torques", "torque", "Applied torque about the center of mass", steps=True, axes=run.turning)
+    return _vector(
+        run, "torques", "torque", "Applied torque about the center of mass", steps=True, axes=run.rotation_axes
+    )
 
 
 def forces(run: Source) -> Plot:
     """Plots the applied force (figure 5-5)."""
-    return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.moving)
+    return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.translation_axes)
 
 
 def gyro_readings(run: Source) -> Plot:
@@ -163,7 +165,7 @@ def against_attitudes(run: Source) -> Plot:
     """Plots the rotation from the simulated attitude to the read one, of the first attitude that is read."""
     name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
     left = DEGREES * rotation_differences(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
-    panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.turning]
+    panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.rotation_axes]
     meaning = "from the attitude that the simulation has to the one that was read, body axes"
     title = "Attitude, beside a simulation of the same commands: difference"
     return plot(run, "against_attitudes", title, panels, meaning=meaning)
@@ -174,7 +176,7 @@ def _plot_against_simulation(run: Source, name: str, package: str, title: str, u
     read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
     turns = any(gyro.name == package for gyro in run.vehicle.gyros)
-    for axis in run.turning if turns else run.moving:
+    for axis in run.rotation_axes if turns else run.translation_axes:
         letter = AXES[axis]
         lines = (
             Line(run.time_s, read[:, axis], COLORS[axis], f"{package}, as read"),

@@ -20,7 +20,7 @@ from massprop_drake.results.consistency import CONSISTENT, INCONSISTENT, TOO_LIT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size_in_words
 from massprop_drake.results.fault_probabilities import format_probability
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.identified import in_words
+from massprop_drake.results.identifiability_flags import in_words
 from massprop_drake.results.summary import Summary
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def summary_html(run: RunContent) -> str:
 
 def report_html(run: RunContent, *, replay: str | None = None) -> str:
     """Returns the report as the text of one HTML file that needs no network."""
-    run = run.shown()
+    run = run.thin_for_plots()
     results, scenario = run.results, run.scenario
     source = plots.source(run)
     jumps, shown_by = _times_to_visit(run)
@@ -276,7 +276,7 @@ def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> 
         "delay": "-" if delay_s is None else "known before" if before else f"{delay_s:.2f} s",
         "true": true or "-",
         "found": found or "-",
-        "outcome": one.became,
+        "outcome": one.outcome_text,
         "good": one.good,
         "jump": shown_by.get(number),
     }

@@ -53,12 +53,12 @@ class Source(NamedTuple):
         return "truth" in self.signals
 
     @property
-    def turning(self) -> tuple[int, ...]:
+    def rotation_axes(self) -> tuple[int, ...]:
         """The axes about which the vehicle turns."""
         return (2,) if self.vehicle.motion == "planar" else (0, 1, 2)
 
     @property
-    def moving(self) -> tuple[int, ...]:
+    def translation_axes(self) -> tuple[int, ...]:
         """The axes along which it moves."""
         return (0, 1) if self.vehicle.motion == "planar" else (0, 1, 2)
 
@@ -67,7 +67,7 @@ class Source(NamedTuple):
         """True if any cluster has more than one jet."""
         return len({jet.cluster for jet in self.vehicle.jets}) < len(self.vehicle.jets)
 
-    def where(self, name: str) -> NDArray[np.int_]:
+    def nonzero_rows(self, name: str) -> NDArray[np.int_]:
         """Returns rows at which a signal of one component exists and is not zero, shape (k,)."""
         return np.flatnonzero(np.nan_to_num(self.signals[name][:, 0]) != 0.0)
 
@@ -90,7 +90,7 @@ def failing_jets(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
 
 def first_tested_s(run: Source) -> float | None:
     """Returns when the detector tested a sample for the first time, s; None: it never did."""
-    tested = run.where("tested")
+    tested = run.nonzero_rows("tested")
     return float(run.time_s[tested[0]]) if tested.size else None
 
 
@@ -126,7 +126,7 @@ def _windows(run: Source) -> tuple[ShadedWindow, ...]:
 def _moments(run: Source) -> tuple[MomentLine, ...]:
     """Returns moments at which jets fail and mass properties jump, and at which the detector declares it."""
     happens = [failure.start_s for failure in run.scenario.failures] + [jump.time_s for jump in run.scenario.jumps]
-    declared = run.time_s[run.where("detector_event")].tolist() if "detector_event" in run.signals else []
+    declared = run.time_s[run.nonzero_rows("detector_event")].tolist() if "detector_event" in run.signals else []
     return (
         *(MomentLine(time_s, declared=False) for time_s in happens if time_s <= run.time_s[-1]),
         *(MomentLine(time_s, declared=True) for time_s in declared),

@@ -60,7 +60,7 @@ class Run(RunContent):
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
         from massprop_drake.display.plot_source import source  # noqa: PLC0415
 
-        return Plots(source(self.shown()))
+        return Plots(source(self.thin_for_plots()))
 
     def save(
         self,
@@ -131,7 +131,7 @@ class Run(RunContent):
                 write_part(
                     STATE_FILE, lambda path: _write_text(path, _json(self.filter_state(), FilterState, data)), data
                 )
-            shown = self.shown() if any(pages.values()) else self  # once: it takes a while
+            shown = self.thin_for_plots() if any(pages.values()) else self  # once: it takes a while
             if pages.get("figures"):
                 write_part("figures", shown._write_figures, drawn)
             if pages.get("replay.html"):

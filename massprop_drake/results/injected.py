@@ -59,7 +59,7 @@ class InjectedRecord(NamedTuple):
 
     @property
     def is_jump(self) -> bool:
-        """True if it is a payload that came or left."""
+        """True if it is a payload's docking or release."""
         return self.jet is None
 
     @property
@@ -68,9 +68,9 @@ class InjectedRecord(NamedTuple):
         return f"{self.jet or 'payload'} {self.kind.replace('_', ' ')}"
 
     @property
-    def became(self) -> str:
-        """Outcome in words."""
-        return _BECAME[self.outcome].format((self.taken_for or "").replace("_", " "))
+    def outcome_text(self) -> str:
+        """Outcome in words, such as 'taken for R3R'."""
+        return _OUTCOME_TEXTS[self.outcome].format((self.taken_for or "").replace("_", " "))
 
     @property
     def good(self) -> bool | None:
@@ -78,7 +78,7 @@ class InjectedRecord(NamedTuple):
         return None if self.outcome == "never_acted" else self.outcome in FOUND
 
 
-_BECAME: dict[InjectedOutcome, str] = {
+_OUTCOME_TEXTS: dict[InjectedOutcome, str] = {
     "named": "named",
     "group": "named in a group",
     "wrong": "taken for {}",

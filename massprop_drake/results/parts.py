@@ -11,7 +11,7 @@ from massprop_drake.inputs.model import Real, Text
 _Part = TypeVar("_Part")
 
 
-class Ended(NamedTuple):
+class EarlyEnd(NamedTuple):
     """End of a run that did not reach the end of its scenario or record.
 
     Attributes:

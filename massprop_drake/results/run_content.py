@@ -38,7 +38,7 @@ from massprop_drake.maths.signals import (
 from massprop_drake.records import rows
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.json_arrays import null_for_nan
-from massprop_drake.results.parts import Ended
+from massprop_drake.results.parts import EarlyEnd
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import read_json
 from massprop_drake.results.summary import Summary
@@ -90,7 +90,7 @@ class RunContent:
             unit of each is in `units`, the names of its columns in `components`. Sample times are
             `time_s`. Those of a long run stay on disk and are read when asked for.
         state: what it takes to resume from the end, as in `filter_state.json`.
-        thinned: whether the signals are but some of the rows, as `shown` picks them.
+        thinned: whether the signals are but some of the rows, as `thin_for_plots` picks them.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class RunContent:
         jets = self.scenario.vehicle_data.designations
         return {name: signal.components or jets for name, signal in self.descriptions.items()}
 
-    def shown(self) -> Self:
+    def thin_for_plots(self) -> Self:
         """Downsamples a long run for plots and pages; a short one is returned as it is.
 
         Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
@@ -190,9 +190,9 @@ class RunContent:
         keys = (params.main_sensor(self.scenario),)
         rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
         signals = pick_rows(self._rows, rows, leaving_out=_NOT_SHOWN)
-        shown = type(self)(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
-        shown.thinned = True
-        return shown
+        thinned = type(self)(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
+        thinned.thinned = True
+        return thinned
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
         """Notes in the results the reason for the end of the run.
@@ -204,7 +204,7 @@ class RunContent:
         why = in_words(error)
         if early:
             self.__dict__.pop("summary", None)
-            self.results = replace(self.results, ended=Ended(float(self.time_s[-1]), why))
+            self.results = replace(self.results, ended=EarlyEnd(float(self.time_s[-1]), why))
         elif not self.results.missing:
             self.note_missing(why)
 

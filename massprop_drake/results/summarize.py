@@ -20,6 +20,7 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import Derived
 from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.records.completeness import Loss, completeness
+from massprop_drake.results.batch_analysis import analyze_run
 from massprop_drake.results.consistency import (
     COMPONENTS,
     TOO_LITTLE,
@@ -35,11 +36,10 @@ from massprop_drake.results.consistency import (
 )
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.fault_probabilities import gives_probabilities
-from massprop_drake.results.identified import classify_parameters
+from massprop_drake.results.identifiability_flags import classify_parameters
 from massprop_drake.results.injected import InjectedRecord, injected_outcomes
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.record_stretches import used_propellant
-from massprop_drake.results.shown_in_hindsight import analyze_run
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.summary import AutopilotSummary, Findings, Provenance, RunTiming, Summary
 

@@ -23,10 +23,10 @@ from massprop_drake.results.consistency import Consistency
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.fault_probabilities import FaultProbabilities, read_fault_probability
-from massprop_drake.results.identified import Identifiability, bound_in_words
+from massprop_drake.results.identifiability_flags import Identifiability, bound_in_words
 from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.results.json_arrays import null_for_nan, parameters_by_name, parameters_from_names
-from massprop_drake.results.parts import Ended
+from massprop_drake.results.parts import EarlyEnd
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 
 Array = NDArray[np.float64]
@@ -204,7 +204,7 @@ class Summary:
     fault_probability: FaultProbabilities | None = None
     against: Against | None = None
     intervals: Intervals | None = None
-    ended: Ended | None = None
+    ended: EarlyEnd | None = None
     missing: tuple[str, ...] = ()
     completeness: Completeness = "complete"
     completeness_detail: tuple[str, ...] = ()
@@ -394,7 +394,7 @@ class SummaryFile(_Stored):
     fault_probability: Annotated[FaultProbabilities, BeforeValidator(read_fault_probability)] | None = None
     against: Annotated[Against, _drop_unknown_keys(Against)] | None = None
     intervals: Annotated[Intervals, _drop_unknown_keys(Intervals)] | None = None
-    ended: Annotated[Ended, _drop_unknown_keys(Ended)] | None = None
+    ended: Annotated[EarlyEnd, _drop_unknown_keys(EarlyEnd)] | None = None
     missing: tuple[Text, ...] = ()
     completeness: Completeness = "complete"
     completeness_detail: tuple[Text, ...] = ()

@@ -26,7 +26,7 @@ _NO_ROWS = np.empty((0, 0))
 
 
 class RecordRows(NamedTuple):
-    """Rows of a record as a cycle takes them.
+    """Samples of a record in the form that cycles of the estimation take.
 
     Attributes:
         samples: see `whole.Samples`.
@@ -45,7 +45,7 @@ class RecordRows(NamedTuple):
 
 
 class Cycles(Protocol):
-    """Interface of an estimation that advances cycle by cycle, a row each.
+    """Interface of an estimation that advances cycle by cycle, one row of the record each.
 
     Attributes:
         spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
@@ -72,7 +72,7 @@ class Cycles(Protocol):
         """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
 
 
-class Stepped:
+class SteppedCycles:
     """Cycles by `cycle.step`, with any filter and detector, see `Cycles`.
 
     Args:
@@ -100,7 +100,7 @@ class Stepped:
     def advance(self, until: int) -> None:
         """Runs the cycles of all rows before a row."""
         for row in range(self._next, until):
-            self._one(row_sample(self._record, row), row)
+            self._run_cycle(row_sample(self._record, row), row)
             self._next = row + 1
 
     @property
@@ -108,7 +108,8 @@ class Stepped:
         """Number of rows whose cycles are complete, also after an error."""
         return self._next
 
-    def _one(self, sample: Sample, row: int) -> None:
+    def _run_cycle(self, sample: Sample, row: int) -> None:
+        """Runs the cycle of a row by `cycle.step`; logs it, and notes what it requests of the vehicle."""
         before = self._state.detector
         try:
             with self._stopwatch:
@@ -140,7 +141,7 @@ def row_sample(record: RecordRows, row: int) -> Sample:
     return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked, *onsets_s)
 
 
-class Watched(Stepped):
+class JointKernelCycles(SteppedCycles):
     """Cycles by the kernel of `maths.estimation.whole_joint`, and by `cycle.step` where something happens.
 
     Args:
@@ -151,46 +152,47 @@ class Watched(Stepped):
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         super().__init__(made, state)
-        self._watch, self._apart = quiet_cycles.Quiet(made, compiled=compiled), False
+        self._kernel, self._opens_within = quiet_cycles.Quiet(made, compiled=compiled), False
         self._own_times = made.filter_params.joint.rates.period_s > 0.0
-        self._watch.take_up(state)
+        self._kernel.take_up(state)
 
     def state(self) -> EstimationState:
         """Returns the state with which the next cycle begins."""
-        return self._watch.state() if self._watch.on else super().state()
+        return self._kernel.state() if self._kernel.on else super().state()
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Sets the rows to estimate from, and the log to fill in."""
         super().begin(record, log)
-        self._apart = record.onsets_s is not None and not self._own_times  # the kernel's jets switch with samples
-        if self._apart and self._watch.on:
-            self._state = self._watch.state()
-            self._watch.on = False
+        # within samples, whereas the kernel's jets switch with them
+        self._opens_within = record.onsets_s is not None and not self._own_times
+        if self._opens_within and self._kernel.on:
+            self._state = self._kernel.state()
+            self._kernel.on = False
         samples = _require_writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
         rows = joint_desk.JointRows(*(log.rows[name] for name in joint_desk.JointRows._fields))
         onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
-        self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
+        self._kernel.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
     def advance(self, until: int) -> None:
         """Runs the cycles of all rows before a row."""
         while self._next < until:
-            if self._watch.on:
-                self._watch_on(until)
+            if self._kernel.on:
+                self._advance_by_kernel(until)
                 continue
-            self._one(row_sample(self._record, self._next), self._next)
+            self._run_cycle(row_sample(self._record, self._next), self._next)
             self._next += 1
-            if not self._apart:
-                self._watch.take_up(self._state)
+            if not self._opens_within:
+                self._kernel.take_up(self._state)
 
-    def _watch_on(self, until: int) -> None:
+    def _advance_by_kernel(self, until: int) -> None:
         """Runs cycles by the kernel up to a row, or to the first row at which something happens."""
         began = time.perf_counter()
-        reached = self._watch.advance(self._next, until)
+        reached = self._kernel.advance(self._next, until)
         if reached > self._next:
             self._done, self.asked.declared[:] = None, 0.0
-        if not self._watch.on:
-            self._state = self._watch.state()
+        if not self._kernel.on:
+            self._state = self._kernel.state()
         self._next = reached
         self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
@@ -204,7 +206,7 @@ def _require_writable(samples: Samples) -> Samples:
     return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
 
 
-class Whole:
+class ThesisKernelCycles:
     """Cycles by the kernel of `maths.estimation.whole`, where it covers them, see `Cycles`.
 
     Args:
@@ -214,7 +216,7 @@ class Whole:
 
     Attributes:
         holder, given, block: of the state; the kernel's parameters and its rows: for a kernel that goes through the
-            cycles itself, see `went_on`.
+            cycles itself, see `mark_done`.
     """
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
@@ -227,7 +229,7 @@ class Whole:
         self._shared: Any = None  # the rows
 
     @cached_property
-    def _held(self) -> Any:
+    def _params_holder(self) -> Any:
         return make_holder(self.given, self._compiled)
 
     def state(self) -> EstimationState:
@@ -253,7 +255,7 @@ class Whole:
         if self._shared is None:
             self._shared = make_shared_holder(self.block, self._compiled)
         try:
-            self._advance(self.holder, self._shared, reached, self._held)
+            self._advance(self.holder, self._shared, reached, self._params_holder)
         except NotPositiveDefiniteError as error:
             raise error.at(float(self._times_s[reached[0]]), ESTIMATOR) from None
         finally:
@@ -265,7 +267,7 @@ class Whole:
         """Number of rows whose cycles are complete, also after an error."""
         return self._next
 
-    def went_on(self, until: int) -> None:
+    def mark_done(self, until: int) -> None:
         """Notes that another kernel has run the cycles of all rows before a row."""
         self._next = until
 
@@ -278,10 +280,10 @@ class Whole:
         return cycle.estimate_and_covariance(self.state(), self._params)
 
 
-class Unattended(Stepped):
+class IdleCycles(SteppedCycles):
     """Cycles without estimation, for a flight of which only states, commands and readings are wanted, see `Cycles`."""
 
-    def _one(self, _: Sample, row: int) -> None:
+    def _run_cycle(self, _: Sample, row: int) -> None:
         for rows in self._log.rows.values():  # nothing is known
             rows[row] = np.nan
 
@@ -296,7 +298,7 @@ def make_cycles(scenario: Scenario, made: EstimationParams, state: EstimationSta
     """
     begin = cycle.initial_state(made) if state is None else state
     if whole.covers(made):
-        return Whole(made, begin, compiled=scenario.execution.compiled)
+        return ThesisKernelCycles(made, begin, compiled=scenario.execution.compiled)
     if quiet_cycles.covers(made):
-        return Watched(made, begin, compiled=scenario.execution.compiled)
-    return Stepped(made, begin)
+        return JointKernelCycles(made, begin, compiled=scenario.execution.compiled)
+    return SteppedCycles(made, begin)

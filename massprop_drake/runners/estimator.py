@@ -33,7 +33,7 @@ from massprop_drake.records.cadence import HELD
 from massprop_drake.results.events import locate_reading, sensor_event_kind
 from massprop_drake.results.json_arrays import null_for_nan, write_onsets
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, require_same_origin, state_origin
-from massprop_drake.runners.cycles import RecordRows, Whole
+from massprop_drake.runners.cycles import RecordRows, ThesisKernelCycles
 from massprop_drake.runners.logs import EstimationLog, state_from_json, state_to_json
 
 Array = NDArray[np.float64]
@@ -187,7 +187,7 @@ class Estimator:
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns all that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
+        """Returns the state of the next cycle, for `pickle` and `copy`; the rest follows from the scenario."""
         kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s", "_told_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 
@@ -197,12 +197,12 @@ class Estimator:
         self.__dict__.update(state)
 
     def _begin(self, state: cycle.EstimationState) -> None:
-        """Begins at a state; compiled, as one kernel a cycle where there is such a one."""
+        """Begins at a state; in one compiled kernel where that is asked for and covers filter and detector."""
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
             self._row = whole.allocate_sample(len(self._gyros), len(self._accelerometers), state.level.size)
             self._whole, self._log = (
-                Whole(self._params, state, compiled=True),
+                ThesisKernelCycles(self._params, state, compiled=True),
                 EstimationLog(self._scenario, self._params, 1),
             )
             self._whole.begin(RecordRows(self._row), self._log)
@@ -290,7 +290,7 @@ class Estimator:
         *,
         onsets_s: ArrayLike | None = None,
     ) -> EstimatorStep:
-        """Takes in the readings of one sample, and the commands that act from now on.
+        """Updates the estimates by the readings of one sample, and takes the commands that act from now on.
 
         Where sensors have rates of their own (`rate_hz` of the vehicle's, or `estimation.readings_per_s`) there is a
         call whenever anything is read or commanded, with that alone.
@@ -326,19 +326,19 @@ class Estimator:
             raise ValueError(f"time must go forward: {time_s} s after {self._time_s} s")
         rates = _package_readings(gyro, self._gyros, "gyro")
         velocities = _package_readings(accelerometers, self._accelerometers, "accelerometers")
-        coming, opening, told_s = self._coming(time_s, commands, onsets_s)
+        coming, opening, told_s = self._resolve_commands(time_s, commands, onsets_s)
         outside = np.zeros(6) if outside_wrench is None else _copy_numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
         seen = _tracked_readings(tracked, self._vehicle)
         told = (self._command, self._outside, time_s, coming, seen, self._onset_s, opening)
-        done = self._one(cycle.Sample(time_s, rates, velocities, *told))
+        done = self._run_cycle(cycle.Sample(time_s, rates, velocities, *told))
         self._command, self._outside, self._time_s, self._onset_s = coming, outside, time_s, opening
         self._told_s = told_s
-        return self._told(time_s, done)
+        return self._make_step_result(time_s, done)
 
-    def _coming(
+    def _resolve_commands(
         self, time_s: float, commands: ArrayLike | None, onsets_s: ArrayLike | None
     ) -> tuple[Array, Array, float]:
         """Returns commands from now on and their onsets, shape (n_jets,) each, and when they were given, s."""
@@ -346,7 +346,7 @@ class Estimator:
             coming = _copy_numbers(commands, self._command.shape, "commands")
             if ((coming < 0.0) | (coming > 1.0)).any():
                 raise ValueError("commands must be fractions from 0 to 1")
-            return coming, self._opening(coming, onsets_s), time_s
+            return coming, self._check_onsets(coming, onsets_s), time_s
         if not self._own_times:
             raise ValueError("commands must be given with every sample; only with rate_hz of a sensor do they go on")
         period_s = self._vehicle.sample_period_s
@@ -357,8 +357,8 @@ class Estimator:
         coming, opening = rest_of_sample(self._command[None], self._onset_s[None], since_s, period_s)
         return coming[0], opening[0], self._told_s
 
-    def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
-        """Returns onsets of commands, NaN where these are levels, shape (n_jets,)."""
+    def _check_onsets(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
+        """Checks onsets of commands, or computes them where none are given, s, NaN for a level, shape (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
             return command_onsets(commands, None, self._vehicle.opens_at, period_s)
@@ -368,8 +368,8 @@ class Estimator:
             raise ValueError(f"onsets_s: a jet must open and close within the sample period of {period_s:g} s")
         return given
 
-    def _one(self, sample: cycle.Sample) -> _Cycle:
-        """Runs a cycle."""
+    def _run_cycle(self, sample: cycle.Sample) -> _Cycle:
+        """Runs a cycle, by one kernel or by `cycle.step`, and returns its reports."""
         nothing = np.zeros(len(self._vehicle.jets))
         if self._whole is not None:
             for part, value in zip(self._row, sample[: len(self._row)], strict=True):
@@ -389,20 +389,20 @@ class Estimator:
             return _Cycle(*seen, None, None, nothing, nothing)
         return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
 
-    def _told(self, time_s: float, done: _Cycle) -> EstimatorStep:
-        """Returns estimates and detections after a cycle."""
+    def _make_step_result(self, time_s: float, done: _Cycle) -> EstimatorStep:
+        """Makes the result of a step from the reports of its cycle."""
         (ten, deviation), mass = done.known, done.mass
         return EstimatorStep(
             time_s,
             ten,
             deviation,
-            self._converged(ten, deviation),
+            self._are_converged(ten, deviation),
             bool(done.rotation.rotation_used),
             mass is not None and bool(mass.mass_used),
             done.rotation.rotation_nis,
             math.nan if mass is None else mass.mass_nis,
             done.status is not None and bool(done.status.alarm),
-            None if done.status is None else self._detection(done.status, done.own),
+            None if done.status is None else self._make_detection(done.status, done.own),
             done.force @ self._unit_wrenches,
             done.removed != 0.0,
             *self._probabilities(done.own),
@@ -414,15 +414,16 @@ class Estimator:
             return np.zeros(len(self._vehicle.jets)), 0.0
         return own.fault_probability.copy(), float(own.unknown_probability)
 
-    def _converged(self, ten: Array, deviation: Array) -> bool:
+    def _are_converged(self, ten: Array, deviation: Array) -> bool:
         return bool(are_converged(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
-    def _detection(self, status: Any, own: Any) -> Detection | None:
+    def _make_detection(self, status: Any, own: Any) -> Detection | None:
+        """Makes the detection of a cycle from the detector's reports; None where nothing is declared or changed."""
         event = Verdict(int(status.detector_event))
         if event == Verdict.NOTHING:
             return None
         if event == Verdict.JUMP or math.isnan(status.suspected_jet):
-            of_it = {} if own is None else self._of_no_jet(own)
+            of_it = {} if own is None else self._fields_without_jet(own)
             kind = (
                 "mass_property_jump" if event == Verdict.JUMP else _event_kind(own, of_it.get("sensor"), self._vehicle)
             )
@@ -450,7 +451,7 @@ class Estimator:
             **apart,
         )
 
-    def _of_no_jet(self, own: Any) -> dict[str, Any]:
+    def _fields_without_jet(self, own: Any) -> dict[str, Any]:
         """Returns the fields of a `Detection` that concern no jet: of a faulty sensor, a disturbance or a jump."""
         if math.isfinite(own.lying_component):
             named = locate_reading(int(own.lying_component), params.vector_sensor_names(self._scenario), self._vehicle)

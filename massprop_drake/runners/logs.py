@@ -92,7 +92,7 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
 
 
 class EstimationLog:
-    """Rows that the ports of the estimation diagram would log, from cycles without a diagram.
+    """Rows of the estimation diagram's ports, logged by cycles that run without a diagram.
 
     Args:
         scenario: for jets and sensors.
@@ -119,7 +119,7 @@ class EstimationLog:
         self.rows = {layout.name: np.empty((count, layout.size)) for layout in layouts}
 
     def put(self, index: int, done: EstimationStep, before: Any) -> None:
-        """Fills in a row.
+        """Writes the reports of a cycle into a row.
 
         Args:
             index: of the row.
@@ -185,7 +185,7 @@ class Intake:
         self._last_mass = np.full((1, 3), np.nan)  # time, 1/m and its 1-sigma of the row before the block
 
     def take(self, signals: Mapping[str, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in a block; returns the events in it, and the detections so far.
+        """Spools a block of signals; returns its events, and the detections that are new with it.
 
         Args:
             signals: by name, shape (n, components), and `time_s`, shape (n,).
@@ -210,7 +210,7 @@ class Intake:
         return self.spool.last(name) if name in self.spool else otherwise
 
     def found(self) -> Findings:
-        """Returns the findings, as they stand at the end."""
+        """Returns detections, events, suspicions and probabilities at the end of the run."""
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
@@ -232,7 +232,7 @@ class Intake:
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
-        """Returns the data to go on from the end, as `filter_state.json` has them.
+        """Makes the data of `filter_state.json`, from which a later run goes on.
 
         Args:
             row: number of the last row.

@@ -39,7 +39,7 @@ from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
-from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, make_cycles
+from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, ThesisKernelCycles, make_cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.tracker_readings import Trackers
@@ -54,7 +54,7 @@ _PILOTED = ("hand_controllers", "attitude_error", "request", "selection_counts",
 
 
 class _Selection:
-    """Jet selection at the desk, see `flight.Desk`.
+    """Jet selection by the requests and estimates on a `flight.Desk`.
 
     Args:
         scenario: with hand-controller windows.
@@ -92,7 +92,7 @@ class _Block(NamedTuple):
 
 
 class Loop:
-    """Run by the plain loop, see `simulate.Engine`.
+    """Engine that runs a scenario by the plain loop, see `simulate.Engine`.
 
     Args:
         scenario: to run.
@@ -118,7 +118,7 @@ class Loop:
         self._desk = flight.empty_desk(len(vehicle.jets), self._known.asked)
         self._selection = None if scenario.open_loop else _Selection(scenario, self._desk)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
-        self._whole = self._covered()
+        self._whole = self._find_shared_kernel()
         if self._whole is None:
             self._given = make_holder(self._made, self._compiled)
         else:
@@ -129,10 +129,10 @@ class Loop:
         self._ending = params.sample_count(scenario) + 1
         self._stopwatch = Stopwatch()
 
-    def _covered(self) -> Whole | None:
-        """Returns the estimation, where one kernel covers it together with vehicle and autopilot; else None."""
+    def _find_shared_kernel(self) -> ThesisKernelCycles | None:
+        """Returns the estimation if one kernel runs it together with vehicle and autopilot; else None."""
         apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
-        return None if apart or not isinstance(self._known, Whole) else self._known
+        return None if apart or not isinstance(self._known, ThesisKernelCycles) else self._known
 
     @property
     def logged(self) -> int:
@@ -144,16 +144,16 @@ class Loop:
         with self._stopwatch:
             while self._sample * self._period_s <= reached_s:
                 try:
-                    self._fill(reached_s)
+                    self._advance_block(reached_s)
                 except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                     raise error.at(self._sample * self._period_s) from None
 
-    def _fill(self, reached_s: float) -> None:
-        """Advances to a time, or to the end of a block, from the readings of each sample to those of the next."""
+    def _advance_block(self, reached_s: float) -> None:
+        """Runs samples up to a time or to the end of the block, each from its readings to those of the next."""
         if self._row == self._size:
-            self._begin()
+            self._begin_block()
         if self._whole is not None:
-            self._fill_at_once(self._whole, reached_s)
+            self._advance_block_by_shared_kernel(self._whole, reached_s)
             return
         rows, tracked, log, shared_rows = self._blocks[-1]
         fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
@@ -165,12 +165,12 @@ class Loop:
             if adapts:
                 self._desk.estimate[:], self._desk.deviation[:] = log.known(row)
             while stop := fly(self._holder, shared_rows, self._reached, self._given):
-                self._attend(stop, rows.request[row])
+                self._handle_stop(stop, rows.request[row])
             self._row += 1
             self._sample += 1
 
-    def _fill_at_once(self, known: Whole, reached_s: float) -> None:
-        """Advances to a time, or to the end of a block, by the kernel that has vehicle, autopilot and estimation."""
+    def _advance_block_by_shared_kernel(self, known: ThesisKernelCycles, reached_s: float) -> None:
+        """Runs samples up to a time or to the end of the block, all in the kernel shared with the estimation."""
         onward, block, reached = (
             compile_kernel_if(flight.fly_and_estimate, self._compiled),
             self._blocks[-1],
@@ -181,15 +181,15 @@ class Loop:
         try:
             while stop := onward(self._holder, known.holder, block.shared, reached, self._given):
                 self._sample = int(reached[SAMPLE])
-                self._attend(stop, block.rows.request[reached[ROW]])
+                self._handle_stop(stop, block.rows.request[reached[ROW]])
         except NotPositiveDefiniteError as error:
             raise error.at(float(reached[SAMPLE] * self._period_s), ESTIMATOR) from None
         finally:
             self._sample, self._row = int(reached[SAMPLE]), int(reached[ROW])
-        known.went_on(int(reached[ROW]))
+        known.mark_done(int(reached[ROW]))
 
-    def _attend(self, stop: int, request: Array) -> None:
-        """Does what the kernel leaves to Python: selects jets for a request, or lets mass properties jump."""
+    def _handle_stop(self, stop: int, request: Array) -> None:
+        """Handles a stop of the kernel: selects jets for a request, or applies a jump of mass properties."""
         if stop == SELECT:
             assert self._selection is not None
             self._selection.select(request)
@@ -201,8 +201,8 @@ class Loop:
                 truth = vehicle_cycle.update_floor_wrenches(self._made.truth, after.structure, self._true)
                 self._given = make_holder(self._made._replace(truth=truth), self._compiled)
 
-    def _begin(self) -> None:
-        """Begins new logs, with the readings of their first sample."""
+    def _begin_block(self) -> None:
+        """Begins a block of log rows, with the readings of its first sample."""
         first, (least, most) = self._sample, _ROWS
         self._size, self._row = min(max(self._ending - first, least), most), 0
         size = self._size
@@ -233,18 +233,18 @@ class Loop:
         if self._whole is None:
             self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
-    def emptied(self) -> dict[str, Array]:
+    def take_logs(self) -> dict[str, Array]:
         """Empties the logs, and returns them by port, with the times."""
         taken, count = self._taken, self.logged
-        blocks = [{**self._ports(block), **block.log.rows} for block in self._blocks]
+        blocks = [{**self._logged_ports(block), **block.log.rows} for block in self._blocks]
         logs = {name: _join_blocks([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
         times_s = np.arange(self._sample - count, self._sample) * self._period_s
         self._taken = self._row
         self._blocks = self._blocks[-1:]  # whose other rows are still to be filled in
         return {"time_s": times_s, **logs}
 
-    def _ports(self, block: _Block) -> dict[str, Array]:
-        """Returns the logged ports of the vehicle and the autopilot."""
+    def _logged_ports(self, block: _Block) -> dict[str, Array]:
+        """Returns rows of the vehicle's and autopilot's logged ports in a block, by port."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
         within = self._onsets_s is not None or self._made.pilot.pulses.within

@@ -35,14 +35,14 @@ from massprop_drake.records.quality import QualityReport
 from massprop_drake.records.reader import AT_STAMPS, Reader
 from massprop_drake.records.recording import open_recording, require_table
 from massprop_drake.records.rows import Continuation, Rows
-from massprop_drake.results import followed
+from massprop_drake.results import delay_remarks
+from massprop_drake.results.batch_analysis import BatchAnalysis, analyze_run
 from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judge_consistency, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.json_arrays import null_for_nan, write_onsets
 from massprop_drake.results.parts import PartsMade
-from massprop_drake.results.shown_in_hindsight import Hindsight, analyze_run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_same_origin
 from massprop_drake.results.summarize import compose_summary, count_firings, exclude_explained, summarize_last_estimates
 from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
@@ -101,7 +101,7 @@ def estimate(
     """
     scenario = estimation_settings(scenario)
     earlier = None if resume_from is None else _read_filter_state(Path(resume_from), scenario)
-    after = None if earlier is None else _continuation(earlier)
+    after = None if earlier is None else _make_continuation(earlier)
     vehicle = scenario.vehicle_data
     gyro = params.gyro(scenario).name if vehicle.gyros and not vehicle.needs_pose_filter else None
     own_times = params.steps_by_readings(scenario)
@@ -207,7 +207,7 @@ class _Estimation:
         if earlier is not None:
             begin = state_from_json(earlier.states, self._params, f"{source}/{STATE_FILE}")
             _require_same_state(earlier, cycle.estimate_and_covariance(begin, self._params), f"{source}/{STATE_FILE}")
-        self._known = make_cycles(scenario, self._params, begin)
+        self._cycles = make_cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._onset_s = level_onsets(n_jets)  # likewise
@@ -227,23 +227,25 @@ class _Estimation:
     def take(
         self, rows: Rows, before: tuple[Array, Array, Array | None]
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in rows; returns the events in them, and the detections that they bring."""
+        """Runs the estimation over a block of rows; returns its events and new detections."""
         if not self._intake.spool.n_rows:
             self._command, self._outside, onset_s = before
             self._onset_s = self._onset_s if onset_s is None else onset_s
             self._on_before = before[0] > 0.0
             self._quality.begin(before[0])
-        log, coming, outside = self._begun(rows)
+        log, coming, outside = self._begin_rows(rows)
         try:
-            self._known.advance(rows.time_s.size)
+            self._cycles.advance(rows.time_s.size)
         except BaseException:
-            done = self._known.done
-            self._taken_in(rows.first(done), {name: part[:done] for name, part in log.rows.items()}, coming, outside)
+            done = self._cycles.done
+            self._add_estimated_rows(
+                rows.first(done), {name: part[:done] for name, part in log.rows.items()}, coming, outside
+            )
             raise
-        return self._taken_in(rows, log.rows, coming, outside)
+        return self._add_estimated_rows(rows, log.rows, coming, outside)
 
-    def _begun(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
-        """Hands rows to the estimation; returns its log, commands and outside wrench, from before the first row on."""
+    def _begin_rows(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
+        """Hands rows to the estimation; returns its log, and commands and outside wrench from one row earlier on."""
         count = rows.time_s.size
         rates, velocities = _stack_readings(rows, self._gyros), _stack_readings(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
@@ -256,10 +258,10 @@ class _Estimation:
             time_s = rows.time_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
         onsets_s = None if rows.onsets_s is None else np.vstack((self._onset_s, rows.onsets_s))
-        self._known.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked, onsets_s), log)
+        self._cycles.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked, onsets_s), log)
         return log, coming, outside
 
-    def _taken_in(
+    def _add_estimated_rows(
         self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
         """Adds estimated rows to signals, counts and quality; returns events and detections as `take` does."""
@@ -270,12 +272,12 @@ class _Estimation:
         if rows.onsets_s is not None:
             self._onset_s = rows.onsets_s[count - 1]
         self._next_row += count
-        signals = self._signals(rows, logs)
-        self._count(rows, signals, coming[:count])
+        signals = self._make_signals(rows, logs)
+        self._count_samples(rows, signals, coming[:count])
         self._quality.add(*((rows, signals) if self._thinning is None else self._thinning.select(rows, signals)))
         return self._intake.take(signals)
 
-    def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
+    def _make_signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
         """Returns the rows and their estimates as signals, in the record's own time."""
         signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
         if rows.onsets_s is not None:
@@ -288,11 +290,11 @@ class _Estimation:
         signals |= split_by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
-                signals[name] = self._record_time(signals[name], rows.time_s)
+                signals[name] = self._in_record_time(signals[name], rows.time_s)
         return signals
 
-    def _record_time(self, diagram_s: Array, time_s: Array) -> Array:
-        """Converts times of the diagram, which counts rows, to those of the record; NaN stays."""
+    def _in_record_time(self, diagram_s: Array, time_s: Array) -> Array:
+        """Converts times of the estimation, which count rows, to times of the record; NaN stays."""
         rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
         recent_s = np.concatenate([self._intake.recent_s, time_s])
         first = self._next_row - recent_s.size
@@ -301,7 +303,7 @@ class _Estimation:
         found = np.where(rows >= first, found, recent_s[0] - (first - rows) * self._period_s)
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
-    def _count(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
+    def _count_samples(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
         """Counts samples used and fired; `before`: commands of the intervals that end with the rows."""
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
@@ -339,13 +341,13 @@ class _Estimation:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
         timing = RunTiming(wall_s, duration_s / wall_s, self._cycle_times())
         results = parts.make(
-            "summary", lambda: self._composed(reader, telemetry, timing, parts), None
+            "summary", lambda: self._make_summary(reader, telemetry, timing, parts), None
         ) or summarize_last_estimates(self._scenario, self._intake.spool, timing)
         nothing: dict[str, Any] = {}
-        state = parts.make("filter state", lambda: self._state_of(reader), nothing)
+        state = parts.make("filter state", lambda: self._make_filter_state(reader), nothing)
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
 
-    def _composed(
+    def _make_summary(
         self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: RunTiming, parts: PartsMade
     ) -> Summary:
         """Makes the summary; arguments as those of `finish`."""
@@ -354,18 +356,18 @@ class _Estimation:
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         unjudged: dict[str, Any] = {"warnings": []}
         quality = parts.make(
-            "data quality", lambda: self._judged_quality(reader, min(failed_s, default=math.inf)), unjudged
+            "data quality", lambda: self._judge_quality(reader, min(failed_s, default=math.inf)), unjudged
         )
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
-        back = parts.make(
+        analysis = parts.make(
             "hindsight",
             lambda: analyze_run(
                 self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
             ),
-            Hindsight(unknown, ()),
+            BatchAnalysis(unknown, ()),
         )
-        _, covariance = parts.make("covariance", self._known.known, (unknown, np.full((10, 10), np.nan)))
+        _, covariance = parts.make("covariance", self._cycles.known, (unknown, np.full((10, 10), np.nan)))
         return compose_summary(
             self._scenario,
             duration_s=float(last("time_s")) - reader.record.first_s,
@@ -375,9 +377,9 @@ class _Estimation:
             truth=unknown,
             found=found,
             consistency=parts.make(
-                "consistency", lambda: self._consistent(found, back), Consistency(None, None, 0, TOO_LITTLE)
+                "consistency", lambda: self._judge_consistency(found, analysis), Consistency(None, None, 0, TOO_LITTLE)
             ),
-            bound=back.bound,
+            bound=analysis.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=timing,
             telemetry=_record_name(telemetry),
@@ -386,22 +388,23 @@ class _Estimation:
             losses=reader.losses,
         )
 
-    def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
+    def _judge_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
         """Judges the quality of the record up to the first failure."""
         quality = self._quality.summarize(reader.record, reader.ragged, failed_s)
-        quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
+        quality["warnings"] = [*quality["warnings"], *delay_remarks.remarks(self._scenario, self._intake.spool)]
         return quality
 
-    def _consistent(self, found: Findings, back: Hindsight) -> Consistency:
+    def _judge_consistency(self, found: Findings, analysis: BatchAnalysis) -> Consistency:
+        """Tests the NIS of both filters for consistency, without samples that declared failures explain."""
         rotation, mass = (
             exclude_explained(copy.deepcopy(tally), self._intake.spool, name, found.detections)
             for name, tally in self._nis.items()
         )
-        return judge_consistency(rotation, mass, np.full(10, np.nan), SYMBOLS, back.diagnoses)
+        return judge_consistency(rotation, mass, np.full(10, np.nan), SYMBOLS, analysis.diagnoses)
 
-    def _state_of(self, reader: Reader) -> dict[str, Any]:
-        """Returns the state to go on from at the end."""
-        states = state_to_json(self._known.state(), self._params)
+    def _make_filter_state(self, reader: Reader) -> dict[str, Any]:
+        """Makes the filter state at the end, as `filter_state.json` has it."""
+        states = state_to_json(self._cycles.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
             **write_onsets(self._onset_s),
@@ -411,7 +414,7 @@ class _Estimation:
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Computes mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
+        mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._cycles.spent_s.items()}
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
@@ -471,7 +474,8 @@ def _require_same_state(state: FilterState, known: tuple[Array, Array], source: 
             raise InputError(f"{source}: {name}: is unlike the one in 'states'; it was not written by a run")
 
 
-def _continuation(state: FilterState) -> Continuation:
+def _make_continuation(state: FilterState) -> Continuation:
+    """Makes the conditions at the end of the earlier run, from which the record's reader goes on."""
     return Continuation(
         time_s=state.time_s,
         command=np.array(state.command, dtype=float),

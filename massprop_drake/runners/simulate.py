@@ -59,7 +59,7 @@ class Engine(Protocol):
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
 
-    def emptied(self) -> dict[str, Array]:
+    def take_logs(self) -> dict[str, Array]:
         """Empties the logs, and returns them by port, with the times."""
 
     def moment(self) -> Moment:
@@ -87,7 +87,7 @@ def needs_diagram(scenario: Scenario) -> bool:
     return turned or beside or isinstance(scenario.plant, MultibodyBlock)
 
 
-def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
+def _make_engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
     """Makes the engine that a scenario names; a diagram of one's own has Drake's simulator."""
     if log and not hasattr(diagram, "GetMutableSystems"):
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
@@ -97,9 +97,9 @@ def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
-    from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
+    from massprop_drake.runners.drake_engine import DrakeEngine  # noqa: PLC0415 (loads the whole of Drake's framework)
 
-    return Simulated(scenario, diagram, log, truth)
+    return DrakeEngine(scenario, diagram, log, truth)
 
 
 def simulate(
@@ -143,12 +143,12 @@ def simulate(
             than 1; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
-    flight = _FlyingRun(scenario, _engine(scenario, diagram, log, truth), Intake(scenario, folder))
+    flight = _FlyingRun(scenario, _make_engine(scenario, diagram, log, truth), Intake(scenario, folder))
     try:
         flight.fly(progress, watch)
-        return flight.finished(PartsMade(strict=True), look_back=look_back)
+        return flight.finish_run(PartsMade(strict=True), look_back=look_back)
     except BaseException as error:
-        if keep is not None and (kept := flight.ended(error)) is not None:
+        if keep is not None and (kept := flight.finish_early(error)) is not None:
             keep(kept)
         raise
 
@@ -168,7 +168,7 @@ class _FlyingRun:
         self._began = time.perf_counter()
 
     def fly(self, progress: Callable[[float], None] | None, watch: Callable[[Moment], None] | None) -> None:
-        """Flies it from start to end; arguments as those of `simulate`."""
+        """Flies the run from start to end; arguments as those of `simulate`."""
         engine, period = self._engine, self._scenario.vehicle_data.sample_period_s
         end_s = self._intervals * period
         chunk_s = CHUNK_S if watch is None else period
@@ -182,15 +182,16 @@ class _FlyingRun:
                     progress(reached)
                 # a block of a few rows at the end would take other ways through linear algebra, with other rounding
                 if BLOCK_ROWS <= engine.logged <= self._intervals + 1 - self._intake.spool.n_rows - BLOCK_ROWS:
-                    self._take()
+                    self._take_signals()
             self._state = engine.finish()
-        self._take()
+        self._take_signals()
 
-    def _take(self) -> None:
-        self._intake.take(_signals(self._scenario, self._engine.emptied()))
+    def _take_signals(self) -> None:
+        """Moves logged rows from the engine to the spool, as signals."""
+        self._intake.take(_split_signals(self._scenario, self._engine.take_logs()))
 
-    def finished(self, parts: PartsMade, *, look_back: bool) -> Run:
-        """Makes the run, once all signals have been taken in."""
+    def finish_run(self, parts: PartsMade, *, look_back: bool) -> Run:
+        """Makes the run from all spooled signals."""
         scenario, intake, signals = self._scenario, self._intake, self._intake.spool
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
@@ -199,7 +200,7 @@ class _FlyingRun:
         results = parts.make(
             "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None
         ) or summarize_last_estimates(scenario, signals, timing)
-        authority = parts.make("control authority", lambda: _authority(scenario, signals), None)
+        authority = parts.make("control authority", lambda: _control_authority(scenario, signals), None)
         results = replace(results, autopilot=results.autopilot._replace(control_authority=authority))
         not_commanded = np.full(len(scenario.vehicle_data.jets), np.nan)  # beyond the end
         state: dict[str, Any] = {}
@@ -210,18 +211,18 @@ class _FlyingRun:
             results = parts.make("hindsight", lambda: add_batch_analysis(results, scenario, signals), results)
         return Run(scenario, replace(results, missing=tuple(parts.missing)), None, signals, state)
 
-    def ended(self, error: BaseException) -> Run | None:
-        """Makes the run up to an error; None before its first sample."""
+    def finish_early(self, error: BaseException) -> Run | None:
+        """Makes a run of the samples before an error; None before the first sample."""
         parts, signals = PartsMade(), self._intake.spool
         if self._engine.logged:
-            parts.make("the last samples", self._take, None)
+            parts.make("the last samples", self._take_signals, None)
         if not signals.n_rows:
             return None
         unknown: tuple[Array, Groups] = np.full((10, 10), np.nan), {}
         self._state = parts.make("filter state", lambda: self._engine.finish(interrupted=True), unknown)
         if self._engine.logged:
-            parts.make("the last sample", self._take, None)
-        run = self.finished(parts, look_back=isinstance(error, Exception))
+            parts.make("the last sample", self._take_signals, None)
+        run = self.finish_run(parts, look_back=isinstance(error, Exception))
         run.note_end(error, early=signals.n_rows <= self._intervals)
         return run
 
@@ -270,7 +271,7 @@ def _explain_scenario_errors(scenario: Scenario) -> Iterator[None]:
         ) from error
 
 
-def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
+def _split_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """Splits the logged ports into named signals."""
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _true_signals(scenario, logs)
@@ -321,7 +322,7 @@ def true_parameters(mass: Array, structure: Array) -> Array:
     return truth
 
 
-def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
+def _control_authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
     """Computes the control authority with all selectable jets, and with those left at the end.
 
     It is the largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
@@ -333,13 +334,16 @@ def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
     usable = params.selectable_jets(scenario)
     left = usable & (signals.last("out_of_use") <= 0.0)
     told = tuple(array.tobytes() for array in (vehicle.wrenches, vehicle.nominal.vector(), vehicle.mass_flows))
-    before = dict(_reach(*told, usable.tobytes()))
-    return {"before": before, "after": before if left.sum() == usable.sum() else dict(_reach(*told, left.tobytes()))}
+    before = dict(_jet_reach(*told, usable.tobytes()))
+    return {
+        "before": before,
+        "after": before if left.sum() == usable.sum() else dict(_jet_reach(*told, left.tobytes())),
+    }
 
 
 @lru_cache(maxsize=64)
-def _reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
-    """Computes the reach of the available jets, by axis and direction; cached over the runs of a campaign."""
+def _jet_reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
+    """Computes the largest change of rate and velocity by the available jets, by axis and direction; cached."""
     program = JetSelectionProgram(np.frombuffer(flows))
     activity = activity_vectors(np.frombuffer(wrenches).reshape(-1, 6), np.frombuffer(properties))
     limits = np.where(np.frombuffer(available, dtype=np.bool_), 1.0, 0.0)

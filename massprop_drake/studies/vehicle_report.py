@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensate_rotation
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.vehicle.sensing import increment_noise
-from massprop_drake.results.identified import increments_noise, unobservable_combinations
+from massprop_drake.results.identifiability_flags import increments_noise, unobservable_combinations
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
@@ -69,9 +69,9 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
             "missing": [name for name, value in reach.items() if value == 0.0],
         },
         "observability": {"rank": free - len(hidden), "estimated": free, "unobservable": hidden},
-        "notes": _notes(vehicle),
+        "notes": _geometry_notes(vehicle),
         "alike": _similar_jet_pairs(vehicle, seen, n_pairs),
-        "isolable": _isolable(vehicle, seen),
+        "isolable": _smallest_isolable(vehicle, seen),
     }
 
 
@@ -160,6 +160,7 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
 
 
 def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
+    """Lists the pairs of jets with the smallest angle between their whitened signatures, rad."""
     names = vehicle.designations
     return [
         {"jets": [names[pair.first], names[pair.second]], "angle_rad": pair.angle, "opposed": pair.opposed}
@@ -167,7 +168,8 @@ def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict
     ]
 
 
-def _isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
+def _smallest_isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
+    """Lists the smallest isolable force of each jet, stuck on or lost, and the jet hardest to tell from it."""
     names, margin = vehicle.designations, CglrBlock().margin
     found = {kind: observability.smallest_isolable(seen, margin, lost=kind == "lost") for kind in ("on", "lost")}
     return [
@@ -185,18 +187,19 @@ def _isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
     ]
 
 
-def _notes(vehicle: Vehicle) -> list[str]:
+def _geometry_notes(vehicle: Vehicle) -> list[str]:
+    """Lists what jets and sensors leave unobservable or uncontrolled, in words."""
     notes = []
     if not _has_velocity_sensor(vehicle):
         notes.append("no accelerometer: the mass cannot be observed")
     forces = observability.span_basis(vehicle.thrusts)
     if len(forces) == 1:
-        line = _vector(forces[0])
+        line = _direction_text(forces[0])
         notes.append(
             f"all forces lie along one line, {line}: where the center of mass lies along it cannot be observed"
         )
     elif len(forces) == 2:
-        normal = _vector(np.cross(*forces))
+        normal = _direction_text(np.cross(*forces))
         notes.append(f"all forces lie in one plane, normal to {normal}: no jet pushes out of it")
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
     distance = np.linalg.norm(torques, axis=1) / np.linalg.norm(vehicle.thrusts, axis=1)
@@ -212,14 +215,16 @@ def _notes(vehicle: Vehicle) -> list[str]:
         notes.append(f"lines through the nominal center of mass, so no torque: {named}")
     axes = observability.span_basis(torques)
     if len(axes) == 1:
-        notes.append(f"all torques lie along one line, {_vector(axes[0])}: about no other axis is there control")
+        notes.append(
+            f"all torques lie along one line, {_direction_text(axes[0])}: about no other axis is there control"
+        )
     elif len(axes) == 2:
-        normal = _vector(np.cross(*axes))
+        normal = _direction_text(np.cross(*axes))
         notes.append(f"all torques lie in one plane, normal to {normal}: no control about that axis")
     return notes
 
 
-def _vector(direction: Array) -> str:
+def _direction_text(direction: Array) -> str:
     """Formats a unit vector, largest element positive, by its axis where it lies along one."""
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     axis = int(direction.argmax())

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.signal import lsim
 
 from massprop_drake import Run, load_scenario
+from massprop_drake.results.batch_analysis import BatchAnalysis, analyze_run
 from massprop_drake.results.consistency import Diagnosis, Tally, judge_consistency
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.record_stretches import stretches
-from massprop_drake.results.shown_in_hindsight import Hindsight, analyze_run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 
@@ -32,7 +32,7 @@ def looked(
     found: tuple[DetectionRecord, ...] = (),
     events: tuple[EventRecord, ...] = (),
     **changed: Callable[[Array], Array],
-) -> Hindsight:
+) -> BatchAnalysis:
     """Looks back on the first rows of a run as the joint filter is told, with some signals changed."""
     signals = {name: np.array(run[name])[:rows] for name in READ}
     signals["gap"] = np.zeros((len(signals["gyro"]), 1))
@@ -44,12 +44,12 @@ def looked(
 
 
 @pytest.fixture(scope="module")
-def whole(sample_run: Run) -> Hindsight:
+def whole(sample_run: Run) -> BatchAnalysis:
     """The sample maneuver as it was read."""
     return looked(sample_run)
 
 
-def test_a_gap_costs_what_is_lost_in_it(sample_run: Run, whole: Hindsight) -> None:
+def test_a_gap_costs_what_is_lost_in_it(sample_run: Run, whole: BatchAnalysis) -> None:
     """And not the stretch that it is in; jets that were on in it are felt for a while, and that is no misfit."""
     firing = np.flatnonzero((sample_run["command"] != 0.0).any(axis=1))
     lost = np.isin(np.arange(ROWS), [firing[firing > 100][0], 200, 201])[:, None]
@@ -68,7 +68,7 @@ def test_a_gap_costs_what_is_lost_in_it(sample_run: Run, whole: Hindsight) -> No
 
 @pytest.mark.parametrize(("sensor", "last"), [("gyro", 101), ("acc1", 112)])
 def test_readings_that_were_said_to_be_false_are_left_out(
-    sample_run: Run, whole: Hindsight, sensor: str, last: int
+    sample_run: Run, whole: BatchAnalysis, sensor: str, last: int
 ) -> None:
     """One of a gyro, whose rate coupling is taken with, too, and an axis of an accelerometer for a second."""
     wrong = np.zeros((ROWS, 3))

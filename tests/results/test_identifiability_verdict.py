@@ -10,7 +10,7 @@ import pytest
 from massprop_drake import Run, load_scenario, load_vehicle
 from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.identified import bound_in_words, classify_parameters, unobservable_combinations
+from massprop_drake.results.identifiability_flags import bound_in_words, classify_parameters, unobservable_combinations
 
 
 def test_a_long_maneuver_identifies_all_ten(sample_run: Run) -> None:

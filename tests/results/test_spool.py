@@ -108,13 +108,13 @@ def test_few_rows_are_all_shown_and_events_do_not_crowd_out_everything() -> None
 
 
 def test_a_long_run_is_thinned_to_rows_as_recorded(short_run: Run) -> None:
-    assert short_run.shown() is short_run
+    assert short_run.thin_for_plots() is short_run
     time_s = np.arange(70 * short_run.time_s.size) * 0.08
     signals = {name: np.tile(values, (70, 1)) for name, values in short_run.signals.items()}
     signals["rate"][4321, 1] = signals["gyro"][4321, 1] = 0.5
-    shown = Run(short_run.scenario, short_run.results, time_s, signals).shown()
+    shown = Run(short_run.scenario, short_run.results, time_s, signals).thin_for_plots()
     assert shown.time_s.size < time_s.size
-    assert shown.shown() is shown
+    assert shown.thin_for_plots() is shown
     rows = np.searchsorted(time_s, shown.time_s)
     assert 4321 in rows
     for name in ("gyro", "estimate", "command"):

@@ -15,7 +15,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.results import table
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Summary
-from massprop_drake.runners.simulated_beside import beside
+from massprop_drake.runners.simulation_comparison import compare_with_simulation
 
 FLIGHT = [
     "duration_s=30",
@@ -51,7 +51,7 @@ def said(run: Run) -> Against:
 def put_beside(runs: Path, record: str, against: str = "known") -> Run:
     """A record estimated with the settings of a run, beside its simulation."""
     scenario = load_scenario(runs / against)
-    return beside(estimate(runs / record / "telemetry.csv", scenario), runs / against)
+    return compare_with_simulation(estimate(runs / record / "telemetry.csv", scenario), runs / against)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_center_of_mass_elsewhere_is_found_with_what_goes_along(runs: Path) ->
 def test_after_a_gap_it_begins_with_the_record_s_rate(runs: Path, tmp_path: Path) -> None:
     rows = (runs / "weak" / "telemetry.csv").read_text("utf-8").splitlines()
     (tmp_path / "gap.csv").write_text("\n".join([*rows[:150], *rows[190:]]) + "\n", encoding="utf-8")
-    run = beside(estimate(tmp_path / "gap.csv", load_scenario(runs / "known")), runs / "known")
+    run = compare_with_simulation(estimate(tmp_path / "gap.csv", load_scenario(runs / "known")), runs / "known")
     gap = int(np.flatnonzero(run["gap"][:, 0])[0])
     assert np.isnan(run["against.gyro"][gap + 1 :]).sum() == 0
     np.testing.assert_array_equal(run["against.gyro"][gap + 1], run["gyro"][gap + 1])
@@ -129,4 +129,4 @@ def test_another_vehicle_is_refused(runs: Path, tmp_path: Path) -> None:
     record = estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known"))
     other = load_scenario(tmp_path / "other").vehicle_data.name
     with pytest.raises(InputError, match=f"is of vehicle '{other}', whose .* are not those of 'orbiter'"):
-        beside(record, tmp_path / "other")
+        compare_with_simulation(record, tmp_path / "other")

@@ -11,7 +11,7 @@ from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.errors import InputError
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import rotation_differences
-from massprop_drake.runners.simulated_beside import beside
+from massprop_drake.runners.simulation_comparison import compare_with_simulation
 
 FLIGHT = ["duration_s=14", "detector.kind=off", "execution.engine=loop", "plant.thrust_dispersion=0"]
 WEAK = "failures=[{kind: degraded, jet: T6, start_s: 0, fraction: 0.4}]"
@@ -34,7 +34,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def records(runs: Path) -> dict[str, Run]:
-    """What is estimated from the telemetry of both; `beside` changes nothing in it."""
+    """What is estimated from the telemetry of both; `compare_with_simulation` changes nothing in it."""
     scenario = load_scenario(runs / "known")
     return {name: estimate(runs / name / "telemetry.csv", scenario) for name in ("known", "weak")}
 
@@ -42,7 +42,7 @@ def records(runs: Path) -> dict[str, Run]:
 @pytest.fixture(scope="module")
 def weak(runs: Path, records: dict[str, Run]) -> Run:
     """The record of a weak jet beside the vehicle as it is known."""
-    return beside(records["weak"], runs / "known")
+    return compare_with_simulation(records["weak"], runs / "known")
 
 
 def said(run: Run) -> Against:
@@ -72,7 +72,7 @@ def test_residuals_are_those_of_what_was_simulated(weak: Run) -> None:
 
 
 def test_a_runs_own_record_is_as_simulated(runs: Path, records: dict[str, Run]) -> None:
-    found = said(beside(records["known"], runs / "known"))
+    found = said(compare_with_simulation(records["known"], runs / "known"))
     assert found.causes == ()
     assert 0.7 < (found.misfit or 0.0) < 1.2
     assert "are as simulated" in found.in_words()
@@ -88,7 +88,7 @@ def test_what_cannot_be_simulated_is_refused(records: dict[str, Run], tmp_path: 
         "jumps=[{kind: dock, time_s: 1, mass: 1, position: [0, 0, 0]}]",
     )
     with pytest.raises(InputError, match="payloads come or leave"):
-        beside(records["known"], tmp_path / "heavier")
+        compare_with_simulation(records["known"], tmp_path / "heavier")
     flown(tmp_path, "other", "failures=[]", "duration_s=1", "vehicle.jets[0].position=[0.145, 0.07, 0.0]")
     with pytest.raises(InputError, match="whose places of jets are not those of 'air_bearing'"):
-        beside(records["known"], tmp_path / "other")
+        compare_with_simulation(records["known"], tmp_path / "other")

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from massprop_drake import Run, foretell, load_scenario, simulate
 from massprop_drake.cli.app import app
 from massprop_drake.errors import InputError
-from massprop_drake.runners import foretelling
-from massprop_drake.runners.foretelling import Forecast
+from massprop_drake.runners import forecast
+from massprop_drake.runners.forecast import Forecast
 
 SHORT = ["duration_s=22", "estimation.filter=joint"]
 ALONE = [*SHORT, "detector.kind=off", "execution.engine=loop"]
@@ -59,7 +59,7 @@ def test_a_leak_is_named_when_it_is_foretold(told: Forecast) -> None:
 
 def test_the_command_prints_it(told: Forecast, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = list[dict[str, Any]]()
-    monkeypatch.setattr(foretelling, "foretell", lambda _, **options: asked.append(options) or told)
+    monkeypatch.setattr(forecast, "foretell", lambda _, **options: asked.append(options) or told)
     words = ["foretell", "small_satellite_maneuver", "--since", "12", "--leak", "0.05"]
     printed = CliRunner().invoke(app, words)
     assert printed.exit_code == 0

@@ -14,7 +14,7 @@ from vehicle_flights import windows
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.runners.guaranteed import with_intervals
+from massprop_drake.runners.guaranteed_intervals import add_guaranteed_intervals
 
 INERTIA = [[905000.0, -30000.0, -240000.0], [-30000.0, 6690000.0, 21000.0], [-240000.0, 21000.0, 7100000.0]]
 BODY = {"mass": 5800.0, "center_of_mass": [32.4, -0.2, 2.3], "inertia": INERTIA}
@@ -48,7 +48,7 @@ def are_inside(found: Intervals, values: np.ndarray) -> bool:
 
 @pytest.fixture(scope="module")
 def healthy() -> Run:
-    return with_intervals(flown())
+    return add_guaranteed_intervals(flown())
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_the_truth_is_in_every_interval(healthy: Run) -> None:
 
 
 def test_a_failure_that_nobody_declared_contradicts_the_readings(leaking: Run) -> None:
-    found = said(with_intervals(leaking))
+    found = said(add_guaranteed_intervals(leaking))
     assert found.contradicted
     assert not found.guaranteed
     assert found.pairs == [None] * 10
@@ -95,7 +95,7 @@ def test_readings_count_until_the_declared_failure_and_again_if_it_is_withdrawn(
 
     def declared(entry: DetectionRecord) -> Intervals:
         results = replace(leaking.results, detections=(entry,))
-        return said(with_intervals(Run(leaking.scenario, results, leaking.time_s, leaking.signals)))
+        return said(add_guaranteed_intervals(Run(leaking.scenario, results, leaking.time_s, leaking.signals)))
 
     found = declared(one)
     before = leaking["truth"][np.searchsorted(leaking.time_s, 8.95) - 1]
@@ -114,7 +114,7 @@ def test_readings_count_until_the_declared_failure_and_again_if_it_is_withdrawn(
     ],
 )
 def test_where_there_are_none_it_is_said_why(settings: str, words: str) -> None:
-    found = said(with_intervals(flown("duration_s=2", settings)))
+    found = said(add_guaranteed_intervals(flown("duration_s=2", settings)))
     assert words in (found.reason or "")
     assert (found.guaranteed, found.contradicted) == (False, False)
     assert found.best["mass_reciprocal"] is None

@@ -105,10 +105,10 @@ def test_logs_may_be_emptied_at_any_row() -> None:
     for reached_s in (0.0, 10.0, 20.41, 20.49, 22.0):  # row 255 is the last of a block, 256 the next one's first
         parts.advance(reached_s)
         assert 0.0 <= reached_s - parts.moment().time_s < 0.08
-        pieces.append(parts.emptied())
+        pieces.append(parts.take_logs())
         assert parts.logged == 0
     assert whole.logged == 276
-    for name, values in whole.emptied().items():
+    for name, values in whole.take_logs().items():
         np.testing.assert_array_equal(np.concatenate([piece[name] for piece in pieces]), values, err_msg=name)
 
 

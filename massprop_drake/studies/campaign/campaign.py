@@ -77,13 +77,13 @@ class Campaign:
 
     def reason(self, case_id: int) -> str | None:
         """Returns why a case failed to run; None where it did not, or has not been flown."""
-        rows = store.read_rows(self._need_folder(), ["case_id", "reason"])
+        rows = store.read_rows(self._require_folder(), ["case_id", "reason"])
         found = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
         return found.get(case_id)
 
     def case_folder(self, case_id: int) -> Path:
         """Returns the folder of the whole run of a case, if it is kept."""
-        return self._need_folder() / store.CASES / case_name(case_id)
+        return self._require_folder() / store.CASES / case_name(case_id)
 
     def plan(self, folder: str | Path, *, force: bool = False) -> Campaign:
         """Writes file, base scenario and plan into a folder that has none yet, or a plan that this one extends.
@@ -197,13 +197,14 @@ class Campaign:
                 link = engine.dashboard(client)
                 if dashboard is not None and link is not None:
                     dashboard(link)
-                counts = self._flown(client, path, facts, done, self._work(path, todo, alone))
+                counts = self._write_chunks(client, path, facts, done, self._make_work(path, todo, alone))
                 for count in stack.enter_context(contextlib.closing(counts)):
                     if progress is not None:
                         progress(count, len(cases))
         return Campaign(self.spec, target)
 
-    def _work(self, folder: Path, todo: Sequence[PlannedCase], alone: frozenset[int]) -> engine.CampaignWork:
+    def _make_work(self, folder: Path, todo: Sequence[PlannedCase], alone: frozenset[int]) -> engine.CampaignWork:
+        """Makes the work for the workers: cases, their common settings, and limits of time and memory."""
         file = self.spec.file
         setup = {
             "base": self.spec.base.model_dump(mode="json"),
@@ -214,7 +215,7 @@ class Campaign:
         }
         return engine.CampaignWork(setup, todo, alone, file.limits.time_s, file.limits.memory_mb)
 
-    def _flown(
+    def _write_chunks(
         self, client: Client, folder: Path, facts: dict[str, str], done: set[int], work: engine.CampaignWork
     ) -> Generator[int]:
         """Writes chunks of cases as they are flown, and yields the number of those that have a row."""
@@ -233,7 +234,7 @@ class Campaign:
 
     def status(self) -> Status:
         """Returns progress and outcomes of its cases, from the folder alone."""
-        return reading.status(self._need_folder(), self.spec)
+        return reading.status(self._require_folder(), self.spec)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Returns every case that has been flown: draws and results, indexed by `case_id`.
@@ -242,7 +243,7 @@ class Campaign:
             ImportError: when pandas is not installed.
             InputError: when nothing has been flown.
         """
-        folder = self._need_folder()
+        folder = self._require_folder()
         rows = store.read_rows(folder)
         if rows is None:
             raise InputError(f"{folder}: no case has been flown yet")
@@ -257,7 +258,7 @@ class Campaign:
 
         return campaign_report.notebook(reading.read(self.folder))
 
-    def _need_folder(self) -> Path:
+    def _require_folder(self) -> Path:
         if self.folder is None:
             raise InputError(f"campaign '{self.spec.file.name}' has not been run; give the folder of one that has")
         return self.folder

@@ -66,7 +66,7 @@ def summary_data(study: Study) -> dict[str, Any]:
         "figures": cells[study.reference]["figures"],
         "cells": cells,
         "injected": {kind: dict(counts) for kind, counts in merit.count_outcomes(study.rows).items()},
-        "failed_to_run": _reasons(study.rows),
+        "failed_to_run": _count_reasons(study.rows),
     }
 
 
@@ -80,7 +80,7 @@ def _gate_data(passed: Passed) -> dict[str, Any]:
     return {"figure": passed.name, **passed.gate.model_dump(mode="json"), "value": value, "passes": passed.passes}
 
 
-def _reasons(rows: Sequence[Row]) -> dict[str, int]:
+def _count_reasons(rows: Sequence[Row]) -> dict[str, int]:
     """Counts reasons for which cases failed to run, the most frequent first."""
     return dict(Counter(str(row["reason"]) for row in rows if row["status"] != "flown").most_common())
 
@@ -100,7 +100,7 @@ def notebook(study: Study) -> str:
 
 
 def contents(study: Study) -> dict[str, Any]:
-    """Returns all that the page shows, as plain values: texts, tables and plots."""
+    """Makes the content of the report page as plain values: texts, tables and plots."""
     spec = study.spec
     cell = study.cells[study.reference]
     rows = cell.rows
@@ -119,7 +119,7 @@ def contents(study: Study) -> dict[str, Any]:
     return {
         "title": spec.file.name,
         "description": spec.file.description,
-        "about": _about(study),
+        "about": _headline(study),
         "verdict": verdict(study),
         "figures": [figure_row(name, figure) for name, figure in found.items() if figure.n],
         "sweep": report_tables.sweep(study),
@@ -137,7 +137,7 @@ def contents(study: Study) -> dict[str, Any]:
         "coverage": report_tables.coverage(rows),
         "sobol": spec.file.method == "saltelli",
         "worst": report_tables.worst(study),
-        "failed": list(_reasons(study.rows).items()),
+        "failed": list(_count_reasons(study.rows).items()),
         "execution": report_tables.execution(study),
         "file": yaml_text(spec.file),
         "base": yaml_text(spec.base),
@@ -146,7 +146,8 @@ def contents(study: Study) -> dict[str, Any]:
     }
 
 
-def _about(study: Study) -> str:
+def _headline(study: Study) -> str:
+    """Describes in a line what was flown: scenario, vehicle, cases, hours, method and seed."""
     file, base = study.spec.file, study.spec.base
     cells = f" in {len(study.cells)} cells of a sweep" if len(study.cells) > 1 else ""
     return (

@@ -58,7 +58,10 @@ def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
     return _axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks], **more)
 
 
-def _figure(name: str, title: str, traces: Sequence[Json], layout: Json, note: str = "", *, wide: bool = False) -> Json:
+def _make_plot(
+    name: str, title: str, traces: Sequence[Json], layout: Json, note: str = "", *, wide: bool = False
+) -> Json:
+    """Makes a plot as the page takes it: its texts, traces and layout."""
     return {
         "name": name,
         "title": title,
@@ -72,7 +75,7 @@ def _figure(name: str, title: str, traces: Sequence[Json], layout: Json, note: s
 _KEY = {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom", "font": {"size": 10}}
 
 
-def _errors(figures: Sequence[Figure]) -> Json:
+def _error_bars(figures: Sequence[Figure]) -> Json:
     """Makes error bars of figures; a bound that is missing or open has none."""
 
     def size(of: float, to: float) -> float | None:
@@ -88,11 +91,12 @@ def _errors(figures: Sequence[Figure]) -> Json:
     }
 
 
-def _values(figures: Sequence[Figure]) -> list[float | None]:
+def _finite_values(figures: Sequence[Figure]) -> list[float | None]:
     return [figure.value if math.isfinite(figure.value) else None for figure in figures]
 
 
-def _line(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
+def _line_trace(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
+    """Makes the trace of a line; without a label it is not in the legend."""
     style = {"color": color, "width": 1.6, **more.pop("line", {})}
     return {
         "type": "scatter", "mode": "lines", "x": rounded_numbers(x), "y": rounded_numbers(y), "line": style,
@@ -101,12 +105,13 @@ def _line(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
     }  # fmt: skip
 
 
-def _band(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Json]:
+def _band_traces(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Json]:
+    """Makes the traces of a shaded band between two curves."""
     shape = more.pop("shape", "linear")
     edge = {"line": {"width": 0, "shape": shape}, "hoverinfo": "skip", **more}
     return [
-        _line(x, low, color, **edge),
-        _line(x, high, color, **edge, fill="tonexty", fillcolor=f"{color}{_BAND}"),
+        _line_trace(x, low, color, **edge),
+        _line_trace(x, high, color, **edge, fill="tonexty", fillcolor=f"{color}{_BAND}"),
     ]
 
 
@@ -124,9 +129,11 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
             np.concatenate([[start], edge, edge[-1:] if edge.size else [start]])
             for start, edge in ((0.0, curve.low), (0.0, curve.found), (curve.at(0.0).high, curve.high))
         ]
-        traces += _band(x, edges[0], edges[2], color, shape="hv", legendgroup=str(number))
+        traces += _band_traces(x, edges[0], edges[2], color, shape="hv", legendgroup=str(number))
         words = f"{label} ({curve.n_found} of {curve.n})"
-        traces.append(_line(x, edges[1], color, words, line={"dash": dash, "shape": "hv"}, legendgroup=str(number)))
+        traces.append(
+            _line_trace(x, edges[1], color, words, line={"dash": dash, "shape": "hv"}, legendgroup=str(number))
+        )
     layout = {
         "xaxis": _log_axis("time since the failure first acted, s", _LEAST_DELAY_S, max(1.05 * longest, 1.0)),
         "yaxis": _axis("probability of being found", range=[-0.02, 1.02]),
@@ -135,7 +142,7 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
         "Kaplan-Meier, bands 95 %. What was never found, or taken for something else, is censored at the end of its "
         "flight; each curve ends where the longest flight does. In brackets: found, of those that acted."
     )
-    return _figure(name, f"Delay to the right declaration, {what}", traces, layout, note)
+    return _make_plot(name, f"Delay to the right declaration, {what}", traces, layout, note)
 
 
 def operating_curve(
@@ -165,7 +172,7 @@ def operating_curve(
             settings = [f"likelihood argument at least {point.setting:.4g}" for point in curve]
             label = "as flown, less what is below a threshold" if not axis else ""
             style = {"line": {"dash": "dot"}, "text": settings, "hoverinfo": "x+y+text"}
-            traces.append(_line(x, y, _CURVE_COLOR, label, **style, **place))
+            traces.append(_line_trace(x, y, _CURVE_COLOR, label, **style, **place))
         for points, color, symbol, label in (
             (list(cells), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(swept)}"),
             ([flown], FAILED_COLOR, "star", "operating point"),
@@ -178,8 +185,9 @@ def operating_curve(
             traces.append(
                 {
                     "type": "scatter", "mode": "markers+text", "x": [figure.value for figure in false],
-                    "y": _values(figures),
-                    "error_x": {**_errors(false), "color": color}, "error_y": {**_errors(figures), "color": color},
+                    "y": _finite_values(figures),
+                    "error_x": {**_error_bars(false), "color": color},
+                    "error_y": {**_error_bars(figures), "color": color},
                     "marker": {
                         "color": color, "size": 13 if symbol == "star" else 8,
                         "symbol": [symbol if point.false_per_hour.value else f"{symbol}-open" for point in points],
@@ -207,7 +215,7 @@ def operating_curve(
             "flown again for it, so that what would have been declared later is missing: of the share found it is a "
             "lower bound, and what a lower threshold would declare it cannot say."
         )
-    return _figure("operating", "Operating curve", traces, layout, note)
+    return _make_plot("operating", "Operating curve", traces, layout, note)
 
 
 def _rate_position(point: OperatingPoint) -> float:
@@ -264,7 +272,7 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
         "From left: what failed; from below: what was declared. Blue: right; red: taken for something else; gray: not "
         "found, or not tested."
     )
-    return _figure(name, title, traces, layout, note, wide=len(columns) > 14)
+    return _make_plot(name, title, traces, layout, note, wide=len(columns) > 14)
 
 
 def _sort_names(names: set[str], order: Sequence[str]) -> list[str]:
@@ -281,8 +289,8 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
     if curve is not None:
         x = np.geomspace(curve.smallest, curve.largest, 80)
         middle, low, high = curve.at(x)
-        traces += _band(x, low, high, ESTIMATE_COLOR)
-        traces.append(_line(x, middle, ESTIMATE_COLOR, "logistic fit with 95 % band"))
+        traces += _band_traces(x, low, high, ESTIMATE_COLOR)
+        traces.append(_line_trace(x, middle, ESTIMATE_COLOR, "logistic fit with 95 % band"))
     for right, y, label in ((True, 1.06, "found, one by one"), (False, -0.06, "not found")):
         x = np.array([failure_size(event) for event in found if event.right == right])[:_MOST_POINTS]
         color = ESTIMATE_COLOR if right else FAILED_COLOR
@@ -294,14 +302,14 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
     centers = [math.sqrt(low * high) for low, high, _ in bins]
     shares = [figure for _, _, figure in bins]
     traces.append(
-        {"type": "scatter", "mode": "markers", "x": centers, "y": _values(shares), "name": "share by size, 95 %",
-         "error_y": {**_errors(shares), "color": TRUTH_COLOR}, "marker": {"color": TRUTH_COLOR, "size": 7},
+        {"type": "scatter", "mode": "markers", "x": centers, "y": _finite_values(shares), "name": "share by size, 95 %",
+         "error_y": {**_error_bars(shares), "color": TRUTH_COLOR}, "marker": {"color": TRUTH_COLOR, "size": 7},
          "text": [f"{figure.n:g} failures" for figure in shares], "hoverinfo": "x+y+text"}
     )  # fmt: skip
     layout = {
         "xaxis": _log_axis(f"mean force too much or missing, {unit}", 0.85 * bins[0][0], 1.18 * bins[-1][1]),
         "yaxis": _axis("share found", range=[-0.12, 1.12], tickvals=[0, 0.25, 0.5, 0.75, 1]),
-        "shapes": [_level(0.9, "x", "y")],
+        "shapes": [_level_line(0.9, "x", "y")],
     }  # fmt: skip
     if curve is not None and math.isfinite(curve.size_90.value):
         note = f"Found with a probability of 0.9 (dashed) from {curve.size_90.value:.3g} {unit} on"
@@ -314,10 +322,11 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
         note = "No size up to the largest is found with a probability of 0.9 (dashed)."
     else:
         note = "Too few failures, or too much alike in what became of them, for a curve. Dashed: 0.9."
-    return _figure(f"sizes-{kind}", f"Probability of detection by size: {kind}", traces, layout, note)
+    return _make_plot(f"sizes-{kind}", f"Probability of detection by size: {kind}", traces, layout, note)
 
 
-def _level(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json:
+def _level_line(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json:
+    """Makes a dashed horizontal line across a panel."""
     return {
         "type": "line", "xref": f"{x_axis} domain", "yref": y_axis, "x0": 0, "x1": 1, "y0": y, "y1": y,
         "line": {"color": color, "width": 1, "dash": "dash"},
@@ -348,13 +357,13 @@ def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json
         )  # fmt: skip
     low, high = (min(everything), max(everything)) if everything else (0.0, 1.0)
     ends = np.array([low, high])
-    traces.append(_line(ends, ends, TRUTH_COLOR, "no error", line={"dash": "dash", "width": 1}))
+    traces.append(_line_trace(ends, ends, TRUTH_COLOR, "no error", line={"dash": "dash", "width": 1}))
     layout = {
         "xaxis": _axis(f"true mean force too much (+) or missing (-), {unit}"),
         "yaxis": _axis(f"declared, {unit}"),
     }
     note = "Failures declared as what they are; bars: 2-sigma as claimed."
-    return _figure("magnitudes", "Magnitude, declared and true", traces, layout, note)
+    return _make_plot("magnitudes", "Magnitude, declared and true", traces, layout, note)
 
 
 # ------------------------------------------------------------------------------------- consistency
@@ -364,7 +373,7 @@ def normal_histogram(values: Sequence[float], name: str, title: str, axis: str) 
     """Plots a histogram of errors over sigma, beside the expected numbers of a normal distribution."""
     traces, outside = _normal_bars(np.asarray(values, dtype=float), "", first=True)
     layout = {"xaxis": _axis(axis), "yaxis": _axis("number"), "bargap": 0.06}
-    return _figure(name, title, traces, layout, _outside_words(outside, len(values)))
+    return _make_plot(name, title, traces, layout, _normal_note(outside, len(values)))
 
 
 _EDGES = np.linspace(-6.0, 6.0, 25)
@@ -381,11 +390,11 @@ def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
         "name": "cases", "showlegend": first, "legendgroup": "cases", "hoverinfo": "x+y", **place,
     }  # fmt: skip
     style = {"line": {"shape": "hvh", "width": 1.2}, "legendgroup": "expected"}
-    line = _line(centers, expected, TRUTH_COLOR, "expected", **style, **place)
+    line = _line_trace(centers, expected, TRUTH_COLOR, "expected", **style, **place)
     return [bars, {**line, "showlegend": first}], int((np.abs(z) > 6.0).sum())
 
 
-def _outside_words(outside: int, n: int) -> str:
+def _normal_note(outside: int, n: int) -> str:
     beyond = f"; {outside} of {n} values lie beyond 6 and are in the outermost bars" if outside else ""
     return f"Line: numbers expected of a consistent filter{beyond}."
 
@@ -412,9 +421,11 @@ def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
             {"xref": "paper", "yref": "paper", "x": x[0], "y": y[1] + 0.01, "text": PARAMETERS[name], "xanchor": "left",
              "yanchor": "bottom", "showarrow": False}
         )  # fmt: skip
-    note = "Across: error / claimed 1-sigma at the end; up: number of cases. " + _outside_words(outside, total)
+    note = "Across: error / claimed 1-sigma at the end; up: number of cases. " + _normal_note(outside, total)
     layout["margin"] = {**_MARGIN, "l": 34, "b": 28, "t": 26}
-    return _figure("parameters", "Errors over claimed sigma, parameter by parameter", traces, layout, note, wide=True)
+    return _make_plot(
+        "parameters", "Errors over claimed sigma, parameter by parameter", traces, layout, note, wide=True
+    )
 
 
 def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str], n: int = 1) -> Json:
@@ -437,9 +448,9 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
     expected = x.size * np.diff(stats.chi2.cdf(edges * n, degrees * n))
     centers = np.sqrt(edges[1:] * edges[:-1])
     traces: list[Json] = [
-        _line(edges, np.append(counts, counts[-1]), ESTIMATE_COLOR, "cases", line={"shape": "hv", "width": 1},
+        _line_trace(edges, np.append(counts, counts[-1]), ESTIMATE_COLOR, "cases", line={"shape": "hv", "width": 1},
               fill="tozeroy", fillcolor=f"{ESTIMATE_COLOR}bb"),
-        _line(centers, expected, TRUTH_COLOR, "expected", line={"shape": "hvh", "width": 1.2}),
+        _line_trace(centers, expected, TRUTH_COLOR, "expected", line={"shape": "hvh", "width": 1.2}),
     ]  # fmt: skip
     layout = {
         "xaxis": _log_axis(label, float(edges[0]), float(edges[-1])),
@@ -449,7 +460,7 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
              "fillcolor": BAND_COLOR, "opacity": 0.25, "line": {"width": 0}, "layer": "below"}
         ],
     }  # fmt: skip
-    return _figure(name, title, traces, layout, f"Shaded: the band that holds 95 %, {low:.3g} to {high:.3g}.")
+    return _make_plot(name, title, traces, layout, f"Shaded: the band that holds 95 %, {low:.3g} to {high:.3g}.")
 
 
 def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
@@ -465,12 +476,13 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
         figures = [by_sigma[sigma] for by_sigma in found.values()]
         traces.append(
             {"type": "scatter", "mode": "markers", "x": [place + 0.16 * (number - 1) for place in range(len(found))],
-             "y": _values(figures), "error_y": {**_errors(figures), "color": color}, "name": f"within {sigma:g} sigma",
+             "y": _finite_values(figures), "error_y": {**_error_bars(figures), "color": color},
+             "name": f"within {sigma:g} sigma",
              "marker": {"color": color, "size": 7}, "hoverinfo": "y+name"}
         )  # fmt: skip
-        layout["shapes"].append(_level(float(stats.chi2.cdf(sigma**2, 1)), "x", "y", color))
+        layout["shapes"].append(_level_line(float(stats.chi2.cdf(sigma**2, 1)), "x", "y", color))
     note = "Bars: 95 %. Dashed: 68.3, 95.4 and 99.7 %, as of a consistent filter."
-    return _figure("coverage", "Estimates within what they claim", traces, layout, note)
+    return _make_plot("coverage", "Estimates within what they claim", traces, layout, note)
 
 
 def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
@@ -480,15 +492,15 @@ def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
         color, _ = _style(number)
         figures = [parts[label] for parts in found.values()]
         traces.append(
-            {"type": "scatter", "mode": "lines+markers", "x": list(found), "y": _values(figures), "name": label,
-             "error_y": {**_errors(figures), "color": color}, "line": {"color": color, "width": 1.6}}
+            {"type": "scatter", "mode": "lines+markers", "x": list(found), "y": _finite_values(figures), "name": label,
+             "error_y": {**_error_bars(figures), "color": color}, "line": {"color": color, "width": 1.6}}
         )  # fmt: skip
     layout: Json = {
         "xaxis": _axis("time, s"),
         "yaxis": _axis("share within 3 sigma", range=[-0.02, 1.04], tickformat=".0%"),
-        "shapes": [_level(0.9973, "x", "y")],
+        "shapes": [_level_line(0.9973, "x", "y")],
     }
-    return _figure("over-time", "Estimates within 3 sigma, over time", traces, layout, "Bars: 95 %. Dashed: 99.7 %.")
+    return _make_plot("over-time", "Estimates within 3 sigma, over time", traces, layout, "Bars: 95 %. Dashed: 99.7 %.")
 
 
 # ------------------------------------------------------------------------------------- sensitivity
@@ -505,7 +517,7 @@ def correlations(found: Mapping[str, Mapping[str, Figure]], name: str, title: st
         f"{0.05 * total:.0f} would by chance alone. Draws that are no numbers, such as jets, are not in it."
     )
     text = [["" if cell is None else _bold(cell) for cell in line] for line in cells]
-    return _heat((name, title, note), [PARAMETERS[one] for one in found], draws, cells, text)
+    return _heat_map((name, title, note), [PARAMETERS[one] for one in found], draws, cells, text)
 
 
 def _bold(cell: Figure) -> str:
@@ -519,10 +531,10 @@ def sobol(found: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequen
     text = [[f"{cell.value:.2f}" for cell in line] for line in cells]
     note = f"Share of the variance of the error that is due to a draw {order}; point at a cell for its 95 % interval."
     what = ("sobol-total", "Sobol indices, total") if "with" in order else ("sobol-first", "Sobol indices, first order")
-    return _heat((*what, note), [PARAMETERS[name] for name in names], draws, cells, text)
+    return _heat_map((*what, note), [PARAMETERS[name] for name in names], draws, cells, text)
 
 
-def _heat(
+def _heat_map(
     what: tuple[str, str, str],
     columns: Sequence[str],
     rows: Sequence[str],
@@ -549,4 +561,4 @@ def _heat(
                        tickfont={"size": 10},
                        showgrid=False, zeroline=False, range=[len(rows) - 0.5, -0.5]),
     }  # fmt: skip
-    return _figure(*what[:2], [trace], layout, what[2], wide=True)
+    return _make_plot(*what[:2], [trace], layout, what[2], wide=True)

@@ -28,7 +28,7 @@ def main() -> None:
     _end_with_the_parent()
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # whatever prints must not come between
-    requests = _requests()
+    requests = _read_requests()
     setup = next(requests, None)
     if setup is None:
         return
@@ -36,7 +36,7 @@ def main() -> None:
     from massprop_drake.errors import InputError  # noqa: PLC0415 (the parent's end is to be noticed from the first)
     from massprop_drake.studies.campaign.execution import execution  # noqa: PLC0415
 
-    flights = _flights(setup)
+    flights = _make_flights(setup)
     _reply(replies, {"execution": execution(compiled=flights.compiled)})
     for request in requests:
         began, spent = time.perf_counter(), time.process_time()
@@ -50,7 +50,7 @@ def main() -> None:
         _reply(replies, answer)
 
 
-def _flights(setup: Mapping[str, Any]) -> Any:
+def _make_flights(setup: Mapping[str, Any]) -> Any:
     """Loads the module that flies the cases, and makes its flights, see `worker.fly_chunk`."""
     if "program" not in setup:
         from massprop_drake.studies.campaign.campaign_flight import Flights  # noqa: PLC0415 (loads Drake)
@@ -66,7 +66,8 @@ def _flights(setup: Mapping[str, Any]) -> Any:
     return program.Flights(setup)
 
 
-def _requests() -> Iterator[dict[str, Any]]:
+def _read_requests() -> Iterator[dict[str, Any]]:
+    """Yields requests from standard input; an alarm ends the process when none comes for `IDLE_S`."""
     while True:
         signal.alarm(IDLE_S)
         line = sys.stdin.readline()

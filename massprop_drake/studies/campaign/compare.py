@@ -28,7 +28,7 @@ _HOUR_S = 3600.0
 
 
 class Column(NamedTuple):
-    """Column of the comparison.
+    """Column of the comparison: a campaign, or a cell of its sweep.
 
     Attributes:
         label: the campaign's folder, and the settings of the cell where there are several.
@@ -146,19 +146,19 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     both = [pair for pair in events if pair[0].right and pair[1].right]
     judged = [pair for pair in paired if len(select_judgeable(pair)) == len(pair)]
     found = [
-        _false_rate(judged),
-        _share("Cases with a false declaration", judged, lambda row: row["n_false"] > 0, "cases"),
-        _share(
+        _false_rate_measure(judged),
+        _share_measure("Cases with a false declaration", judged, lambda row: row["n_false"] > 0, "cases"),
+        _share_measure(
             "Cases that end with a healthy jet out of use", judged, lambda row: bool(row["healthy_jets_out"]), "cases"
         ),
-        _share(MEANINGS["ended_wrong"].words, known, ends_wrong, "cases"),
-        _share(MEANINGS["failing"].words, judged, lambda row: bool(row["failing"]), "cases"),
-        _share(MEANINGS["isolated"].words, events, lambda event: event.right, "failures"),
-        _share(MEANINGS["named"].words, events, _has_outcome("named"), "failures"),
-        _share(MEANINGS["wrong"].words, events, _has_outcome("wrong"), "failures"),
-        _median("Delay of what both found", "s", both, lambda event: event.delay_s, "failures"),
-        _median("Largest error, in claimed sigma", "sigma", known, lambda row: row["largest_sigmas"], "cases"),
-        _median("NEES of the rotational parameters", "", nees, lambda row: row["nees.rotation"], "cases"),
+        _share_measure(MEANINGS["ended_wrong"].words, known, ends_wrong, "cases"),
+        _share_measure(MEANINGS["failing"].words, judged, lambda row: bool(row["failing"]), "cases"),
+        _share_measure(MEANINGS["isolated"].words, events, lambda event: event.right, "failures"),
+        _share_measure(MEANINGS["named"].words, events, _has_outcome("named"), "failures"),
+        _share_measure(MEANINGS["wrong"].words, events, _has_outcome("wrong"), "failures"),
+        _median_measure("Delay of what both found", "s", both, lambda event: event.delay_s, "failures"),
+        _median_measure("Largest error, in claimed sigma", "sigma", known, lambda row: row["largest_sigmas"], "cases"),
+        _median_measure("NEES of the rotational parameters", "", nees, lambda row: row["nees.rotation"], "cases"),
     ]
     return [measure for measure in found if measure.paired.difference.n]
 
@@ -167,22 +167,26 @@ def _has_outcome(outcome: str) -> Callable[[InjectedEvent], bool]:
     return lambda event: bool(event.injected["outcome"] == outcome)
 
 
-def _share(words: str, of: Sequence[tuple[Any, Any]], holds: Callable[[Any], bool], measured_on: str) -> Measure:
+def _share_measure(
+    words: str, of: Sequence[tuple[Any, Any]], holds: Callable[[Any], bool], measured_on: str
+) -> Measure:
+    """Measures the share for which a condition holds in both members of pairs, and the paired difference."""
     first, second = [holds(pair[0]) for pair in of], [holds(pair[1]) for pair in of]
     n = max(len(of), 1)
     return Measure(words, "%", (sum(first) / n, sum(second) / n), statistics.paired_share(first, second), measured_on)
 
 
-def _median(
+def _median_measure(
     words: str, unit: str, of: Sequence[tuple[Any, Any]], value: Callable[[Any], float], measured_on: str
 ) -> Measure:
+    """Measures the medians of a value in both members of pairs, and their paired difference."""
     first, second = [value(pair[0]) for pair in of], [value(pair[1]) for pair in of]
     paired = statistics.paired_median([b - a for a, b in zip(first, second, strict=True)])
     middle = statistics.median(first).value, statistics.median(second).value
     return Measure(f"{words}, median", unit, middle, paired, measured_on)
 
 
-def _false_rate(of: Sequence[tuple[Row, Row]]) -> Measure:
+def _false_rate_measure(of: Sequence[tuple[Row, Row]]) -> Measure:
     """Measures false declarations per hour of both campaigns, and their paired mean difference."""
     hours = [sum(pair[which]["duration_s"] for pair in of) / _HOUR_S for which in (0, 1)]
     counts = [sum(pair[which]["n_false"] for pair in of) for which in (0, 1)]
@@ -271,7 +275,7 @@ def page(folders: Sequence[str | Path]) -> str:
 
 
 def contents(found: Sequence[Column]) -> dict[str, Any]:
-    """Returns all that the page shows, as plain values."""
+    """Makes the content of the comparison page as plain values."""
     figures = [merit.figures(column.cell.rows) for column in found]
     labels = [column.label for column in found]
     plots = []
@@ -301,7 +305,7 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
                 "label": column.label,
                 "baseline": labels[column.baseline],
                 "n": len(pair_cases(found[column.baseline], column)),
-                "rows": [_row(measure) for measure in _column_measures(found, number)],
+                "rows": [_measure_row(measure) for measure in _column_measures(found, number)],
                 "changed": _changed_cases(found[column.baseline], column),
             }
             for number, column in enumerate(found)
@@ -311,7 +315,8 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
     }
 
 
-def _row(measure: Measure) -> dict[str, Any]:
+def _measure_row(measure: Measure) -> dict[str, Any]:
+    """Formats a difference, its interval and its p-value as a row of the page's table."""
     difference, up, down, p = measure.paired
     scale, unit = (100.0, "points") if measure.unit == "%" else (1.0, measure.unit)
 

@@ -65,7 +65,7 @@ def ends_wrong(row: Row) -> bool:
 
 
 def count_cases(rows: Sequence[Row], planned: int) -> Counts:
-    """Counts cases.
+    """Counts cases by outcome.
 
     Args:
         rows: those that were tried, with the columns `COLUMNS`.

@@ -49,7 +49,7 @@ class Case(Protocol):
 
 
 class CampaignWork(NamedTuple):
-    """Cases to fly, and how.
+    """Cases to fly, with their common settings and limits.
 
     Attributes:
         setup: what all cases share, as of `campaign_flight.Flights`, without `key` and `token`.
@@ -165,7 +165,7 @@ def fly_chunks(
         chunks = _Chunks(client, work._replace(setup=setup), execution)
         try:
             _require_workers(client, setup)
-            yield from chunks.flown()
+            yield from chunks.fly()
         except _LOST_ERRORS:
             raise InputError(
                 "the connection to the Dask scheduler is lost; --resume goes on with what is there"
@@ -214,7 +214,7 @@ def _require_workers(client: Client, setup: Mapping[str, Any]) -> None:
 
 
 class _Chunks:
-    """Hands out chunks so that each takes some seconds and the last ones are shared, and takes back the rows.
+    """Chunks of cases on Dask, sized to take some seconds each, the last ones shared among the workers.
 
     Args:
         client: of a scheduler with workers.
@@ -230,13 +230,13 @@ class _Chunks:
         self._under_way: dict[Future[Any], list[Case]] = {}
         self._per_case_s: float | None = None
 
-    def flown(self) -> Iterator[Flown]:
-        """Yields each chunk as it is done."""
+    def fly(self) -> Iterator[Flown]:
+        """Flies all chunks, and yields each as it is done."""
         from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
         lost = 0
-        done = as_completed(self._hand_out())
+        done = as_completed(self._submit_chunks())
         for future in done:
             chunk = self._under_way.pop(future)
             try:
@@ -253,20 +253,20 @@ class _Chunks:
                 raise InputError(f"no case can be flown on {error}") from None
             else:
                 lost = 0
-                yield self._taken(chunk, result)
+                yield self._collect_chunk(chunk, result)
             future.release()
-            done.update(self._hand_out())
+            done.update(self._submit_chunks())
 
     def cancel(self) -> None:
         """Cancels the work in progress."""
         self._client.cancel(list(self._under_way), force=True)
 
-    def _hand_out(self) -> list[Future[Any]]:
+    def _submit_chunks(self) -> list[Future[Any]]:
         """Submits chunks until every worker has some."""
         submitted = []
         threads = max(1, sum(self._client.nthreads().values()))
         while self._waiting and len(self._under_way) < _WAITING * threads:
-            chunk = [self._waiting.pop() for _ in range(min(self._wanted(threads), len(self._waiting)))]
+            chunk = [self._waiting.pop() for _ in range(min(self._chunk_size(threads), len(self._waiting)))]
             requests = [{**case._asdict(), "keep": case.case_id in self._work.kept} for case in chunk]
             future = self._client.submit(
                 fly_chunk,
@@ -280,15 +280,16 @@ class _Chunks:
             submitted.append(future)
         return submitted
 
-    def _wanted(self, threads: int) -> int:
-        """Returns the number of cases of the next chunk."""
+    def _chunk_size(self, threads: int) -> int:
+        """Computes the number of cases in the next chunk."""
         share = len(self._waiting) // (_WAITING * threads)
         if self._per_case_s is None:
             return max(1, min(_FIRST, share))
         least, most = (max(1, min(_MOST, round(span / self._per_case_s))) for span in (_LEAST_S, _CHUNK_S))
         return min(most, max(least, share))
 
-    def _taken(self, chunk: Sequence[Case], result: Mapping[str, Any]) -> Flown:
+    def _collect_chunk(self, chunk: Sequence[Case], result: Mapping[str, Any]) -> Flown:
+        """Checks that a chunk was executed like the others, and makes its rows."""
         here, answers = result["execution"], result["answers"]
         if self._execution is not None and differences(here, self._execution):
             raise InputError(
@@ -297,11 +298,12 @@ class _Chunks:
             )
         self._execution = here
         self._per_case_s = max(1e-3, sum(answer["wall_s"] for answer in answers) / len(answers))
-        rows = [_row(case, answer, result["worker"]) for case, answer in zip(chunk, answers, strict=True)]
+        rows = [_result_row(case, answer, result["worker"]) for case, answer in zip(chunk, answers, strict=True)]
         return Flown(rows, here)
 
 
-def _row(case: Case, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
+def _result_row(case: Case, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
+    """Makes the row of a case, flown or failed to run."""
     common = {"case_id": case.case_id, "wall_s": answer["wall_s"], "cpu_s": answer["cpu_s"], "worker": worker}
     if "row" in answer:
         return {**common, "status": FLOWN, "reason": None, **answer["row"]}

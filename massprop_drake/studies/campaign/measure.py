@@ -29,13 +29,13 @@ def measure_case(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
     """
     results = run.results
     row: dict[str, Any] = {"duration_s": results.duration_s}
-    row |= _errors("", results.estimates, results.standard_deviations, results.truth)
-    row |= _nees(results.estimates - results.truth, results.covariance)
+    row |= _error_columns("", results.estimates, results.standard_deviations, results.truth)
+    row |= _nees_columns(results.estimates - results.truth, results.covariance)
     for at_s in times_s:
         index = int(np.searchsorted(run.time_s, at_s + 1e-9, side="right")) - 1
         truth = run["truth"][index] if "truth" in run.signals else np.full(10, np.nan)
-        row |= _errors(f"@{at_s:g}", run["estimate"][index], run["standard_deviation"][index], truth)
-    row |= _consistency(run)
+        row |= _error_columns(f"@{at_s:g}", run["estimate"][index], run["standard_deviation"][index], truth)
+    row |= _consistency_columns(run)
     row |= _detection_columns(run)
     autopilot = results.autopilot
     return row | {
@@ -66,7 +66,8 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _errors(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[str, Any]:
+def _error_columns(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[str, Any]:
+    """Makes columns of estimates, errors and sigmas; at the end also of the truth and the largest error in sigma."""
     row: dict[str, Any] = {}
     for name, x, s, t in zip(NAMES, estimate.tolist(), sigma.tolist(), truth.tolist(), strict=True):
         row[f"estimate{suffix}.{name}"] = _number(x)
@@ -83,7 +84,7 @@ def _errors(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[st
     return row
 
 
-def _nees(error: Array, covariance: Array) -> dict[str, Any]:
+def _nees_columns(error: Array, covariance: Array) -> dict[str, Any]:
     """Computes normalized estimation error squared of the rotational state and of 1/m."""
     row: dict[str, Any] = {}
     for name, part in (("rotation", slice(0, N_ROTATION)), ("mass", slice(N_ROTATION, 10))):
@@ -98,7 +99,8 @@ def _nees(error: Array, covariance: Array) -> dict[str, Any]:
     return row
 
 
-def _consistency(run: Run) -> dict[str, Any]:
+def _consistency_columns(run: Run) -> dict[str, Any]:
+    """Makes columns of mean NIS, samples used, and the time of convergence, s."""
     found = run.results.consistency
     converged = np.flatnonzero(run["converged"][:, 0])
     return {

@@ -311,6 +311,7 @@ def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
 
 
 def _declared_label(one: Mapping[str, Any]) -> str:
+    """Names the column of the confusion table for what an injected failure was declared as."""
     match one["outcome"]:
         case "named":
             return one["jet"] or JUMP_COLUMN

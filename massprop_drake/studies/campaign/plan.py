@@ -83,11 +83,11 @@ def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
         InputError: when a draw is impossible, naming the case.
     """
     file = campaign.file
-    records = _records(campaign)
+    records = _find_records(campaign)
     coordinates = sample_coordinates(campaign, len(records))
     _require_few(campaign, len(coordinates) * math.prod(map(len, file.sweep.values())))
     cells = [dict(zip(file.sweep, values, strict=True)) for values in itertools.product(*file.sweep.values())]
-    columns = list(_columns(campaign, coordinates))
+    columns = list(_draw_values(campaign, coordinates))
     cases = []
     for sample in range(len(coordinates)):
         drawn = {quantity.label: column[sample] for quantity, column in zip(campaign.quantities, columns, strict=True)}
@@ -124,7 +124,8 @@ def _require_few(campaign: CampaignSpec, count: int) -> None:
         raise InputError(f"{campaign.source}: is a campaign of {count} cases; expected {MOST_CASES} at the most")
 
 
-def _records(campaign: CampaignSpec) -> list[str]:
+def _find_records(campaign: CampaignSpec) -> list[str]:
+    """Finds the telemetry records of a campaign, sorted, as many as it has cases; empty: its cases are simulated."""
     if campaign.file.records is None:
         return []
     try:
@@ -154,7 +155,7 @@ def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
     file, dimensions = campaign.file, len(campaign.quantities)
     count = n_records or file.cases or 0
     if file.method == "grid":
-        return _grid(campaign)
+        return _grid_points(campaign)
     if dimensions == 0:
         return np.empty((count, 0))
     generator = np.random.default_rng(np.random.SeedSequence(file.seed, spawn_key=(_DESIGN, dimensions)))
@@ -163,9 +164,9 @@ def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
 
         return qmc.LatinHypercube(dimensions, rng=generator).random(count)
     if file.method == "sobol":
-        return _sobol(generator, dimensions, count)
+        return _sobol_points(generator, dimensions, count)
     if file.method == "saltelli":
-        return _saltelli(campaign, generator, count)
+        return _saltelli_points(campaign, generator, count)
     return np.array(
         [
             np.random.default_rng(np.random.SeedSequence(file.seed, spawn_key=(sample, _DRAWS))).random(dimensions)
@@ -174,7 +175,8 @@ def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
     )
 
 
-def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array:
+def _sobol_points(generator: np.random.Generator, dimensions: int, count: int) -> Array:
+    """Draws scrambled Sobol points in the unit cube, shape (count, dimensions)."""
     from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
 
     with warnings.catch_warnings():
@@ -182,7 +184,7 @@ def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array
         return qmc.Sobol(dimensions, rng=generator).random(count)
 
 
-def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
+def _saltelli_points(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
     """Computes Sobol points A and B, and A with each column of B in turn: n (d + 2) rows."""
     dimensions = len(campaign.quantities)
     points, left = divmod(count, dimensions + 2)
@@ -192,7 +194,7 @@ def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int
             f"{campaign.source}: cases: saltelli needs a power of two times {dimensions + 2} (the {dimensions} "
             f"quantities and 2), such as {fitting}; got {count}"
         )
-    first, second = np.hsplit(_sobol(generator, 2 * dimensions, points), 2)
+    first, second = np.hsplit(_sobol_points(generator, 2 * dimensions, points), 2)
     mixed = []
     for column in range(dimensions):
         part = first.copy()
@@ -201,7 +203,7 @@ def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int
     return np.vstack([first, second, *mixed])
 
 
-def _grid(campaign: CampaignSpec) -> Array:
+def _grid_points(campaign: CampaignSpec) -> Array:
     """Lists every combination, the last quantity running fastest; coordinates are the numbers of the values."""
     sizes = []
     for quantity in campaign.quantities:
@@ -221,7 +223,7 @@ def _grid(campaign: CampaignSpec) -> Array:
     return np.stack([axis.ravel() for axis in np.indices(sizes)], axis=1).astype(float) if sizes else np.empty((1, 0))
 
 
-def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
+def _draw_values(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
     """Computes the values of each quantity in every sample."""
     for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
         values = quantity.distribution.grid() if campaign.file.method == "grid" else None

@@ -40,8 +40,8 @@ class Cell(NamedTuple):
         return count_cases(self.rows, self.planned)
 
 
-class _InColumns(Mapping[str, Any]):
-    """Row of columns that all rows share, which takes a fraction of the memory of a mapping of its own."""
+class _ColumnRow(Mapping[str, Any]):
+    """Row as a view of columns that all rows share, which saves memory."""
 
     __slots__ = ("_columns", "_index")
 
@@ -104,7 +104,7 @@ def read(folder: str | Path) -> Study:
     cells = _cells(path, spec, drawn, wanted)
     if not any(cell.rows for cell in cells):
         raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
-    reference = _reference(spec, [cell.settings for cell in cells])
+    reference = _reference_cell(spec, [cell.settings for cell in cells])
     labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
     execution = json.loads(facts.get("execution", "{}"))
     return Study(path, spec, cells, reference, labels, execution, _kept_case_folders(path))
@@ -146,7 +146,7 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
     values |= {name: [column[number] for number in places] for name, column in columns.items()}
     rows: dict[int, list[Row]] = {}
     for index in range(len(places)):
-        rows.setdefault(values["cell"][index], []).append(_InColumns(values, index))
+        rows.setdefault(values["cell"][index], []).append(_ColumnRow(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
     keys, told = find_varying_keys(settings)
@@ -171,7 +171,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     columns: dict[str, list[str]] = {}
     rows: list[tuple[str, ...]] = [()] * len(cells)
     for key in dict.fromkeys(key for one in cells for key in one):
-        column = [_in_words(one.get(key, "-")) for one in cells]
+        column = [_value_text(one.get(key, "-")) for one in cells]
         wider = [(*row, value) for row, value in zip(rows, column, strict=True)]
         if len(set(wider)) > len(set(rows)):
             columns[key], rows = column, wider
@@ -179,7 +179,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
 
 
 def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
-    """Returns all plain values in nested data, by dotted path; `vectors`: whether a list of plain ones is one, too."""
+    """Flattens nested data to values by dotted path; `vectors`: a list of plain values stays one value."""
     nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
         parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
@@ -190,17 +190,18 @@ def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any
     return {inner: leaf for key, part in parts.items() for inner, leaf in leaves(part, key, vectors=vectors).items()}
 
 
-def _in_words(value: Any) -> str:
+def _value_text(value: Any) -> str:
+    """Formats a setting of the sweep as YAML has it."""
     if isinstance(value, bool) or value is None:
         return {True: "true", False: "false", None: "null"}[value]
     if isinstance(value, (int, float)):
         return f"{value:g}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_in_words, value)) + "]"
+        return "[" + ", ".join(map(_value_text, value)) + "]"
     return str(value)
 
 
-def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
+def _reference_cell(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
     """Returns the number of the cell with the base scenario's own settings, or 0."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
@@ -226,6 +227,7 @@ def _is_same_value(one: Any, other: Any) -> bool:
 
 
 def _kept_case_folders(folder: Path) -> dict[int, str]:
+    """Finds the run folders of kept cases, relative to the campaign's, with their report, by number of the case."""
     found = {}
     for path in (folder / store.CASES).glob("*"):
         if path.name.isdecimal() and path.name == case_name(int(path.name)) and path.is_dir():

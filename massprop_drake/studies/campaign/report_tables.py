@@ -139,7 +139,7 @@ def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
         found = merit.events(rows, payloads=payloads)
         if not found:
             continue
-        taken = Counter(_declared_as(event) for event in found)
+        taken = Counter(_declaration_text(event) for event in found)
         table.append({"what": what, "n": len(found), "counts": [taken[column] for column in _DECLARED_AS]})
     return table
 
@@ -147,7 +147,8 @@ def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
 _DECLARED_AS = ("the jet or its cluster", "another jet", "a jump", "nothing")
 
 
-def _declared_as(event: InjectedEvent) -> str:
+def _declaration_text(event: InjectedEvent) -> str:
+    """Names in words what a failure or a payload's jump was declared as."""
     jet, a_jump = event.injected["jet"], event.injected["taken_for"] == JUMP
     if event.right:
         return "a jump" if jet is None else "the jet or its cluster"
@@ -169,13 +170,13 @@ def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict
                 "found": f"{len(right)} of {len(group)}",
                 "smallest": f"{min(right):.3g} {force}" if right else "-",
                 "largest_left": f"{max(left):.3g} {force}" if left else "-",
-                "size_90": _size_90(curve, force),
+                "size_90": _size_90_text(curve, force),
             }
         )
     return sorted(table, key=lambda row: row["jet"])
 
 
-def _size_90(curve: SizeCurve | None, force: str) -> str:
+def _size_90_text(curve: SizeCurve | None, force: str) -> str:
     if curve is None:
         return "-"
     return f"below {curve.smallest:.3g} {force}" if curve.finds_all else format_figure(curve.size_90, force)

@@ -50,7 +50,7 @@ class Child:
     def __init__(self, setup: Mapping[str, Any]):
         self._setup = setup
         self._process: subprocess.Popen[bytes] | None = None
-        self._said: IO[bytes] | None = None  # its standard error
+        self._stderr: IO[bytes] | None = None  # its standard error
         self._rest = b""
         self._flown = 0
         self._is_over = False
@@ -68,7 +68,7 @@ class Child:
         """
         failed = ""
         for _ in range(_ATTEMPTS):
-            self._ready()
+            self._ensure_process()
             self._flown += 1
             began = time.perf_counter()
             try:
@@ -85,7 +85,7 @@ class Child:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-            for stream in (self._process.stdin, self._process.stdout, self._said):
+            for stream in (self._process.stdin, self._process.stdout, self._stderr):
                 if stream is not None:
                     with contextlib.suppress(BrokenPipeError):  # what it has not read
                         stream.close()
@@ -97,7 +97,7 @@ class Child:
         if (process := self._process) is not None:
             process.kill()
 
-    def _ready(self) -> None:
+    def _ensure_process(self) -> None:
         """Starts a process where there is none, or the present one has flown enough."""
         if self._process is not None and (self._flown >= LIFE or self._process.poll() is not None):
             self.close()
@@ -115,7 +115,8 @@ class Child:
             raise CannotFlyError(f"{platform.node()}: no process for the cases can be started: {problem}")
 
     def _start(self) -> None:
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
+        """Starts the process, and sends it the setup."""
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
         program, package = ["-m", "massprop_drake.studies.campaign.child"], {}
         if "program" in self._setup:  # as a file: the package may be of a version that has no such child
             program, package = [str(Path(__file__).with_name("child.py"))], {"PYTHONPATH": self._setup["package"]}
@@ -123,7 +124,7 @@ class Child:
             [sys.executable, "-P", *program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._said,
+            stderr=self._stderr,
             env={**os.environ, **package, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C is for whoever started it
         )
@@ -132,14 +133,15 @@ class Child:
     def _ask(self, request: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
         """Returns the answer of the process, which is ended where there is none."""
         try:
-            line = self._answer(json.dumps(request), time_s, memory_mb)
+            line = self._exchange(json.dumps(request), time_s, memory_mb)
         except (_LostError, TimeoutError):
             self.close()
             raise
         answer: dict[str, Any] = json.loads(line)
         return answer
 
-    def _answer(self, request: str, time_s: float, memory_mb: float) -> bytes:
+    def _exchange(self, request: str, time_s: float, memory_mb: float) -> bytes:
+        """Sends a line to the process and returns its reply, within limits of time and memory."""
         process = self._process
         assert process is not None
         assert process.stdin is not None
@@ -151,12 +153,12 @@ class Child:
             process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
         except BrokenPipeError:
-            raise _LostError(self._end_of(process)) from None
+            raise _LostError(self._describe_end(process)) from None
         while b"\n" not in self._rest:
             if ready.poll(1000.0 * _LOOK_S):
                 read = os.read(process.stdout.fileno(), 1 << 20)
                 if not read:
-                    raise _LostError(self._end_of(process))
+                    raise _LostError(self._describe_end(process))
                 self._rest += read
             elif time.perf_counter() - began > time_s:
                 raise TimeoutError(f"took longer than {time_s:g} s")
@@ -165,17 +167,18 @@ class Child:
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 
-    def _end_of(self, process: subprocess.Popen[bytes]) -> str:
+    def _describe_end(self, process: subprocess.Popen[bytes]) -> str:
         """Describes how a process ended, with its last output."""
         status = process.wait()
-        assert self._said is not None
-        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _TAIL))
-        said = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
+        assert self._stderr is not None
+        self._stderr.seek(max(0, self._stderr.seek(0, os.SEEK_END) - _TAIL))
+        said = [line.strip() for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
         how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
         return ": ".join([f"its process {how}", *said[-1:]])
 
 
 def _resident_mb(pid: int) -> float:
+    """Memory that a process has in use, MB; 0: it has ended."""
     import psutil  # noqa: PLC0415 (optional, comes with Dask)
 
     try:

@@ -1,4 +1,4 @@
-"""Designs as data."""
+"""Data classes of a design: targets, separable pairs, predicted sigmas and commands."""
 
 from __future__ import annotations
 

@@ -37,8 +37,8 @@ def with_work(made: EstimationParams) -> EstimationParams:
     )
 
 
-def as_one(_scenario: Scenario, made: EstimationParams, state: Any = None) -> cycles.Watched:
-    return cycles.Watched(with_work(made), state or cycle.initial_state(made), compiled=False)
+def as_one(_scenario: Scenario, made: EstimationParams, state: Any = None) -> cycles.JointKernelCycles:
+    return cycles.JointKernelCycles(with_work(made), state or cycle.initial_state(made), compiled=False)
 
 
 ODDS = ("history_", "fault_", "none_", "unknown_")

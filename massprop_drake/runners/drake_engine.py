@@ -1,4 +1,4 @@
-"""Run by Drake's simulator: the diagram, with a log at every port that a run keeps."""
+"""Engine of Drake's simulator: the diagram, with a log at every port that a run keeps."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ _UNLOGGED = ("covariance", "estimate", "standard_deviation", "reconfiguration")
 _HELD = "held_command"
 
 
-class Simulated:
-    """Run by Drake's simulator, see `simulate.Engine`.
+class DrakeEngine:
+    """Engine that runs a scenario by Drake's simulator, see `simulate.Engine`.
 
     Args:
         scenario: to run.
@@ -77,7 +77,7 @@ class Simulated:
         self._sensors, self._n_jets = vehicle.sensor_names(), len(vehicle.jets)
         self._jets = vehicle.designations
         with _explain_diagram_errors(diagram):
-            self._simulator = Simulator(self._built(scenario, diagram, log, truth))
+            self._simulator = Simulator(self._build(scenario, diagram, log, truth))
         self._root = self._simulator.get_mutable_context()
         if self._root.num_continuous_states():
             config = SimulatorConfig(
@@ -87,16 +87,16 @@ class Simulated:
                 use_error_control=True,
             )
             ApplySimulatorConfig(config, self._simulator)
-        moving = self._part(lambda system: hasattr(system, "set_initial_velocities"))
+        moving = self._find_system(lambda system: hasattr(system, "set_initial_velocities"))
         if moving is not None:
             moving.set_initial_velocities(self._root)
-        self._told = () if truth is None else tuple(truth)  # true quantities of a table
+        self._truth_names = () if truth is None else tuple(truth)  # true quantities of a table
         self._began = self._ended = False
         self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
         self._stopwatch = Stopwatch()
         self._logged_s = -math.inf  # time of the last row
 
-    def _built(
+    def _build(
         self,
         scenario: Scenario,
         diagram: Diagram | DiagramBuilder | None,
@@ -109,9 +109,11 @@ class Simulated:
             whole = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
         self._systems = builder.GetSystems()
-        self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
+        self._estimation = self._find_system(lambda system: isinstance(system, MassPropertyEstimator))
         _require_period(self._estimation, scenario)
-        self._ports = self._found(scenario, _feeding_ports(self._estimation, builder)) | self._true(truth)
+        self._ports = self._find_ports(scenario, _feeding_ports(self._estimation, builder)) | self._find_truth_ports(
+            truth
+        )
         ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
         for port in log:
             found = self._vector_port("log", port)
@@ -139,7 +141,7 @@ class Simulated:
                 self._began = True
             self._simulator.AdvanceTo(reached_s)
 
-    def emptied(self) -> dict[str, Array]:
+    def take_logs(self) -> dict[str, Array]:
         """Empties the logs, and returns them by port, with the times.
 
         Raises:
@@ -151,7 +153,7 @@ class Simulated:
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
         _require_fractions(logs["command" if "command" in logs else _HELD], times_s, self._jets)
-        for name in self._told:
+        for name in self._truth_names:
             unknown = ~np.isfinite(logs[TRUTH[name]]).all(axis=1)
             if unknown.any():
                 raise InputError(
@@ -177,31 +179,33 @@ class Simulated:
         unknown = np.full(self._n_jets, np.nan)
         removed = np.zeros(self._n_jets, dtype=bool)
         if "reconfiguration" in self._ports:
-            removed = RECONFIGURATION.sized(jets=self._n_jets).read(self._output("reconfiguration")).removed != 0.0
-        report = ROTATION_REPORT.read(self._output("rotation_report"))
-        attitude, center, rate = self._seen()
+            removed = (
+                RECONFIGURATION.sized(jets=self._n_jets).read(self._evaluate_port("reconfiguration")).removed != 0.0
+            )
+        report = ROTATION_REPORT.read(self._evaluate_port("rotation_report"))
+        attitude, center, rate = self._true_motion()
         return Moment(
             self._root.get_time(),
             attitude,
             center,
-            self._output("thrust") if "thrust" in self._ports else unknown,
-            self._output("estimate"),
-            self._output("standard_deviation"),
+            self._evaluate_port("thrust") if "thrust" in self._ports else unknown,
+            self._evaluate_port("estimate"),
+            self._evaluate_port("standard_deviation"),
             removed,
-            self._output("command" if "command" in self._ports else _HELD),
+            self._evaluate_port("command" if "command" in self._ports else _HELD),
             rate,
             float(report.rotation_nis) if report.rotation_used else math.nan,
-            tuple(self._output(name) for name in self._sensors),
-            self._output(JOINTS) if JOINTS in self._ports else np.empty(0),
+            tuple(self._evaluate_port(name) for name in self._sensors),
+            self._evaluate_port(JOINTS) if JOINTS in self._ports else np.empty(0),
         )
 
-    def _seen(self) -> tuple[Array, Array, Array]:
+    def _true_motion(self) -> tuple[Array, Array, Array]:
         """Returns true attitude, center of mass and rate now; NaN where the diagram does not give them."""
         if "body_state" in self._ports:
-            body = self._output("body_state")
-            return body[QUATERNION], STRUCTURE.read(self._output("structure")).center_of_mass, body[RATE]
+            body = self._evaluate_port("body_state")
+            return body[QUATERNION], STRUCTURE.read(self._evaluate_port("structure")).center_of_mass, body[RATE]
         attitude, rate, properties = (
-            self._output(TRUTH[name]) if TRUTH[name] in self._ports else np.full(_SIZES[name], np.nan)
+            self._evaluate_port(TRUTH[name]) if TRUTH[name] in self._ports else np.full(_SIZES[name], np.nan)
             for name in ("attitude", "rate", "mass_properties")
         )
         return attitude, properties[CENTER_OF_MASS], rate
@@ -213,7 +217,7 @@ class Simulated:
             interrupted: something was raised on the way; its logs have been emptied.
         """
         self._ended = True
-        covariance = self._output("covariance").reshape(10, 10)
+        covariance = self._evaluate_port("covariance").reshape(10, 10)
         if interrupted:
             if self._logged_s != self._root.get_time():
                 raise RuntimeError(f"the sample at {moment(self._root.get_time())} s was not logged")
@@ -226,14 +230,14 @@ class Simulated:
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Computes mean time per cycle spent in the mathematics of each part, microseconds."""
         spent = {part: 1e6 * spent_s / cycles for part, spent_s in self._stopwatch.spent_s.items()}
-        selects = self._part(lambda system: system.get_name() == "jet_selection") is not None
+        selects = self._find_system(lambda system: system.get_name() == "jet_selection") is not None
         selection = spent.get(JET_SELECTION, 0.0 if selects else None)
         return {"estimators": spent.get(ESTIMATORS, 0.0), "detector": spent.get(DETECTOR), "jet_selection": selection}
 
     # ------------------------------------------------------------------------------------- its ports
 
-    def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
-        """Returns the output ports that a run keeps, by name, but those of the truth."""
+    def _find_ports(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
+        """Finds the output ports that a run keeps, by name, without those of the truth."""
         seen = [sensor.name for sensor in true_params.simulated_non_inertial(scenario)]
         wanted = (
             "command",
@@ -246,8 +250,8 @@ class Simulated:
             *self._sensors,
             *seen,
         )
-        found = {name: port for name in wanted if (port := self._named(name) or feeding.get(name)) is not None}
-        if self._named("command") is None and "jet_commands" in feeding:
+        found = {name: port for name in wanted if (port := self._find_port(name) or feeding.get(name)) is not None}
+        if self._find_port("command") is None and "jet_commands" in feeding:
             found.pop("command", None)
             found[_HELD] = feeding["jet_commands"]
         needed = (*_NEEDED, *self._sensors, *seen)
@@ -259,10 +263,10 @@ class Simulated:
             )
         return found
 
-    def _true(self, truth: Truth | None) -> dict[str, OutputPort]:
-        """Returns the output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
+    def _find_truth_ports(self, truth: Truth | None) -> dict[str, OutputPort]:
+        """Finds the output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
         if truth is None:
-            there = {name: port for name in _BUNDLED_TRUTH if (port := self._named(name)) is not None}
+            there = {name: port for name in _BUNDLED_TRUTH if (port := self._find_port(name)) is not None}
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
         if not isinstance(truth, Mapping):
             raise InputError(f"truth: must be a table such as {{'rate': port}}, got {type(truth).__name__}")
@@ -288,7 +292,7 @@ class Simulated:
         Raises:
             InputError: when there is none such, or it has no numbers.
         """
-        found = self._named(port) if isinstance(port, str) else port
+        found = self._find_port(port) if isinstance(port, str) else port
         if found is None:
             raise InputError(f"{what}: the diagram has no output port '{port}'")
         if not isinstance(found, OutputPort):
@@ -302,18 +306,19 @@ class Simulated:
             raise InputError(f"{what}: must be a port of numbers; '{found.get_name()}' has no vector")
         return found
 
-    def _named(self, name: str) -> OutputPort | None:
-        """Returns the output port of a name, of the system that was added first; None where there is none."""
+    def _find_port(self, name: str) -> OutputPort | None:
+        """Finds the output port of a name, in the system added first that has one; None where there is none."""
         return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
 
-    def _output(self, name: str) -> Array:
+    def _evaluate_port(self, name: str) -> Array:
+        """Evaluates a logged port now, shape (size,)."""
         port: Any = self._ports[name]
         with self._stopwatch:
             value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
         return value
 
-    def _part(self, is_it: Callable[[System], bool]) -> Any:
-        """Returns the first part, of the diagram or of one in it, that passes a test; None where there is none."""
+    def _find_system(self, is_it: Callable[[System], bool]) -> Any:
+        """Finds the first system, also in inner diagrams, that passes a test; None where there is none."""
         waiting = list(self._systems)
         while waiting:
             system = waiting.pop(0)

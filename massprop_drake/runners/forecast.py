@@ -31,7 +31,7 @@ from massprop_drake.maths.maneuver.aims import (
 from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import level_onsets
 from massprop_drake.maths.vehicle.rigid_body import MASS
-from massprop_drake.runners.cycles import RecordRows, Unattended, row_sample
+from massprop_drake.runners.cycles import IdleCycles, RecordRows, row_sample
 from massprop_drake.runners.simulate import needs_diagram, simulate, true_parameters
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Forecast(NamedTuple):
 def foretell(
     scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
 ) -> Forecast:
-    """Forecasts the information of a scenario's flight: the joint filter along it, linearized at the truth.
+    """Forecasts sigmas and detection times of a flight, by the joint filter linearized at the truth.
 
     The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
 
@@ -117,7 +117,7 @@ def foretell(
 
 
 def as_data(found: Forecast) -> dict[str, Any]:
-    """Makes JSON of a forecast: arrays as lists, parameters in the order of a summary's covariance."""
+    """Converts a forecast to JSON data: arrays as lists, parameters in the order of a summary's covariance."""
     return {
         "scenario": found.scenario,
         "properties": found.properties.tolist(),
@@ -152,9 +152,9 @@ def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[s
         return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
     from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
-    loop = Loop(scenario, Unattended(estimation, initial_state(estimation)))
+    loop = Loop(scenario, IdleCycles(estimation, initial_state(estimation)))
     loop.advance(scenario.duration_s)
-    logs = loop.emptied()
+    logs = loop.take_logs()
     body = logs["body_state"]
     return {**logs, "truth": true_parameters(body[:, MASS], logs["structure"])}
 
@@ -171,7 +171,7 @@ def _forecast(
         fails_s: from when on a suspect leaks, s.
         share: of its thrust.
     """
-    vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _record(scenario, logs, made)
+    vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _make_record_rows(scenario, logs, made)
     (now, linear), deviations, shown = foretold.begin_forecast(logs["truth"][0], made), list[Array](), list[Array]()
     for row in range(time_s.size):
         sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
@@ -186,14 +186,14 @@ def _forecast(
         time_s,
         properties,
         np.array(deviations),
-        _floors(properties, logs["command"], made),
+        _scale_floors(properties, logs["command"], made),
         float(seconds @ vehicle.mass_flows),
         fails_s,
-        tuple(_suspects(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share, made)),
+        tuple(_leak_times(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share, made)),
     )
 
 
-def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
+def _make_record_rows(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
     """Makes rows of a record of the flight."""
     vehicle, time_s, commands = scenario.vehicle_data, logs["time_s"], logs["command"]
     n, jets = time_s.size, made.joint.places.jets
@@ -210,8 +210,8 @@ def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterPara
     return RecordRows(samples, None, commands, np.hstack(read) if read else None, onsets_s)
 
 
-def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
-    """Computes 1-sigma of the ten parameters by the common error of all thrusts, shape (10,).
+def _scale_floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
+    """Computes the 1-sigma floor that the common error of all thrusts sets, shape (10,).
 
     More thrust of all by the same share and as much more inertia and mass change no reading; wheels, whose inertias are
     known absolutely, show the scale as well as these are known.
@@ -229,7 +229,7 @@ def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Arra
     return floors
 
 
-def _suspects(
+def _leak_times(
     scenario: Scenario, since_s: Array, shown: Array, share: float, params: JointFilterParams
 ) -> Iterator[Suspect]:
     """Yields the times after which each jet's leak is noticed and isolated.

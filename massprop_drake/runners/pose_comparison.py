@@ -232,7 +232,7 @@ def _empty_readings(scenario: Scenario, rows: int) -> dict[str, Array]:
 
 
 def _fill_readings(read: dict[str, Array], row: int, ideal: PoseReadings, scenario: Scenario) -> None:
-    """Fills in readings of ideal sensors; of a pose sensor only what it measures."""
+    """Writes a row of ideal readings; of a pose sensor only the quantities that it measures."""
     vehicle = scenario.vehicle_data
     for place, pose in enumerate(vehicle.poses):
         turn = attitude.from_rotation_vector(rotation_vectors(ideal.rotations[place : place + 1])[0])

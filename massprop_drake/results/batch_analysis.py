@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 _OF_DISTURBANCES = ("oscillation", "drift", "torque", "drag", "momentum")  # diagnoses of what acts besides the jets
 
 
-class Hindsight(NamedTuple):
+class BatchAnalysis(NamedTuple):
     """Result of the batch analysis of a run.
 
     Attributes:
@@ -59,7 +59,7 @@ def analyze_run(
     events: Sequence[EventRecord] = (),
     *,
     resumed: bool = False,
-) -> Hindsight:
+) -> BatchAnalysis:
     """Analyzes a run after its end: least 1-sigma that it allows, and diagnoses of what its readings contradict.
 
     What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
@@ -98,14 +98,14 @@ def _analyze_readings(
     said: tuple[Sequence[DetectionRecord], Sequence[EventRecord]],
     *,
     resumed: bool,
-) -> Hindsight:
+) -> BatchAnalysis:
     """Runs the batch regression of `analyze_run`; `said` are the detections (failures and jumps), and the events."""
     found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)
     apart = None if resumed or jumped else prior.find_contradiction(scenario, signals, estimate)
     if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
-        return Hindsight(np.full(10, np.nan), () if apart is None else (apart,))
+        return BatchAnalysis(np.full(10, np.nan), () if apart is None else (apart,))
     made = make_model(scenario)
     unseen_s = made.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
     until_s = min((one.onset_s - unseen_s for one in standing), default=math.inf)
@@ -136,12 +136,12 @@ def _analyze_readings(
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
         tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
         if resumed or jumped or tracked or not flight_model.is_physical(fit.at):
-            return Hindsight(np.full(10, np.nan), tuple(diagnoses))
+            return BatchAnalysis(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
         known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(made) else None
         bound = flight_bound.least_deviation(parts, fit.at, start, drift, without_shifts(made), known)
-    return Hindsight(bound, tuple(diagnoses))
+    return BatchAnalysis(bound, tuple(diagnoses))
 
 
 _UNSEEN_S = 2.0  # for which a failure or a jump may have been there before detectors of the thesis see it

@@ -10,7 +10,7 @@ from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.systems.estimation.interval_program import solve_linear_program
 
 
-def with_intervals(run: Run) -> Run:
+def add_guaranteed_intervals(run: Run) -> Run:
     """Adds the intervals of the ten parameters that all readings of a run allow, by linear programs.
 
     A reading of a quantum q says that the signal lies within q/2 of it. Of sensors that are quantized, with noise of at

@@ -26,12 +26,12 @@ from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUp
 from massprop_drake.results.against import Against, SimulatedSide, explain_differences, residuals
 from massprop_drake.results.run_content import read_summary
 from massprop_drake.results.spool import Spool, blocks
-from massprop_drake.runners import followed_beside
+from massprop_drake.runners import pose_comparison
 
 Array = NDArray[np.float64]
 
 
-def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None) -> Run:
+def compare_with_simulation(record: Run, folder: str | Path, *, spool_folder: Path | None = None) -> Run:
     """Compares a record with a simulation of its commands, and finds what would explain the difference.
 
     The vehicle of the other run flies them: with its true mass properties, dispersions and failures where it was
@@ -55,10 +55,10 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     other = Run.load(folder)
     if record.scenario.estimation.filter == "pose":
         spool = Spool(spool_folder, index="time_s")
-        found = followed_beside.compare_in_fixed_frame(record, other, str(folder), spool)
+        found = pose_comparison.compare_in_fixed_frame(record, other, str(folder), spool)
         return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
     world = _make_scenario(other, str(folder))
-    twin = _Twin(record.scenario, world, str(folder))
+    twin = _SimulatedVehicle(record.scenario, world, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")
     signals = record.signals
@@ -66,7 +66,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     for block in blocks(every, "time_s", *signals):
         opening = block.get("command_onset", level_onsets(block["command"].shape))
         told = block["command"], opening
-        read = twin.flown(told, {name: block[name] for name in names}, block["time_s"])
+        read = twin.simulate_readings(told, {name: block[name] for name in names}, block["time_s"])
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
@@ -167,8 +167,8 @@ def _make_scenario(other: Run, folder: str) -> Scenario:
     return other.scenario.model_copy(update={"plant": plant})
 
 
-class _Twin:
-    """Simulated vehicle that gets the commands of a record.
+class _SimulatedVehicle:
+    """Simulated vehicle that flies the commands of a record.
 
     Args:
         record: for the gyros that its rate is taken from.
@@ -186,10 +186,12 @@ class _Twin:
         self._open = np.zeros(self._true.jets.forces.size)  # no manifold is closed
         self._source = source
         self._sample = 0
-        self._follows = False  # whether it has begun with a rate of the record
+        self._has_begun = False  # whether it has begun with a rate of the record
         self._offsets: dict[str, Array] = {}
 
-    def flown(self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array) -> dict[str, Array]:
+    def simulate_readings(
+        self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array
+    ) -> dict[str, Array]:
         """Simulates the sensor readings in a block of rows, shape (n, 3) each; NaN before the simulation has begun.
 
         Args:
@@ -205,12 +207,12 @@ class _Twin:
         coming = vehicle_cycle.draw_ahead(self._sample, time_s.size, self._true)
         for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
             here = {name: values[row] for name, values in readings.items()}
-            if not self._follows:
-                self._begin(here)
+            if not self._has_begun:
+                self._take_recorded_rate(here)
             simulated, memories = vehicle_cycle.sense(self._state, row, coming, self._truth)
             for name, values in zip(self._names, simulated, strict=True):
                 offset = self._offset(name, values, here[name])
-                read[name][row] = values + offset if self._follows else np.nan
+                read[name][row] = values + offset if self._has_begun else np.nan
             try:
                 if coming.jumps[row]:
                     self._state = vehicle_cycle.apply_sample_jumps(self._state, self._sample, self._true)
@@ -223,22 +225,22 @@ class _Twin:
                 ) from error
             self._state = after._replace(memories=memories)
             self._sample += 1
-            self._follows = self._follows and not np.isnan(command).all()
+            self._has_begun = self._has_begun and not np.isnan(command).all()
         return read
 
-    def _begin(self, here: Mapping[str, Array]) -> None:
-        """Takes the rate that the record read, once there is one; accelerometers go on from what they read."""
+    def _take_recorded_rate(self, here: Mapping[str, Array]) -> None:
+        """Sets the simulated rate to the record's, once all gyros have read, and clears accelerometer offsets."""
         rates = np.array([here[name] for name in self._gyros])
         there = np.isfinite(rates).all(axis=1)
         if there.any():
             body = self._state.body.copy()
             body[RATE] = rates[there][0]
             self._state = self._state._replace(body=body)
-            self._follows, self._offsets = True, {}
+            self._has_begun, self._offsets = True, {}
 
     def _offset(self, name: str, simulated: Array, read: Array) -> Array:
-        """Computes the offset of an accelerometer's integral to the record's at the simulation's beginning."""
-        if name in self._rates or not self._follows:
+        """Offset of the record's accelerometer integral from the simulated one, shape (3,); NaN until it is read."""
+        if name in self._rates or not self._has_begun:
             return _NOTHING
         if name not in self._offsets and np.isfinite(read).all():
             self._offsets[name] = read - simulated

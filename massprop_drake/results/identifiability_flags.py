@@ -1,4 +1,4 @@
-"""Information of a run on each of the ten mass properties, and the jet that would add the most."""
+"""Identifiability of each of the ten parameters in a run, and the jet whose firing would improve it most."""
 
 from __future__ import annotations
 
