@@ -147,8 +147,8 @@ class Estimator:
 
     From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same answers. Call
     `step` once per sample period, or whenever a sensor with a rate of its own is read, in order of time; nothing it
-    keeps grows, and `state` and `restore` carry it over a restart. A copy by `pickle` or `copy.deepcopy` goes on bit
-    for bit, under the same version of this package.
+    keeps grows, and `Estimator.state` and `Estimator.restore` carry it over a restart. A copy by `pickle` or
+    `copy.deepcopy` goes on bit for bit, under the same version of this package.
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
@@ -262,7 +262,7 @@ class Estimator:
         """Restores a state of this or another estimator, or of a run's `filter_state.json`.
 
         Args:
-            state: as `state` gives it.
+            state: as `Estimator.state` gives it.
 
         Raises:
             InputError: when it is of another vehicle or other settings, or is not as it should be; the message says
