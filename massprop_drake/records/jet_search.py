@@ -15,7 +15,7 @@ from massprop_drake.records.command_search import CommandSearch
 
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
-_RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
+_RATE_UNITS = (*mapping.RATE_UNITS, "deg/h")  # that are farther apart than the true rates may be
 _FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
 
 

@@ -38,6 +38,7 @@ from massprop_drake.records.topics import Recording, Topic
 
 _EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made to count from their first
 _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
+RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # of gyros, the largest first
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
 _SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
@@ -350,7 +351,13 @@ class _Mapping:
         if not _exceeds_spikes(size > limit):
             return
         largest = float(size.max())
-        hint = "; it looks like degrees: `unit: deg/s`" if is_unit_of(unit, "rate") and largest / 57.3 <= limit else ""
+        as_read = largest / si_factor(unit, "rate")
+        alike = [one for one in RATE_UNITS if unit == "rad/s" or ("rad" in one) == ("rad" in unit)]
+        fits = next((one for one in alike if as_read * si_factor(one, "rate") <= limit), "")
+        hint = "; it looks like degrees: `unit: deg/s`" if unit == "rad/s" and fits == "deg/s" else ""
+        if fits and not hint:
+            smaller = si_factor(unit, "rate") / si_factor(fits, "rate")
+            hint = f"; a unit {smaller:.4g} times smaller would fit: `unit: {fits}`"
         raise InputError(
             f"{topic.source}: sensor '{name}' turns at up to {largest:.4g} rad/s as {unit}, more than half a turn "
             f"in a sample of {period_s:g} s or than any gyro measures{hint}"

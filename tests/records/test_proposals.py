@@ -94,6 +94,9 @@ def test_names_are_read() -> None:
         "acc[1]": (("acc",), 1, ""),
         "yaw_rate_radps": (("yaw", "rate"), -1, "rad/s"),
         "dvx_mm_s": (("dv",), 0, "mm/s"),
+        "GYRO_X_MDPS": (("gyro",), 0, "mdps"),
+        "wx_µrad_s": (("w",), 0, "µrad/s"),
+        "acc_z_ug": (("acc",), 2, "ug"),
         "x_m": ((), 0, "m"),
         "q": (("pqr",), 1, ""),
         "thruster_12": (("thruster", "12"), -1, ""),
@@ -149,6 +152,13 @@ def test_units_of_commands_are_told_by_the_jets(tmp_path: Path) -> None:
     ):
         found = proposed(log_of(tmp_path, **instead))
         assert (found.data["commands"]["unit"], found.data["sensors"]["gyro"]["unit"]) == (unit, "rad/s")
+
+
+@pytest.mark.parametrize(("name", "unit"), [("w{}_mdps", "mdps"), ("w{}", "mdeg/s")])
+def test_thousandths_of_a_degree_are_told_by_name_and_by_the_jets(name: str, unit: str, tmp_path: Path) -> None:
+    rates = {name.format(axis): 1e3 * np.degrees(FLOWN.rates[:, index]) for index, axis in enumerate("xyz")}
+    found = require_found(log_of(tmp_path, **(dict.fromkeys(("wx", "wy", "wz")) | rates)))
+    assert found.data["sensors"]["gyro"]["unit"] == unit
 
 
 @pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (-1, "1 row after")])
