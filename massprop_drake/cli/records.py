@@ -22,7 +22,7 @@ from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.reader import Reader
 from massprop_drake.records.recording import open_recording
 from massprop_drake.records.topics import Recording
-from massprop_drake.results.folder import require_file, write_file
+from massprop_drake.results.folder import require_file, write_page
 
 _WIDTH = 96  # of the comments in a file
 
@@ -49,7 +49,7 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
     found = make_proposal(recording, vehicle)
     text = _map_text(found, record, vehicle)
     if out is not None:
-        write_file(out, text.encode(), "map", force=how.force, reads=reads)
+        write_page(out, text, "map", yaml=True, force=how.force, reads=reads)
     if not (how.as_json or how.quiet):
         for line in text.splitlines():
             say(line)
@@ -89,7 +89,7 @@ def make_vehicle(
     for one in made.assumed:
         lines += _comment(one)
     text = "\n".join(lines) + "\n" + to_yaml(made.data)
-    write_file(target, text.encode(), "vehicle", force=how.force, reads=reads)
+    write_page(target, text, "vehicle", yaml=True, force=how.force, reads=reads)
     if how.as_json:
         show.print_json({"vehicle": str(target), "assumed": made.assumed})
     elif not how.quiet:

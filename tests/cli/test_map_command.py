@@ -79,8 +79,12 @@ def test_a_map_is_proposed_shown_written_and_checked(massprop: Massprop, one: Fl
     shown = massprop("map", log, *FREE_FLYER, "--map", "map.yaml")
     assert shown.out.startswith("the first rows as they are understood")
     again = massprop("map", log, *FREE_FLYER, "--out", "map.yaml")
+    assert again.status == 0, again.err
+    by = Path("map.yaml")
+    by.write_text(by.read_text(encoding="utf-8").replace("column: t", "column:  t"), encoding="utf-8")
+    again = massprop("map", log, *FREE_FLYER, "--out", "map.yaml")
     assert again.status == 2
-    assert "map.yaml" in again.err
+    assert "map.yaml: is there already, and not as we wrote it" in again.err
 
 
 def test_what_is_not_found_ends_with_2_after_what_is(massprop: Massprop, tmp_path: Path) -> None:
