@@ -17,6 +17,7 @@ from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import channels, mapped_rows, mapping
+from massprop_drake.records.evidence import describe_evidence
 from massprop_drake.records.proposal import ROWS, Proposal, make_proposal
 from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.reader import Reader
@@ -67,8 +68,19 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
-    understood = mapping.apply_map(recording, by, vehicle, str(file))
-    _print_map(Proposal(by.model_dump(mode="json"), [], [], []), understood, how, recording)
+    # units that cannot be do not hide how the jets act
+    reasons, warnings = describe_evidence(mapping.apply_map(recording, by, vehicle, str(file), limits=False))
+    found = Proposal(by.model_dump(mode="json"), reasons, [], [], warnings)
+    if not (how.as_json or how.quiet):
+        for line in reasons:
+            say(line)
+    try:
+        understood = mapping.apply_map(recording, by, vehicle, str(file))
+    except InputError:
+        if not how.as_json:
+            _print_map(found, None, how, recording)
+        raise
+    _print_map(found, understood, how, recording)
 
 
 def make_vehicle(

@@ -72,23 +72,15 @@ class JetSearch(CommandSearch):
             self._warn_of_misfit(gyro, "rates", taken)
 
     def _warn_of_misfit(self, name: str, what: str, taken: evidence.JetEvidence) -> None:
-        """Warns of readings that are likelier by jets that push the other way, or that the jets do not explain."""
-        if taken.opposed > evidence.ODDS:
-            self._warn(
-                f"{name}: the {what} go against what the jets should do, by a correlation of {taken.correlation:.2f}: "
-                "look at its axes, signs and `off`, `on`"
-            )
-        elif taken.is_poor:
-            self._warn(
-                f"{name}: the {what} follow the commands poorly, with a correlation of {taken.correlation:.2f}: look "
-                "at axes, signs, units and which jet is which, and whether these columns are its"
-            )
+        """Warns of readings that the jets do not explain."""
+        if misfit := evidence.describe_misfit(name, what, taken):
+            self._warn(misfit)
 
     def _understood(self, acts: str) -> channels.Mapped | None:
-        """Returns the record as the map has it so far; None where the map cannot be applied."""
+        """Returns the record as the map has it so far, whatever its units; None where the map cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
-            return mapping.apply_map(self.recording, by, self.vehicle)
+            return mapping.apply_map(self.recording, by, self.vehicle, limits=False)
         except ValueError:  # said when the map is shown
             return None
 
@@ -138,7 +130,7 @@ class JetSearch(CommandSearch):
         """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
-            self._warn_of_misfit(name, "readings", evidence.compare_with_jet_effects(by, name))
+            self._judge(name, evidence.compare_with_jet_effects(by, name))
             return
         sums, values = (evidence.compare_with_jet_effects(by, name, gives=gives) for gives in ("integral", "increment"))
         gives, followed = entry["gives"], ""
@@ -148,9 +140,11 @@ class JetSearch(CommandSearch):
             gives, followed = self._of_values(name, by, values), "values"
         elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(by, name):
             gives = "integral"
-        self._warn_of_misfit(name, "readings", sums if gives == "integral" else values)
+        taken = sums if gives == "integral" else values
         if gives == entry["gives"]:
+            self._judge(name, taken)
             return
+        self._warn_of_misfit(name, "readings", taken)
         entry["gives"] = gives
         if not followed:
             self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
@@ -164,6 +158,14 @@ class JetSearch(CommandSearch):
             f"{'values' if followed == 'differences' else 'differences'} with "
             f"{min(sums.correlation, values.correlation):.2f}"
         )
+
+    def _judge(self, name: str, taken: evidence.JetEvidence) -> None:
+        """Says how an accelerometer's readings follow the jets, or warns that they do not."""
+        misfit = evidence.describe_misfit(name, "readings", taken)
+        if misfit:
+            self._warn(misfit)
+        elif not math.isnan(taken.correlation):
+            self._say(f"{name}: the readings follow the commands with a correlation of {taken.in_words}")
 
     def _of_values(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
         """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""

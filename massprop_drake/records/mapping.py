@@ -58,7 +58,9 @@ _KINDS = {
 _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are of no use but for that
 
 
-def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
+def apply_map(
+    recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map", *, limits: bool = True
+) -> Mapped:
     """Applies a map to a recording.
 
     Args:
@@ -66,12 +68,14 @@ def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str
         by: the map.
         vehicle: whose sensors and jets it names.
         source: what to call the map in messages.
+        limits: refuse rates and accelerations that cannot be.
 
     Raises:
         InputError: when map, recording and vehicle do not belong together, a clock goes back, or a unit cannot be.
     """
     _require_vehicle_parts(by, vehicle, source)
     work = _Mapping(recording, by, vehicle, source)
+    work.limits = limits
     channels = {name: work.channel(name, sensor) for name, sensor in by.sensors.items()}
     commands = work.commands(by.commands)
     force, torque = (None if part is None else work.held(part) for part in (by.known_force, by.known_torque))
@@ -119,6 +123,7 @@ class _Mapping:
         self._force = plausible.SLUG * plausible.FOOT if vehicle.units == "us" else 1.0
         self._timed: dict[tuple[str, str], tuple[Array, Places]] = {}
         self._zero_s: float | None = None
+        self.limits = True  # of rates and accelerations
         self.notes: list[str] = []
         self._stamps(by.sensors[by.row_sensor])  # whose first stamp others count from
 
@@ -348,7 +353,7 @@ class _Mapping:
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
-        if not _exceeds_spikes(size > limit):
+        if not self.limits or not _exceeds_spikes(size > limit):
             return
         largest = float(size.max())
         as_read = largest / si_factor(unit, "rate")
@@ -383,7 +388,7 @@ class _Mapping:
             steps = np.diff(time_s)[:, None]
             sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
         sizes = sizes[np.isfinite(sizes).all(axis=1)]
-        if _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
+        if self.limits and _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
             raise InputError(
                 f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
                 f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "
