@@ -158,13 +158,16 @@ def _print_map(found: Proposal, understood: channels.Mapped | None, how: How, re
     rows = [] if understood is None else mapped_rows.preview_rows(understood)
     of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
+    facts = list(dict.fromkeys([*recording.information, *(() if understood is None else understood.information)]))
     notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
     if how.as_json:
         said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
-        show.print_json({"map": found.data, **said, "rows": rows, "notes": notes})
+        show.print_json({"map": found.data, **said, "rows": rows, "notes": [*facts, *notes]})
     elif not how.quiet:
         if understood is not None:
             Terminal(120).print(_table(understood, rows))
+        for sentence in facts:
+            note(sentence)
         for sentence in notes:
             note(f"warning: {sentence}")
 

@@ -80,7 +80,8 @@ def apply_map(
     commands = work.commands(by.commands)
     force, torque = (None if part is None else work.held(part) for part in (by.known_force, by.known_torque))
     notes = (*recording.notes, *dict.fromkeys(work.notes))
-    return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes)
+    information = (*recording.information, *dict.fromkeys(work.information))
+    return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes, information)
 
 
 def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
@@ -125,6 +126,7 @@ class _Mapping:
         self._zero_s: float | None = None
         self.limits = True  # of rates and accelerations
         self.notes: list[str] = []
+        self.information: list[str] = []
         self._stamps(by.sensors[by.row_sensor])  # whose first stamp others count from
 
     # ------------------------------------------------------------------------------------ time
@@ -174,7 +176,7 @@ class _Mapping:
         if self._zero_s is None:
             self._zero_s = float(np.floor(found[0])) if abs(found[0]) > _EPOCH_S else 0.0
             if self._zero_s:
-                self.notes.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
+                self.information.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
         return found - self._zero_s, places
 
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
@@ -292,7 +294,7 @@ class _Mapping:
                 f"in rows {rows[0] + 1} and {off[0] + 1}"
             )
         anew = (np.arange(len(values)) - (rows[0] if rows.size else 0)) % every == 0
-        self.notes.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
+        self.information.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
         return np.where(anew[:, None], values, np.nan)
 
     def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:

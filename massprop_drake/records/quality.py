@@ -461,7 +461,11 @@ class QualityReport:
             "samples": self._samples,
             "unknown_commands": self._unknown.found(),
         }
-        return {**quality, "warnings": [*record.notes, *warnings_of(quality, self._known())]}
+        return {
+            **quality,
+            "information": record.information,
+            "warnings": [*record.notes, *warnings_of(quality, self._known())],
+        }
 
     def _known(self) -> KnownOfRecord:
         return KnownOfRecord(

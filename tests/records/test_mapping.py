@@ -151,9 +151,10 @@ def test_rows_without_time_and_rows_logged_twice(log: Callable[..., Path]) -> No
     made = made_of(log(t=times), usual_map(ONE), ONE.vehicle)
     (block,) = made.blocks([0])
     assert (len(block.lines), block.lines[0], made.place, block.values[0, 0]) == (N - 2, 2, "line", 0.0)
-    assert [note.partition(": ")[2] for note in made.notes[:2]] == [
+    assert [note.partition(": ")[2] for note in (*made.notes, *made.information)] == [
         "1 rows left out that have no time",
         "1 rows left out whose time is that of the row before",
+        "times count from 1700000000 s of its clock",
     ]
 
 
