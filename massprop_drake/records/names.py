@@ -282,7 +282,7 @@ def _rank(rest: tuple[str, ...], *, sure: bool) -> int:
         return 0
     if sure:
         return 1 if words <= set(_UNITS) else 2
-    return 2 if len(words) == 1 and all(len(word) == 1 for word in words) else 3
+    return 2 if len(words) == 1 else 3
 
 
 def _tokens(name: str) -> tuple[str, ...]:

@@ -106,7 +106,8 @@ class RecordingSearch(SensorSearch):
         for name in ordered:
             if kinds[name] or len(topics) == 1:
                 self._enter(name, read[name])
-                self._sensors(topics[name], numeric[name])
+                switched = self._switched_columns(topics[name])
+                self._sensors(topics[name], [one for one in numeric[name] if one.column not in switched])
         for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
             self._enter(name, read[name], quietly=True)
             if self._commands(topics[name]):

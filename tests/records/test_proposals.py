@@ -370,14 +370,14 @@ def test_what_is_doubtful_in_a_log_is_told(name: str, tmp_path: Path) -> None:
     assert words in said(proposed(log_of(tmp_path, **instead)))
 
 
-@pytest.mark.parametrize("jets", [12, 3])
-def test_what_is_named_after_jets_is_no_reading(jets: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "jets"), [("thr_a", 12), ("thr_a", 3), ("a", 12), ("v", 12), ("vlv_", 12)])
+def test_what_is_named_after_jets_is_no_reading(name: str, jets: int, tmp_path: Path) -> None:
     """Valves a1, a2 and so on are no accelerations, with a column for each jet or not."""
-    valves = {f"thr_a{index + 1}": FLOWN.commands[:, index] for index in range(jets)}
+    valves = {f"{name}{index + 1}": FLOWN.commands[:, index] for index in range(jets)}
     own = dict.fromkeys(commands_of(FLOWN.commands)) if jets == 12 else {}
     found = proposed(log_of(tmp_path, **dict.fromkeys(VELOCITIES), **own, **valves))
     assert (list(found.data["sensors"]), found.lacking, found.warnings) == (["gyro"], [], [])
-    assert found.data["commands"]["columns"]["T1"] == ("thr_a1" if jets == 12 else "u1")
+    assert found.data["commands"]["columns"]["T1"] == (f"{name}1" if jets == 12 else "u1")
 
 
 def test_what_cannot_be_found_is_said(tmp_path: Path) -> None:
