@@ -52,12 +52,12 @@ class CommandSearch(MapSearch):
 
     def _commands(self, topic: Topic) -> bool:
         """Looks for commands to the jets; returns whether there are any."""
-        whole = self._jet_family(topic)
-        if whole is not None:
-            self.data["commands"] = {"columns": whole.columns}
-            why = "by their names" if whole.named else "by their numbers, and since they switch as valves do: a guess"
-            self._say(f"commands: a column for each of the {len(whole.columns)} jets, {why}")
-            self._scale(topic, whole.columns)
+        family = self._jet_family(topic)
+        if family is not None:
+            self.data["commands"] = {"columns": family.columns}
+            why = "by their names" if family.named else "by their numbers, and since they switch as valves do: a guess"
+            self._say(f"commands: a column for each of the {len(family.columns)} jets, {why}")
+            self._scale(topic, family.columns)
             return True
         families = self._families(topic)
         part = next((one for one in families if one.named and 2 * len(one.columns) > len(self.vehicle.jets)), None)
