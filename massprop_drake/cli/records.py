@@ -17,12 +17,13 @@ from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import channels, mapped_rows, mapping
+from massprop_drake.records.evidence import describe_evidence
 from massprop_drake.records.proposal import ROWS, Proposal, make_proposal
 from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.reader import Reader
 from massprop_drake.records.recording import open_recording
 from massprop_drake.records.topics import Recording
-from massprop_drake.results.folder import require_file, write_file
+from massprop_drake.results.folder import require_file, write_page
 
 _WIDTH = 96  # of the comments in a file
 
@@ -49,7 +50,7 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: OutputOpti
     found = make_proposal(recording, vehicle)
     text = _map_text(found, record, vehicle)
     if out is not None:
-        write_file(out, text.encode(), "map", force=how.force, reads=reads)
+        write_page(out, text, "map", yaml=True, force=how.force, reads=reads)
     if not (how.as_json or how.quiet):
         for line in text.splitlines():
             say(line)
@@ -67,8 +68,19 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> N
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
-    understood = mapping.apply_map(recording, by, vehicle, str(file))
-    _print_map(Proposal(by.model_dump(mode="json"), [], [], []), understood, how, recording)
+    # units that cannot be do not hide how the jets act
+    reasons, warnings = describe_evidence(mapping.apply_map(recording, by, vehicle, str(file), limits=False))
+    found = Proposal(by.model_dump(mode="json"), reasons, [], [], warnings)
+    if not (how.as_json or how.quiet):
+        for line in reasons:
+            say(line)
+    try:
+        understood = mapping.apply_map(recording, by, vehicle, str(file))
+    except InputError:
+        if not how.as_json:
+            _print_map(found, None, how, recording)
+        raise
+    _print_map(found, understood, how, recording)
 
 
 def make_vehicle(
@@ -89,7 +101,7 @@ def make_vehicle(
     for one in made.assumed:
         lines += _comment(one)
     text = "\n".join(lines) + "\n" + to_yaml(made.data)
-    write_file(target, text.encode(), "vehicle", force=how.force, reads=reads)
+    write_page(target, text, "vehicle", yaml=True, force=how.force, reads=reads)
     if how.as_json:
         show.print_json({"vehicle": str(target), "assumed": made.assumed})
     elif not how.quiet:
@@ -146,13 +158,16 @@ def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputO
     rows = [] if understood is None else mapped_rows.preview_rows(understood)
     of_rows = () if understood is None else (*understood.notes, *_find_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
+    facts = list(dict.fromkeys([*recording.information, *(() if understood is None else understood.information)]))
     notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
     if how.as_json:
         said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
-        show.print_json({"map": found.data, **said, "rows": rows, "notes": notes})
+        show.print_json({"map": found.data, **said, "rows": rows, "notes": [*facts, *notes]})
     elif not how.quiet:
         if understood is not None:
             Terminal(120).print(_make_rows_table(understood, rows))
+        for sentence in facts:
+            note(sentence)
         for sentence in notes:
             note(f"warning: {sentence}")
 

@@ -152,6 +152,8 @@ def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _print_parameters(console, title, results, vehicle, truth=False)
     for loss in results.completeness_detail:
         console.say((f"{results.completeness}:", "bold yellow"), f"{'':{13 - len(results.completeness) - 1}}{loss}")
+    for fact in quality.get("information", ()):  # which runs of versions before have not
+        console.say(f"note:        {fact}")
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency_text(results.consistency))

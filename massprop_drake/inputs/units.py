@@ -29,45 +29,45 @@ _RATE, _FORCE, _ACCELERATION, _NONE = (0, 0, -1, 1), (1, 1, -2, 0), (1, 0, -2, 0
 _TURN = 2.0 * math.pi
 _DEGREE = math.pi / 180.0
 
+_SMALL = {"m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}  # SI prefixes
+_WRITTEN_OUT = {"milli": 1e-3, "micro": 1e-6, "nano": 1e-9}
+_NO_SUCH = {"k", "M", "c", "d", "h", "kilo", "mega", "centi"}  # that not every unit takes
+
+
+def _prefixed(prefixes: dict[str, float], names: tuple[str, ...], one: Unit) -> dict[str, Unit]:
+    """Returns a unit by its names, without and with SI prefixes."""
+    return {
+        f"{prefix}{name}": Unit(factor * one.factor, one.dimension)
+        for name in names
+        for prefix, factor in {"": 1.0, **prefixes}.items()
+    }
+
+
 _UNITS = {
     **{name: Unit(1.0, _NONE) for name in ("1", "fraction")},
     **{name: Unit(0.01, _NONE) for name in ("%", "percent")},
-    **{
-        f"{prefix}{second}": Unit(factor, _TIME)
-        for prefix, factor in {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}.items()
-        for second in ("s", "sec", "secs")
-    },
-    **{
-        f"{prefix}second{plural}": Unit(factor, _TIME)
-        for prefix, factor in {"": 1.0, "milli": 1e-3, "micro": 1e-6, "nano": 1e-9}.items()
-        for plural in ("", "s")
-    },
+    **_prefixed(_SMALL, ("s", "sec", "secs"), Unit(1.0, _TIME)),
+    **_prefixed(_WRITTEN_OUT, ("second", "seconds"), Unit(1.0, _TIME)),
     **{name: Unit(60.0, _TIME) for name in ("min", "minutes")},
     **{name: Unit(3600.0, _TIME) for name in ("h", "hours")},
     **{name: Unit(86400.0, _TIME) for name in ("d", "day", "days")},
-    **{name: Unit(1.0, _ANGLE) for name in ("rad", "radian", "radians")},
-    "mrad": Unit(1e-3, _ANGLE),
-    "urad": Unit(1e-6, _ANGLE),
-    **{name: Unit(_DEGREE, _ANGLE) for name in ("deg", "°", "degree", "degrees")},
-    "mdeg": Unit(1e-3 * _DEGREE, _ANGLE),
+    **_prefixed(_SMALL, ("rad",), Unit(1.0, _ANGLE)),
+    **_prefixed(_WRITTEN_OUT, ("radian", "radians"), Unit(1.0, _ANGLE)),
+    **_prefixed(_SMALL, ("deg",), Unit(_DEGREE, _ANGLE)),
+    **_prefixed(_WRITTEN_OUT, ("degree", "degrees"), Unit(_DEGREE, _ANGLE)),
+    "°": Unit(_DEGREE, _ANGLE),
     "arcsec": Unit(_DEGREE / 3600.0, _ANGLE),
     **{name: Unit(_TURN, _ANGLE) for name in ("rev", "turn")},
     "rpm": Unit(_TURN / 60.0, _RATE),
-    "dps": Unit(_DEGREE, _RATE),
-    **{name: Unit(1.0, _LENGTH) for name in ("m", "meter", "meters")},
-    **{
-        f"{prefix}m": Unit(factor, _LENGTH)
-        for prefix, factor in {"k": 1e3, "d": 0.1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}.items()
-    },
+    **_prefixed(_SMALL, ("dps",), Unit(_DEGREE, _RATE)),
+    **{name: Unit(1.0, _LENGTH) for name in ("meter", "meters")},
+    **_prefixed({"k": 1e3, "d": 0.1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}, ("m",), Unit(1.0, _LENGTH)),
     "ft": Unit(FOOT, _LENGTH),
     "in": Unit(FOOT / 12.0, _LENGTH),
-    "g": Unit(GRAVITY, _ACCELERATION),
-    "mg": Unit(1e-3 * GRAVITY, _ACCELERATION),
-    "ug": Unit(1e-6 * GRAVITY, _ACCELERATION),
+    **_prefixed(_SMALL, ("g",), Unit(GRAVITY, _ACCELERATION)),
     "kg": Unit(1.0, _MASS),
     "slug": Unit(SLUG, _MASS),
-    "N": Unit(1.0, _FORCE),
-    "mN": Unit(1e-3, _FORCE),
+    **_prefixed({"k": 1e3, **_SMALL}, ("N",), Unit(1.0, _FORCE)),
     "lbf": Unit(SLUG * FOOT, _FORCE),
 }
 _KINDS = {
@@ -99,8 +99,7 @@ def parse_unit(text: str) -> Unit:
             raise InputError(f"{text!r} is no unit; write it like deg/s, m/s^2 or N*m")
         sign, name, power, mark = part.groups()
         if name not in _UNITS:
-            known = [*_UNITS]
-            raise InputError(f"{text!r} is no unit that is known{suggestion(name, known)}")
+            raise InputError(f"{text!r} is no unit that is known{_suggest_unit(name)}")
         exponent = (-1 if sign == "/" else 1) * (int(power) if power else {"²": 2, "³": 3}.get(mark, 1))
         factor *= _UNITS[name].factor ** exponent
         dimension = [have + exponent * more for have, more in zip(dimension, _UNITS[name].dimension, strict=True)]
@@ -108,6 +107,19 @@ def parse_unit(text: str) -> Unit:
     if not plain:
         raise InputError("a unit is empty; write it like deg/s, or 1 for a number without unit")
     return Unit(factor, (dimension[0], dimension[1], dimension[2], dimension[3]))
+
+
+def _suggest_unit(name: str) -> str:
+    """Suggests units for a name that is none; for a known unit with another prefix, those with the prefixes it has."""
+    for prefix in (*_SMALL, *_WRITTEN_OUT, *_NO_SUCH):
+        stem = name.removeprefix(prefix)
+        if stem != name and stem in _UNITS:
+            own = _UNITS[stem]
+            alike = [
+                f"'{one}'" for one, unit in _UNITS.items() if one.endswith(stem) and unit.dimension == own.dimension
+            ]
+            return f": of '{stem}' there {'are' if len(alike) > 1 else 'is'} {', '.join(alike)}"
+    return suggestion(name, _UNITS)
 
 
 def si_factor(text: str, *kinds: str) -> float:

@@ -111,11 +111,17 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
             losses.append(Loss("damaged", f"{path}: {left_out}"))
     origin = bag.first_ns
     topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items() if found.is_readable}
-    if origin is not None:
-        notes.append(f"{path}: times count from the bag's first message, {origin * _NANO:.3f} s of its clock")
+    information = f"{path}: times count from the bag's first message, {(origin or 0) * _NANO:.3f} s of its clock"
     kind = "ros1" if path.suffix.lower() == ".bag" else "ros2"
     return Recording(
-        str(path), kind, topics, notes=tuple(notes), sha256=digest(path), types=named, losses=tuple(losses)
+        str(path),
+        kind,
+        topics,
+        notes=tuple(notes),
+        information=() if origin is None else (information,),
+        sha256=digest(path),
+        types=named,
+        losses=tuple(losses),
     )
 
 

@@ -38,13 +38,15 @@ class Table(ABC):
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
         losses: of the table; all of them once it has been read.
-        notes: on how the table was made, a sentence each.
+        notes: on what is doubtful in it, a sentence each.
+        information: on how it was made, likewise.
         own_times: whether there is a row whenever anything is read or commanded, and not one a sample.
     """
 
     own_times: bool = False
     place: str = "row"
     notes: Sequence[str] = ()
+    information: Sequence[str] = ()
     source: str
     header: list[str]
     ragged: Ragged

@@ -83,7 +83,8 @@ class Mapped:
         channels: by the sensor's name.
         commands: of the jets, fractions of 0 to 1, shape (n, n_jets).
         known_force, known_torque: known outside force and torque, in the vehicle's units; None: none.
-        notes: what is to be known, a sentence each.
+        notes: what is doubtful, a sentence each.
+        information: what is to be known besides, likewise.
     """
 
     recording: Recording
@@ -95,6 +96,7 @@ class Mapped:
     known_force: HeldValues | None
     known_torque: HeldValues | None
     notes: tuple[str, ...]
+    information: tuple[str, ...]
 
     @property
     def rows(self) -> Channel:

@@ -28,25 +28,36 @@ class CommandSearch(MapSearch):
 
     def _jet_columns(self, topic: Topic) -> dict[str, str]:
         """Returns a column for each jet, by designation; empty where not all are found."""
+        family = self._jet_family(topic)
+        return {} if family is None else family.columns
+
+    def _switched_columns(self, topic: Topic) -> set[str]:
+        """Returns the columns for the jets where their values are of commands, and hence of no sensor."""
+        columns = self._jet_columns(topic).values()
+        return set(columns) if columns and self._are_command_values(topic, [*columns]) else set()
+
+    def _jet_family(self, topic: Topic) -> JetColumns | None:
+        """Returns columns of one kind with one for each jet; None where not all are found."""
         for family in self._families(topic):
             columns = list(family.columns.values())
-            if family.lacking or (not family.named and not self._are_pulse_widths(topic, columns)):
+            if family.lacking or (not family.named and not self._are_command_values(topic, columns)):
                 continue
             if any(_varies(topic.numbers(column)) for column in family.beside):
                 self.partial_commands = (
                     f"; {', '.join([*columns, *family.beside])} are more than the vehicle's {len(columns)} jets"
                 )
                 continue
-            return family.columns
-        return {}
+            return family
+        return None
 
     def _find_commands(self, topic: Topic) -> bool:
         """Looks for commands to the jets; returns whether there are any."""
-        columns = self._jet_columns(topic)
-        if columns:
-            self.data["commands"] = {"columns": columns}
-            self._say(f"commands: a column for each of the {len(columns)} jets, by their names")
-            self._find_scale(topic, columns)
+        family = self._jet_family(topic)
+        if family is not None:
+            self.data["commands"] = {"columns": family.columns}
+            why = "by their names" if family.named else "by their numbers, and since they switch as valves do: a guess"
+            self._say(f"commands: a column for each of the {len(family.columns)} jets, {why}")
+            self._find_scale(topic, family.columns)
             return True
         families = self._families(topic)
         part = next((one for one in families if one.named and 2 * len(one.columns) > len(self.vehicle.jets)), None)
@@ -62,7 +73,7 @@ class CommandSearch(MapSearch):
                     self.data["commands"] = {"listed": {"column": column}}
                     self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
                     return True
-        counted = {column for one in families for column in (*one.columns.values(), *one.beside)}
+        counted = {column for one in families if one.named for column in (*one.columns.values(), *one.beside)}
         for column, values in topic.columns.items():
             if values.dtype == object or column in counted or not read_name(column).may_be_mask:
                 continue
@@ -79,10 +90,13 @@ class CommandSearch(MapSearch):
                 return True
         return False
 
-    def _are_pulse_widths(self, topic: Topic, columns: Sequence[str]) -> bool:
-        """Tests whether columns that are only numbered hold values of commands: widths of pulses."""
+    def _are_command_values(self, topic: Topic, columns: Sequence[str]) -> bool:
+        """Tests whether columns, whatever their names, hold values of commands: two levels, or widths of pulses."""
         values = np.concatenate([topic.numbers(column) for column in columns])
-        return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
+        values = values[np.isfinite(values)]
+        if not _varies(values):
+            return False
+        return bool(values.min() > _PULSES[0] and values.max() < _PULSES[1]) or two_levels(values) is not None
 
     def _find_scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
         """Finds the scales that the numbers of the jets' columns may have, and takes the likeliest."""

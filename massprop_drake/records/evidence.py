@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.signals import AXES
 from massprop_drake.records.channels import Channel, Mapped
 from massprop_drake.records.mapped_rows import mean_over
 
@@ -90,6 +91,13 @@ class JetEvidence(NamedTuple):
         left = (self.change - self.slope * self.meant)[both]
         return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
 
+    @property
+    def in_words(self) -> str:
+        """The correlation, where it is not near 1 that of each axis, too."""
+        axes = [JetEvidence(self.meant[:, [axis]], self.change[:, [axis]]) for axis in range(3)]
+        each = [f"{name} {one.correlation:.2f}" for name, one in zip(AXES, axes, strict=True) if one.samples >= FEWEST]
+        return f"{self.correlation:.2f}" + (f" ({', '.join(each)})" if self.correlation < _POOR else "")
+
     def shifted(self, rows: int) -> JetEvidence:
         """Returns the evidence with commands that act so many intervals later, or earlier where negative."""
         meant = np.roll(self.meant, rows, axis=0)
@@ -111,6 +119,41 @@ def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> J
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
     meant = shares @ _jet_effects(vehicle, name) * steps
     return JetEvidence(meant, _reading_changes(channel, steps, gives or channel.gives))
+
+
+def describe_misfit(name: str, what: str, taken: JetEvidence) -> str:
+    """Describes readings that are likelier by jets that push the other way, or that the jets do not explain; "": none.
+
+    Args:
+        name: of the sensor.
+        what: its readings are called.
+        taken: the evidence in them.
+    """
+    if taken.opposed > ODDS:
+        return (
+            f"{name}: the {what} go against what the jets should do, by a correlation of {taken.in_words}: look at its "
+            "axes, signs and `off`, `on`"
+        )
+    if taken.is_poor:
+        return (
+            f"{name}: the {what} follow the commands poorly, with a correlation of {taken.in_words}: look at axes, "
+            "signs, units and which jet is which, and whether these columns are its"
+        )
+    return ""
+
+
+def describe_evidence(record: Mapped) -> tuple[list[str], list[str]]:
+    """Describes how the readings of a mapped record follow the commands: a sentence for each sensor, and warnings."""
+    found, warnings = list[str](), list[str]()
+    for name, channel in record.channels.items():
+        if channel.kind in ("gyro", "accelerometer") and channel.time_s.size > 1:
+            what, taken = "rates" if channel.kind == "gyro" else "readings", compare_with_jet_effects(record, name)
+            misfit = describe_misfit(name, what, taken)
+            if misfit:
+                warnings.append(misfit)
+            elif not math.isnan(taken.correlation):
+                found.append(f"{name}: the {what} follow the commands with a correlation of {taken.in_words}")
+    return found, warnings
 
 
 def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:

@@ -15,7 +15,7 @@ from massprop_drake.records.command_search import CommandSearch
 
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
-_RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
+_RATE_UNITS = (*mapping.RATE_UNITS, "deg/h")  # that are farther apart than the true rates may be
 _FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
 
 
@@ -72,23 +72,15 @@ class JetSearch(CommandSearch):
             self._warn_of_misfit(gyro, "rates", taken)
 
     def _warn_of_misfit(self, name: str, what: str, taken: evidence.JetEvidence) -> None:
-        """Warns of readings that are likelier by jets that push the other way, or that the jets do not explain."""
-        if taken.opposed > evidence.ODDS:
-            self._warn(
-                f"{name}: the {what} go against what the jets should do, by a correlation of {taken.correlation:.2f}: "
-                "look at its axes, signs and `off`, `on`"
-            )
-        elif taken.is_poor:
-            self._warn(
-                f"{name}: the {what} follow the commands poorly, with a correlation of {taken.correlation:.2f}: look "
-                "at axes, signs, units and which jet is which, and whether these columns are its"
-            )
+        """Warns of readings that the jets do not explain."""
+        if misfit := evidence.describe_misfit(name, what, taken):
+            self._warn(misfit)
 
     def _apply_map_so_far(self, acts: str) -> channels.Mapped | None:
-        """Applies the map found so far to the record; None where it cannot be applied."""
+        """Returns the record as the map has it so far, whatever its units; None where the map cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
-            return mapping.apply_map(self.recording, by, self.vehicle)
+            return mapping.apply_map(self.recording, by, self.vehicle, limits=False)
         except ValueError:  # said when the map is shown
             return None
 
@@ -138,7 +130,7 @@ class JetSearch(CommandSearch):
         """Decides if an accelerometer gives sums of velocity, increments or accelerations, by the jets' effects."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
-            self._warn_of_misfit(name, "readings", evidence.compare_with_jet_effects(by, name))
+            self._report_correlation(name, evidence.compare_with_jet_effects(by, name))
             return
         sums, values = (evidence.compare_with_jet_effects(by, name, gives=gives) for gives in ("integral", "increment"))
         gives, followed = entry["gives"], ""
@@ -148,9 +140,11 @@ class JetSearch(CommandSearch):
             gives, followed = self._increment_or_mean(name, by, values), "values"
         elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(by, name):
             gives = "integral"
-        self._warn_of_misfit(name, "readings", sums if gives == "integral" else values)
+        taken = sums if gives == "integral" else values
         if gives == entry["gives"]:
+            self._report_correlation(name, taken)
             return
+        self._warn_of_misfit(name, "readings", taken)
         entry["gives"] = gives
         if not followed:
             self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
@@ -165,8 +159,16 @@ class JetSearch(CommandSearch):
             f"{min(sums.correlation, values.correlation):.2f}"
         )
 
+    def _report_correlation(self, name: str, taken: evidence.JetEvidence) -> None:
+        """Says how an accelerometer's readings follow the jets, or warns that they do not."""
+        misfit = evidence.describe_misfit(name, "readings", taken)
+        if misfit:
+            self._warn(misfit)
+        elif not math.isnan(taken.correlation):
+            self._say(f"{name}: the readings follow the commands with a correlation of {taken.in_words}")
+
     def _increment_or_mean(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
-        """Decides between increments and mean accelerations, by the size of their changes."""
+        """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
             return usual

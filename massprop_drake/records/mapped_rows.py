@@ -39,7 +39,7 @@ class MappedTable(Table):
 
     def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
         self.source = record.recording.source
-        self.header, self.notes = header, notes
+        self.header, self.notes, self.information = header, notes, record.information
         self._values, self._lines, self._recording = values, lines, record.recording
         self.place = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor])).place
         self.ragged: Ragged = record.recording.ragged

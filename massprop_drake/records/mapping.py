@@ -38,6 +38,7 @@ from massprop_drake.records.topics import Recording, Topic
 
 _EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made to count from their first
 _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
+RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # of gyros, the largest first
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
 _SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
@@ -57,7 +58,9 @@ _KINDS = {
 _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are of no use but for that
 
 
-def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
+def apply_map(
+    recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map", *, limits: bool = True
+) -> Mapped:
     """Applies a map to a recording.
 
     Args:
@@ -65,17 +68,20 @@ def apply_map(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str
         by: the map.
         vehicle: whose sensors and jets it names.
         source: what to call the map in messages.
+        limits: refuse rates and accelerations that cannot be.
 
     Raises:
         InputError: when map, recording and vehicle do not belong together, a clock goes back, or a unit cannot be.
     """
     _require_vehicle_parts(by, vehicle, source)
     work = _Mapping(recording, by, vehicle, source)
+    work.limits = limits
     channels = {name: work.channel(name, sensor) for name, sensor in by.sensors.items()}
     commands = work.commands(by.commands)
     force, torque = (None if part is None else work.force_or_torque(part) for part in (by.known_force, by.known_torque))
     notes = (*recording.notes, *dict.fromkeys(work.notes))
-    return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes)
+    information = (*recording.information, *dict.fromkeys(work.information))
+    return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes, information)
 
 
 def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
@@ -119,7 +125,9 @@ class _Mapping:
         self._force = plausible.SLUG * plausible.FOOT if vehicle.units == "us" else 1.0
         self._timed: dict[tuple[str, str], tuple[Array, Places]] = {}
         self._zero_s: float | None = None
+        self.limits = True  # of rates and accelerations
         self.notes: list[str] = []
+        self.information: list[str] = []
         self._stamps(by.sensors[by.row_sensor])  # whose first stamp others count from
 
     # ------------------------------------------------------------------------------------ time
@@ -170,7 +178,7 @@ class _Mapping:
         if self._zero_s is None:
             self._zero_s = float(np.floor(found[0])) if abs(found[0]) > _EPOCH_S else 0.0
             if self._zero_s:
-                self.notes.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
+                self.information.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
         return found - self._zero_s, places
 
     def _logged_times(self, topic: Topic, time: RecordTime) -> Array:
@@ -288,7 +296,7 @@ class _Mapping:
                 f"in rows {rows[0] + 1} and {off[0] + 1}"
             )
         anew = (np.arange(len(values)) - (rows[0] if rows.size else 0)) % every == 0
-        self.notes.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
+        self.information.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
         return np.where(anew[:, None], values, np.nan)
 
     def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:
@@ -349,10 +357,16 @@ class _Mapping:
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
-        if not _exceeds_spikes(size > limit):
+        if not self.limits or not _exceeds_spikes(size > limit):
             return
         largest = float(size.max())
-        hint = "; it looks like degrees: `unit: deg/s`" if is_unit_of(unit, "rate") and largest / 57.3 <= limit else ""
+        as_read = largest / si_factor(unit, "rate")
+        alike = [one for one in RATE_UNITS if unit == "rad/s" or ("rad" in one) == ("rad" in unit)]
+        fits = next((one for one in alike if as_read * si_factor(one, "rate") <= limit), "")
+        hint = "; it looks like degrees: `unit: deg/s`" if unit == "rad/s" and fits == "deg/s" else ""
+        if fits and not hint:
+            smaller = si_factor(unit, "rate") / si_factor(fits, "rate")
+            hint = f"; a unit {smaller:.4g} times smaller would fit: `unit: {fits}`"
         raise InputError(
             f"{topic.source}: sensor '{name}' turns at up to {largest:.4g} rad/s as {unit}, more than half a turn "
             f"in a sample of {period_s:g} s or than any gyro measures{hint}"
@@ -379,7 +393,7 @@ class _Mapping:
             steps = np.diff(time_s)[:, None]
             sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
         sizes = sizes[np.isfinite(sizes).all(axis=1)]
-        if _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
+        if self.limits and _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
             raise InputError(
                 f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
                 f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "

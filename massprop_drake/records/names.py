@@ -10,27 +10,29 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import si_factor
 from massprop_drake.records.text_files import unit_in
 
+_PREFIXES = ("", "m", "u", "µ")  # of SI
+_ANGLES = tuple(f"{prefix}{angle}" for prefix in _PREFIXES for angle in ("rad", "deg"))
+_LENGTHS = ("m", "mm", "cm", "um")
 # units as the last word of a name has them, besides those that `inputs.units` knows
 _UNITS = {
     **dict.fromkeys(("millis",), "ms"),
     **dict.fromkeys(("msec", "msecs"), "ms"),
     **dict.fromkeys(("micros",), "us"),
     **dict.fromkeys(("nanos", "nanosec", "nanosecs"), "ns"),
-    **{name: name for name in ("rad", "deg", "rpm", "dps", "mrad", "g", "mg", "m", "mm", "cm", "ft")},
+    **{name: name for name in ("rpm", "ft", *_ANGLES, *_LENGTHS)},
+    **{f"{prefix}{name}": f"{prefix}{name}" for prefix in _PREFIXES for name in ("dps", "g")},
     **{name: name for name in ("s", "sec", "secs", "second", "seconds", "ms", "us", "usec", "usecs", "ns", "nsec")},
     **{name: name for name in ("nsecs", "milliseconds", "microseconds", "nanoseconds", "minutes", "hours", "days")},
-    **dict.fromkeys(("radps", "rads", "radpers", "radsec"), "rad/s"),
-    **dict.fromkeys(("degps", "degs", "degpers", "degsec"), "deg/s"),
-    **dict.fromkeys(("mps", "mpers"), "m/s"),
-    "mmps": "mm/s",
-    **dict.fromkeys(("mps2", "mpss", "mpers2"), "m/s^2"),
+    **{f"{angle}{time}": f"{angle}/s" for angle in _ANGLES for time in ("ps", "s", "pers", "sec")},
+    **{f"{length}{time}": f"{length}/s" for length in _LENGTHS for time in ("ps", "pers")},
+    **{f"{length}{time}": f"{length}/s^2" for length in _LENGTHS for time in ("ps2", "pss", "pers2")},
     **dict.fromkeys(("pct", "percent"), "%"),
     "fps": "ft/s",
     "fps2": "ft/s^2",
 }
 _QUOTIENTS = {  # two words of a name that are a unit
     (length, time): f"{length}/{'s^2' if time in ('s2', 'ss', 'sec2') else 's'}"
-    for length in ("m", "mm", "cm", "ft", "rad", "mrad", "deg")
+    for length in (*_LENGTHS, "ft", *_ANGLES)
     for time in ("s", "s2", "ss", "sec", "sec2")
 }
 _ALONE = {name for name, unit in _UNITS.items() if len(name) > 1 and unit in ("s", "ms", "us", "ns")} | {
@@ -283,7 +285,7 @@ def _rank_words(rest: tuple[str, ...], *, sure: bool) -> int:
         return 0
     if sure:
         return 1 if words <= set(_UNITS) else 2
-    return 2 if len(words) == 1 and all(len(word) == 1 for word in words) else 3
+    return 2 if len(words) == 1 else 3
 
 
 def _split_tokens(name: str) -> tuple[str, ...]:

@@ -108,7 +108,8 @@ class RecordingSearch(SensorSearch):
         for name in ordered:
             if kinds[name] or len(topics) == 1:
                 self._enter_topic(name, read[name])
-                self._find_sensors(topics[name], numeric[name])
+                switched = self._switched_columns(topics[name])
+                self._find_sensors(topics[name], [one for one in numeric[name] if one.column not in switched])
         for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
             self._enter_topic(name, read[name], quietly=True)
             if self._find_commands(topics[name]):

@@ -465,7 +465,11 @@ class QualityReport:
             "samples": self._samples,
             "unknown_commands": self._unknown.first_stretches(),
         }
-        return {**quality, "warnings": [*record.notes, *warnings_of(quality, self._collect_known())]}
+        return {
+            **quality,
+            "information": record.information,
+            "warnings": [*record.notes, *warnings_of(quality, self._collect_known())],
+        }
 
     def _collect_known(self) -> KnownOfRecord:
         """Collects what the warnings need beside the measures of quality."""

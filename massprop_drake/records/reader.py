@@ -99,7 +99,7 @@ class Reader:
         else:
             self._table = open_table(Path(telemetry), rows_per_block=rows_per_block)
         self.source = self._table.source
-        self.record.notes = list(self._table.notes)
+        self.record.notes, self.record.information = list(self._table.notes), list(self._table.information)
         try:
             self._plan_columns(gyro)
         except BaseException:

@@ -117,16 +117,18 @@ def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recordi
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _arrow_column(pyarrow, name, table.column(name))
-        notes = _convert_dates_to_seconds(columns)
+        information = _convert_dates_to_seconds(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
         raise InputError(f"{path}: not a Parquet file that can be read: {first_line(error)}") from None
     lines = np.concatenate([*places, np.empty(0, np.int64)])[: table.num_rows]
     topic = Topic(str(path), columns, lines=lines, unread=unwanted_columns(every, names))
-    return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path), losses=tuple(losses))
+    return Recording(
+        str(path), "table", {"": topic}, information=information, sha256=digest(path), losses=tuple(losses)
+    )
 
 
 def _convert_dates_to_seconds(columns: dict[str, Column]) -> tuple[str, ...]:
-    """Converts date columns in place to seconds from the first second of them; returns notes of this."""
+    """Converts date columns in place to seconds from the first second of them; returns sentences on this."""
     dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
     firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
     if not firsts:

@@ -164,7 +164,8 @@ class Record:
         missing: rows in which a sensor package lacks a reading, by its name.
         absent: packages that the record does not have.
         unknown: columns not used, each with a name that may have been meant, or "".
-        notes: of how the rows were made, a sentence each.
+        notes: on what is doubtful in the rows, a sentence each.
+        information: on how they were made, likewise.
     """
 
     def __init__(self) -> None:
@@ -177,6 +178,7 @@ class Record:
         self.absent: list[str] = []
         self.unknown: dict[str, str] = {}
         self.notes: list[str] = []
+        self.information: list[str] = []
 
     @property
     def period_s(self) -> float | None:

@@ -171,9 +171,13 @@ class SensorSearch(JetSearch):
             self._guessed[package] = ""
             sizes = np.concatenate([np.abs(topic.numbers(one.column)) for one in members.values()])
             limit = min(100.0, np.pi / self.vehicle.sample_period_s)
-            unit = "deg/s" if float(np.nanpercentile(sizes, 99.0)) > limit else "rad/s"
+            usual = float(np.nanpercentile(sizes, 99.0))
+            fitting = (one for one in mapping.RATE_UNITS if not usual * si_factor(one, "rate") > limit)
+            unit = next(fitting, "deg/s")
             why = f"by their names; {unit} since nothing says otherwise" + (
-                "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
+                ""
+                if unit == "rad/s"
+                else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for larger units"
             )
         entry: dict[str, Any] = {"kind": "gyro", "columns": _column_names(members), "unit": unit}
         every = _rows_per_reading(np.column_stack([topic.numbers(one.column) for one in members.values()]))

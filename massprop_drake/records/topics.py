@@ -129,7 +129,8 @@ class Recording:
         kind: "table", "mat", "ulog", "ros1" or "ros2".
         topics: by name; a table is the topic "".
         parameters: of the vehicle, as a ULog has them, by name.
-        notes: what is to be known of it, a sentence each.
+        notes: what is doubtful in it, a sentence each.
+        information: what is to be known besides, likewise.
         sha256: of the file, hexadecimal.
         types: of a bag's topics, by name.
         ragged: rows of a text file that were left out.
@@ -142,6 +143,7 @@ class Recording:
     topics: Mapping[str, Topic]
     parameters: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    information: tuple[str, ...] = ()
     sha256: str = ""
     types: Mapping[str, str] = field(default_factory=dict)
     ragged: Ragged = field(default_factory=Ragged)

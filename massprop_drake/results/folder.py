@@ -245,17 +245,20 @@ def write_file(
     _write(path.parent, {path.name: content}, _Rule(force, kind, tuple(map(Path, reads))))
 
 
-def write_page(path: Path, text: str, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
-    """Writes a page that stands alone, whole or not at all.
+def write_page(
+    path: Path, text: str, kind: str, *, yaml: bool = False, force: bool = False, reads: Iterable[str | Path] = ()
+) -> None:
+    """Writes a page or a YAML file that stands alone, whole or not at all.
 
     Args:
         path, kind, force, reads: as `require_file` takes them.
-        text: HTML; a last line is added, by which the page is known to be ours.
+        text: HTML, or YAML; a last line is added, by which the file is known to be ours.
+        yaml: it is YAML.
 
     Raises:
         InputError: as `require_file`; nothing has changed.
     """
-    write_file(path, manifest.seal_page(text, kind), kind, force=force, reads=reads)
+    write_file(path, manifest.seal_page(text, kind, yaml=yaml), kind, force=force, reads=reads)
 
 
 def is_ours(folder: Path, name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Ownership of files: the manifest of a folder, with every file's digest, and the seal of a single page.
+"""Ownership of files: the manifest of a folder, with every file's digest, and the seal of a single page or YAML file.
 
 Only what is as we wrote it may be replaced or removed; everything else is somebody's work.
 """
@@ -17,7 +17,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 NAME = "manifest.json"
 
-_SEAL = re.compile(rb"<!-- massprop (?:([a-z]{1,20}) )?([0-9a-f]{64}) -->\n")  # without a kind up to version 0.2
+# of a page, without a kind up to version 0.2, or of a YAML file
+_SEAL = re.compile(
+    rb"(?:<!-- massprop (?:([a-z]{1,20}) )?([0-9a-f]{64}) -->|# massprop ([a-z]{1,20}) ([0-9a-f]{64}))\n"
+)
 _SEAL_SIZE = 128  # bytes, at most
 
 
@@ -133,15 +136,17 @@ def entry(path: Path) -> FileEntry:
         return FileEntry(sha256=digest, bytes=file.tell())
 
 
-def seal_page(text: str, kind: str) -> bytes:
+def seal_page(text: str, kind: str, *, yaml: bool = False) -> bytes:
     """Seals a page, so that it can be recognized and checked anywhere: its last line has the digest of the rest.
 
     Args:
         text: of the page.
         kind: of page, a word in small letters.
+        yaml: the text is YAML, and no HTML.
     """
     content = text.encode()
-    return content + f"<!-- massprop {kind} {hashlib.sha256(content).hexdigest()} -->\n".encode()
+    seal = f"massprop {kind} {hashlib.sha256(content).hexdigest()}"
+    return content + (f"# {seal}\n" if yaml else f"<!-- {seal} -->\n").encode()
 
 
 def sealed_kind(path: Path) -> str | None:
@@ -156,7 +161,8 @@ def sealed_kind(path: Path) -> str | None:
             return None
         file.seek(0)
         content = file.read()[: -len(seal[0])]
-    return (seal[1] or b"").decode() if seal[2] == hashlib.sha256(content).hexdigest().encode() else None
+    kind, digest = seal[1] or seal[3] or b"", seal[2] or seal[4]
+    return kind.decode() if digest == hashlib.sha256(content).hexdigest().encode() else None
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, Path]]:

@@ -401,10 +401,11 @@ class SummaryFile(_Stored):
 
     @field_validator("data_quality")
     @classmethod
-    def _require_text_warnings(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
-        warnings = [] if value is None else value.get("warnings", [])
-        if not (isinstance(warnings, list) and all(isinstance(text, str) for text in warnings)):
-            raise ValueError("warnings: must be a list of text")
+    def _require_text_lists(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        for key in ("information", "warnings"):
+            told = [] if value is None else value.get(key, [])
+            if not (isinstance(told, list) and all(isinstance(text, str) for text in told)):
+                raise ValueError(f"{key}: must be a list of text")
         return value
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import Massprop
 from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, write_csv, write_ulog
+from record_probe import flown as followed
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.display.run import Run
@@ -77,10 +78,29 @@ def test_a_map_is_proposed_shown_written_and_checked(massprop: Massprop, one: Fl
     about = "map.yaml: ok: map of a record, gyro 'gyro', velocity 'velocity', commands of 12 jets\n"
     assert massprop("check", "map.yaml").out == about
     shown = massprop("map", log, *FREE_FLYER, "--map", "map.yaml")
-    assert shown.out.startswith("the first rows as they are understood")
+    assert shown.out.startswith("gyro: the rates follow the commands with a correlation of 0.09 (x 0.18, ")
+    assert "\nthe first rows as they are understood" in shown.out
+    again = massprop("map", log, *FREE_FLYER, "--out", "map.yaml")
+    assert again.status == 0, again.err
+    by = Path("map.yaml")
+    by.write_text(by.read_text(encoding="utf-8").replace("column: t", "column:  t"), encoding="utf-8")
     again = massprop("map", log, *FREE_FLYER, "--out", "map.yaml")
     assert again.status == 2
-    assert "map.yaml" in again.err
+    assert "map.yaml: is there already, and not as we wrote it" in again.err
+
+
+def test_axes_are_judged_before_units_are_refused(massprop: Massprop, tmp_path: Path) -> None:
+    one = followed(load_vehicle("free_flyer"), 1)
+    rates = {f"w{axis}": 1e3 * np.degrees(one.rates[:, index]) for index, axis in enumerate("xyz")}
+    log = write_csv(tmp_path / "log.csv", usual_columns(one) | rates)
+    gyro = "{kind: gyro, columns: [wx, wy, wz], unit: deg/s, axes: [x, -y, -z]}"
+    (tmp_path / "map.yaml").write_text(usual_map(one, gyro=gyro), encoding="utf-8")
+    done = massprop("map", log, *FREE_FLYER, "--map", tmp_path / "map.yaml")
+    assert (done.status, done.out) == (2, "acc: the readings follow the commands with a correlation of 0.99\n")
+    warning, refusal = done.err.splitlines()
+    assert "warning: gyro: the rates go against what the jets should do" in warning
+    assert "(x 1.00, y -1.00, z -1.00)" in warning
+    assert refusal.endswith("a unit 1000 times smaller would fit: `unit: mdeg/s`")
 
 
 def test_what_is_not_found_ends_with_2_after_what_is(massprop: Massprop, tmp_path: Path) -> None:

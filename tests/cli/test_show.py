@@ -27,6 +27,7 @@ STUCK_ON = DetectionRecord(50.0, 50.16, "jet_on", 12, "R4R", "jet", 868.8, 0.1, 
 QUALITY = {
     "rows": 60,
     "samples": {"rotation": {"used": 40, "coasting": 12, "jets_changed": 8, "saturated": 0}},
+    "information": ["times count from 5 s of its clock"],
     "warnings": ["acc[2] stands still"],
 }
 Capture = pytest.CaptureFixture[str]
@@ -180,6 +181,7 @@ def test_a_record_has_no_truth_but_warnings(printed: Printed, short_run: Run) ->
     assert cells(lines, "1/m") == ["1/m", "1/slug", "not observable", "-", "-"]
     assert cells(lines, "m") == ["m", "slug", "-", "-", "-"]
     for words in (
+        "note:        times count from 5 s of its clock",
         "warning:     acc[2] stands still",
         "samples:     60 rows; 40 used; skipped: 12 coasting, 8 jets changed",
         "detected:    nothing, since no sample was tested",

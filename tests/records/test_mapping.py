@@ -151,9 +151,10 @@ def test_rows_without_time_and_rows_logged_twice(log: Callable[..., Path]) -> No
     made = made_of(log(t=times), usual_map(ONE), ONE.vehicle)
     (block,) = made.blocks([0])
     assert (len(block.lines), block.lines[0], made.place, block.values[0, 0]) == (N - 2, 2, "line", 0.0)
-    assert [note.partition(": ")[2] for note in made.notes[:2]] == [
+    assert [note.partition(": ")[2] for note in (*made.notes, *made.information)] == [
         "1 rows left out that have no time",
         "1 rows left out whose time is that of the row before",
+        "times count from 1700000000 s of its clock",
     ]
 
 
@@ -286,6 +287,11 @@ def test_commands_logged_when_they_change(tmp_path: Path) -> None:
 GROWS = np.linspace(100.0, 300.0, N)
 WRONG: list[tuple[dict[str, Any], dict[str, str], str]] = [
     ({"wz": 400.0 + ONE.rates[:, 2]}, {}, "sensor 'gyro' turns at up to *it looks like degrees: `unit: deg/s`"),
+    (
+        {"wz": 4e4 + ONE.rates[:, 2]},
+        {"gyro": f"{GYRO}, unit: deg/s}}"},
+        "a unit 1000 times smaller would fit: `unit: mdeg/s`",
+    ),
     ({"vx": 1e6 * ONE.velocities[:, 0]}, {}, "check its unit, and what it `gives`"),
     ({"h": np.full(N, 0.7)}, {"pose": "quaternion: [h, h, h, h], order: wxyz"}, "have length 1.4, and a quaternion th"),
     ({"h": (GROWS + 180.0) % 360.0 - 180.0}, {"pose": "heading: h"}, "h jumps by 360, and the map has it in radians"),
@@ -350,6 +356,7 @@ def test_what_a_map_names(tmp_path: Path) -> None:
         ("unit: deg/s", "unit: m/s", "line 5: sensors.gyro.unit: 'm/s' is a unit of velocity; expected one of rate"),
         ("unit: deg/s", "unit: deg/s^2", "'deg/s^2' is a unit of something else"),
         ("unit: deg/s", "unit: degg/s", "did you mean 'deg'?"),
+        ("unit: deg/s", "unit: kdps", "'kdps' is no unit that is known: of 'dps' there are 'dps', 'mdps', "),
         ("order: xyzw", "heading: q", "line 7: sensors.cam: give one of quaternion and heading"),
         (", order: xyzw", "", "line 7: sensors.cam: quaternion and order belong together"),
         ("order: xyzw", "order: xyzw, axes: [x, y, -z]", "axes: [x, y, -z] is left-handed"),

@@ -94,6 +94,9 @@ def test_names_are_read() -> None:
         "acc[1]": (("acc",), 1, ""),
         "yaw_rate_radps": (("yaw", "rate"), -1, "rad/s"),
         "dvx_mm_s": (("dv",), 0, "mm/s"),
+        "GYRO_X_MDPS": (("gyro",), 0, "mdps"),
+        "wx_µrad_s": (("w",), 0, "µrad/s"),
+        "acc_z_ug": (("acc",), 2, "ug"),
         "x_m": ((), 0, "m"),
         "q": (("pqr",), 1, ""),
         "thruster_12": (("thruster", "12"), -1, ""),
@@ -149,6 +152,13 @@ def test_units_of_commands_are_told_by_the_jets(tmp_path: Path) -> None:
     ):
         found = proposed(log_of(tmp_path, **instead))
         assert (found.data["commands"]["unit"], found.data["sensors"]["gyro"]["unit"]) == (unit, "rad/s")
+
+
+@pytest.mark.parametrize(("name", "unit"), [("w{}_mdps", "mdps"), ("w{}", "mdeg/s")])
+def test_thousandths_of_a_degree_are_told_by_name_and_by_the_jets(name: str, unit: str, tmp_path: Path) -> None:
+    rates = {name.format(axis): 1e3 * np.degrees(FLOWN.rates[:, index]) for index, axis in enumerate("xyz")}
+    found = require_found(log_of(tmp_path, **(dict.fromkeys(("wx", "wy", "wz")) | rates)))
+    assert found.data["sensors"]["gyro"]["unit"] == unit
 
 
 @pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (-1, "1 row after")])
@@ -360,14 +370,14 @@ def test_what_is_doubtful_in_a_log_is_told(name: str, tmp_path: Path) -> None:
     assert words in said(proposed(log_of(tmp_path, **instead)))
 
 
-@pytest.mark.parametrize("jets", [12, 3])
-def test_what_is_named_after_jets_is_no_reading(jets: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "jets"), [("thr_a", 12), ("thr_a", 3), ("a", 12), ("v", 12), ("vlv_", 12)])
+def test_what_is_named_after_jets_is_no_reading(name: str, jets: int, tmp_path: Path) -> None:
     """Valves a1, a2 and so on are no accelerations, with a column for each jet or not."""
-    valves = {f"thr_a{index + 1}": FLOWN.commands[:, index] for index in range(jets)}
+    valves = {f"{name}{index + 1}": FLOWN.commands[:, index] for index in range(jets)}
     own = dict.fromkeys(commands_of(FLOWN.commands)) if jets == 12 else {}
     found = proposed(log_of(tmp_path, **dict.fromkeys(VELOCITIES), **own, **valves))
     assert (list(found.data["sensors"]), found.lacking, found.warnings) == (["gyro"], [], [])
-    assert found.data["commands"]["columns"]["T1"] == ("thr_a1" if jets == 12 else "u1")
+    assert found.data["commands"]["columns"]["T1"] == (f"{name}1" if jets == 12 else "u1")
 
 
 def test_what_cannot_be_found_is_said(tmp_path: Path) -> None:
