@@ -77,10 +77,11 @@ def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimato
             accelerometer: see `MassEstimator`.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
-        record_time (in, 1), command (in, n_jets), <pose> (in, 7), <velocity> (in, 3), joint_report (out, 3),
-            pose_report (out, 24 + 2 n_jets), hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets +
-            2), with a filter other than the thesis's, which has neither innovations nor their covariances as outputs:
-            see `CycleEstimator`; the inputs may stay unconnected.
+        record_time (in, 1), command (in, n_jets), held_command_onset (in, n_jets), command_onset (in, n_jets),
+            <pose> (in, 7), <velocity> (in, 3), joint_report (out, 3), pose_report (out, 24 + 2 n_jets),
+            hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets + 2), with a filter other than the
+            thesis's, which has neither innovations nor their covariances as outputs: see `CycleEstimator`; the inputs
+            may stay unconnected.
         failed_jets (out, n_jets), detections (out, abstract), verdict (out, abstract), with `findings`: see
             `FindingsMonitor`; they close no loop.
     """

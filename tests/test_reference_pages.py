@@ -120,6 +120,16 @@ def test_a_default_in_prose_is_written_anew_and_what_is_not_there_is_refused(mak
         make_reference.updated("# A page\n", make_reference.ports())
 
 
+def test_what_pages_and_tutorials_import_is_promised() -> None:
+    promised = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
+    pages = [DOCS.parent / "README.md", *DOCS.glob("*.md"), *(DOCS / "tutorials").glob("*.*")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages if page.suffix in (".md", ".py", ".ipynb"))
+    imports = re.findall(r"from massprop_drake(\S*) import ([\w, ]+)", text)
+    assert len(imports) > 30
+    needed = {name for _, names in imports for name in names.split(", ")}
+    assert [name for name in sorted(needed) if not re.search(rf"[`.]{name}`", promised)] == []
+
+
 def test_examples_are_valid(examples: Path) -> None:
     scenario = load_scenario(examples / "extended_filter.yaml")
     assert (scenario.rotation.filter, scenario.mass.compensation) == ("extended", "transverse_centripetal")

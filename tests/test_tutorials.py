@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import massprop_drake
+from massprop_drake import load_scenario
 from massprop_drake.display import figures
 from massprop_drake.display.run import Run
 
@@ -86,6 +88,15 @@ def test_own_estimator(tutorial: Tutorial, tmp_path: Path, sample_run: Run) -> N
     np.testing.assert_allclose(mine[:3], run["truth"][-1, :3], rtol=1e-3)
     assert np.isnan(mine[6:]).all()
     assert "least_squares, at the end" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+def test_own_estimator_on_another_vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = load_scenario("free_flyer_maneuver", ["duration_s=30"])
+    monkeypatch.setattr(massprop_drake, "load_scenario", lambda _: small, raising=False)
+    monkeypatch.setattr(Run, "save", lambda *_: None)
+    monkeypatch.setattr(sys, "argv", ["own_estimator.py", str(tmp_path)])
+    run = runpy.run_path(str(TUTORIALS / "own_estimator.py"), run_name="__main__")["run"]
+    np.testing.assert_allclose(run["least_squares.estimate"][-1, :3], run["truth"][-1, :3], rtol=0.03)
 
 
 def test_add_a_sensor(tutorial: Tutorial, tmp_path: Path) -> None:

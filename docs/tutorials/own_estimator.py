@@ -14,12 +14,12 @@ from massprop_drake.maths.mass_properties import pack
 class LeastSquares(LeafSystem):
     """Least-squares estimate of inverse inertia from gained rates and commanded impulses."""
 
-    def __init__(self, period_s):
+    def __init__(self, period_s, squares):
         super().__init__()
         self.set_name("least_squares")
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._impulses = self.DeclareVectorInputPort("impulses", 8)
-        self.DeclareDiscreteState(np.hstack([np.zeros(3), np.eye(6).ravel(), np.zeros(18)]))
+        self.DeclareDiscreteState(np.hstack([np.zeros(3), squares.ravel(), np.zeros(18)]))
         self.DeclarePeriodicDiscreteUpdateEvent(period_s, 0.0, self._update)
         self.DeclareVectorOutputPort("estimate", 10, self._calc_estimate)
 
@@ -39,7 +39,9 @@ class LeastSquares(LeafSystem):
 scenario = load_scenario("sample_maneuver")
 builder = DiagramBuilder()
 loop = builder.AddNamedSystem("loop", closed_loop.build(scenario))
-mine = builder.AddSystem(LeastSquares(scenario.vehicle_data.sample_period_s))
+period_s, wrenches = scenario.vehicle_data.sample_period_s, scenario.vehicle_data.wrenches
+least = 1e-3 * period_s * wrenches  # impulses of a thousandth of a sample, one row a jet
+mine = builder.AddSystem(LeastSquares(period_s, np.diag((least**2).sum(axis=0))))
 for name in ("gyro", "impulses"):
     builder.Connect(loop.GetOutputPort(name), mine.GetInputPort(name))
 run = simulate(scenario, diagram=builder, log=[mine.GetOutputPort("estimate")])

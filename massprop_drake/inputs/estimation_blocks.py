@@ -76,7 +76,8 @@ class EstimationBlock(Model):
         USUAL_FILTER,
         "joint: one filter for mass properties, rate, velocity and thrust; thesis: two filters, blocks "
         "`rotation` and `mass`; pose: one in a fixed frame, for vehicles with pose or velocity sensors, "
-        "without gyros, or in a plane. Unless named, the vehicle or other keys choose it",
+        "without gyros, or in a plane. Unless named, it is as the vehicle needs; thesis where keys or a "
+        "detector of its filters alone are set; else joint",
     )
     start: Literal["nominal", "zero", "given"] = described("nominal", "estimates at the start")
     given: GivenStart | None = described(None, "with start: given")

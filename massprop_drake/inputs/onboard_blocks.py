@@ -68,7 +68,9 @@ class SensorsBlock(Model):
     )
     gyro: Text | None = described(None, "package in use; null: the first")
     accelerometer: Text | None = described(None, "package in use; null: the vehicle's preferred one")
-    combine: CombineBlock = described(CombineBlock(), "redundant packages")
+    combine: CombineBlock = described(
+        CombineBlock(), "redundant packages, with filter: thesis; joint uses all of them as they are"
+    )
     errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
 
 

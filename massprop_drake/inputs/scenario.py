@@ -9,9 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from pydantic import model_validator
+from pydantic import ModelWrapValidatorHandler, model_validator
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
 from massprop_drake.inputs.estimation_blocks import USUAL_FILTER, FaultsBlock
 from massprop_drake.inputs.kinds import bundled_files
@@ -52,12 +52,12 @@ class Scenario(ScenarioFields):
         ValueError: naming each field that is wrong, or that does not go with the vehicle.
     """
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _fill_in_defaults(cls, data: Any) -> Any:
-        """Loads a vehicle that is named, and fills in the filter and defaults that depend on it."""
+    def _fill_in_defaults(cls, data: Any, validate: ModelWrapValidatorHandler[Scenario]) -> Scenario:
+        """Loads a vehicle that is named, and fills in defaults that depend on the filter, and the filter itself."""
         if not isinstance(data, dict):
-            return data
+            return validate(data)
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
             data = {**data, "vehicle": load_vehicle(data["vehicle"])}
         data = _update_detector_terms(_inline_model_text(data, None, Path()))
@@ -72,7 +72,10 @@ class Scenario(ScenarioFields):
         own = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
         if own and transient in ("none", "vehicle"):
             given["joint"] = {**joint, "thrust_transient": transient}
-        return given
+        scenario = validate(given)
+        if _block_value(data.get("estimation"), "filter", None) is None:
+            scenario.estimation.model_fields_set.discard("filter")  # `doubts` tells of it
+        return scenario
 
     @model_validator(mode="after")
     def _require_consistent_scenario(self) -> Scenario:
@@ -88,6 +91,7 @@ class Scenario(ScenarioFields):
         """Entries that may be meant, but are more likely a slip; of the vehicle, too."""
         vehicle = self.vehicle_data
         own = [found for found in scenario_findings(self, vehicle) if not found.impossible]
+        own += _filter_chosen_by_keys(self)
         return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
 
     @property
@@ -153,6 +157,26 @@ def _foreign_to_filter(scenario: Scenario) -> Iterator[Problem]:
     if detector not in DETECTORS_OF[named]:
         fitting = " or ".join(DETECTORS_OF[named])
         yield ("detector", "kind"), f"{detector} does not go with estimation.filter: {named}; use {fitting}"
+
+
+def _filter_chosen_by_keys(scenario: Scenario) -> Iterator[Finding]:
+    """Finds a filter that keys of its own choose, in place of the usual one, without being named."""
+    chosen = scenario.estimation.filter
+    if chosen not in _KEYS_OF or chosen == USUAL_FILTER or "filter" in scenario.estimation.model_fields_set:
+        return
+    keys = [path for path in _KEYS_OF[chosen] if _is_given(scenario, path)] or [("detector", "kind")]
+    names = ", ".join(map(dotted, keys))
+    problem = (
+        f"is {chosen}, chosen by {names}: write filter: {chosen} if that is meant; without {names} it is "
+        f"{USUAL_FILTER}, which uses all sensor packages as they are"
+    )
+    yield Finding(("estimation", "filter"), problem, False)
+
+
+def _is_given(model: Any, path: FieldPath) -> bool:
+    """Tests whether a key was set, not left at its default."""
+    first, *rest = path
+    return first in model.model_fields_set and (not rest or _is_given(getattr(model, str(first)), tuple(rest)))
 
 
 def bundled_scenarios() -> list[str]:

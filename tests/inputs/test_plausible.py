@@ -52,6 +52,25 @@ def test_doubts_bear_on_what_is_done(toy_data: dict[str, Any]) -> None:
     assert [found.path for found in case.estimation_doubts] == [("vehicle", "jets", 1, "thrust")]
 
 
+@pytest.mark.parametrize(
+    ("keys", "chosen_by"),
+    [
+        ({"sensors": {"combine": {"gyros": "average"}}}, "sensors.combine"),
+        ({"rotation": {}, "estimation": {"thrust_uncertainty": 0.1}}, "rotation, estimation.thrust_uncertainty"),
+        ({"detector": {"kind": "cusum"}}, "detector.kind"),
+        ({"sensors": {"combine": {}}, "estimation": {"filter": "thesis"}}, None),
+        ({"vehicle": "air_bearing"}, None),
+    ],
+)
+def test_a_filter_that_keys_choose_is_told(keys: dict[str, Any], chosen_by: str | None) -> None:
+    case = resolve_scenario({"vehicle": "small_satellite"} | keys)
+    told = (
+        [] if chosen_by is None else [f"estimation.filter: is thesis, chosen by {chosen_by}: write filter: thesis if"]
+    )
+    assert [str(doubt)[: len(told[0])] for doubt in case.simulation_doubts] == told
+    assert case.estimation_doubts == case.simulation_doubts
+
+
 def scaled(vehicle: Vehicle, mass: float, length: float, thrust: float, **changes: Any) -> dict[str, Any]:
     """A vehicle's data with mass, lengths and thrusts multiplied."""
     data = vehicle.model_dump(mode="json")

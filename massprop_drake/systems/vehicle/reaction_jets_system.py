@@ -240,8 +240,9 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
             """Computes levels over a sample of pieces, by its beginning and the ports of command, onset and closed."""
-            command, onset, shut = (port.Eval(context) if port.HasValue(context) else _NONE for port in told)
-            shut = np.zeros(self._n_jets) if shut is _NONE else shut
+            of_command, of_onset, closed = told
+            command, onset = of_command.Eval(context), of_onset.Eval(context)
+            shut = closed.Eval(context) if closed.HasValue(context) else np.zeros(self._n_jets)
             sample = round(since_s / self._period_s)
             strikes = draw_strikes(self._failures, sample, self._period_s, self._seed_in(context))
             _, jets = self._jets.get(context)

@@ -142,6 +142,11 @@ def test_jets_that_open_within_a_sample_give_their_thrust_then() -> None:
     for elapsed, level in ((0.01, [0, 0, 1]), (0.03, [1, 1, 1]), (0.05, [1, 0, 1]), (0.07, [0, 0, 1])):
         context.SetTime(elapsed)
         assert_allclose(output(dut, context, "wrench"), level @ WRENCHES, atol=1e-12)
+    for missing, read in (("command_onset", "thrust"), ("held_command_onset", "wrench")):
+        dut, context = jets(pieces=4)
+        give(dut, context, **{name: NONE for name in ("command_onset", "held_command_onset") if name != missing})
+        with pytest.raises(RuntimeError, match=rf"\({missing}\) of System ::reaction_jets .* is not connected"):
+            dut.GetOutputPort(read).Eval(context)
 
 
 def test_parameters_and_a_floor_change_the_wrench() -> None:
