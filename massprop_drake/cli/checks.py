@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.cli import show
 from massprop_drake.cli.options import Schema
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.campaign_file import (
     CampaignSpec,
     bundled_campaigns,
@@ -72,8 +72,9 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
             good = read_checked_file(name, whose)
         except InputError as error:
             said.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
-            said.problems.extend(error.problems)
-            said.lines.extend(error.problems)
+            lines = _drop_repeated(name, error.problems, said.problems)
+            said.problems.extend(lines)
+            said.lines.extend(lines)
             continue
         about = good.words if isinstance(good, InputDescription) else show.describe_input(good)
         doubts = list(map(str, good.doubts))
@@ -85,6 +86,14 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
             found = said.findings[-1]["report"] = vehicle_report(good, pairs)
             said.lines.extend(show.vehicle_lines(found, good.unit_names))
     return said
+
+
+def _drop_repeated(name: str, problems: Sequence[str], told: Sequence[str]) -> list[str]:
+    """Drops problems of a file that another one told: a scenario has those of its vehicle, after its own place."""
+    known = {one.partition(": vehicle: ")[2] or one for one in told}
+    new = [one for one in problems if (one.partition(": vehicle: ")[2] or one) not in known or one in told]
+    repeated = counted(len(problems) - len(new), "problem")
+    return new if len(new) == len(problems) else [*new, f"{name}: {repeated} of the vehicle, told above"]
 
 
 class InputDescription(NamedTuple):

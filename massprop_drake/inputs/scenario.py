@@ -196,11 +196,10 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         InputError: when there is none of that name, or its data are wrong; the message says where.
     """
     document, folder = open_document(scenario, "scenario")
-    given: set[FieldPath] = set()
     for override in overrides or []:
         if override.startswith("vehicle."):
             _spell_out_vehicle(document, folder)
-        set_field(document.data, override, given)
+        set_field(document.data, override, document.overridden)
     return resolve_scenario(document.data, document, folder)
 
 
@@ -225,7 +224,8 @@ def resolve_scenario(data: Any, document: Document | None = None, folder: Path |
     data = _inline_model_text(data, document, folder or Path())
     vehicle = data.get("vehicle", USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
-        vehicle = _validate_inline_vehicle(vehicle, document)
+        within = (document or Document("{}", "scenario")).under(("vehicle",))
+        vehicle = validate_data(Vehicle, vehicle, within)
     elif isinstance(vehicle, str):
         vehicle = _load_named_vehicle(vehicle, folder or Path(), document)
     data = _update_detector_terms({**data, "vehicle": vehicle}, document)
@@ -258,17 +258,6 @@ def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
     if said and document is not None and "slots" not in data["detector"]:
         document.move(("detector", "slots"), ("faults", "slots"))
     return data
-
-
-def _validate_inline_vehicle(data: Any, document: Document | None) -> Vehicle:
-    """Validates a vehicle that stands in the scenario itself."""
-    try:
-        return validate_data(Vehicle, data, None)
-    except InputError as error:
-        source = document.source if document is not None else "scenario"
-        # of the vehicle as a whole, or of one of its keys
-        said = (f"vehicle{problem}" if problem.startswith(":") else f"vehicle.{problem}" for problem in error.problems)
-        raise InputError(*(f"{source}: {problem}" for problem in said)) from None
 
 
 def _load_named_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:

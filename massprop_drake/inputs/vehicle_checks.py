@@ -54,6 +54,9 @@ _STRONGEST, _STRONG = 100.0 * GRAVITY, 10.0 * GRAVITY  # acceleration by one jet
 _WEAKEST = 1e-12  # the same, m/s^2: the light of a star does more
 _IMPINGED = 1.5  # thrust over nominal thrust
 _FAR, _SEVERAL = 1000.0, 30.0  # radius of gyration and reach of jets and sensors, one over the other
+# RMS arm of the jets over the largest radius of gyration: 3/sqrt(2) = 2.1 for a uniform cube with jets at its corners,
+# 1.1 to 1.8 for the vehicles of the package; a mass in kg for slug makes it 3.8 times as large, positions in ft 3.3
+_CONCENTRATED = 3.0
 _LONGEST_LAG, _LONG_LAG = 100.0, 10.0  # of a valve, in sample periods
 _LARGEST_STEP, _LARGE_STEP = 1.0, 0.1  # quantum or noise of a sensor, over its range
 _SHARPEST, _SHARP = 1e13, 1e11  # see `sharpness_findings`
@@ -287,6 +290,14 @@ def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath 
             f"{reach:.4g} {length} from the center of mass; check the units of mass, inertia and positions"
         )
         yield from finding_above(float(ratio), _SEVERAL, _FAR, inertia, problem)
+    if vehicle.rms_arm > _CONCENTRATED * radii[2] and reach <= _SEVERAL * radii[0]:
+        slip = "the mass in slug, not in kg or lb" if units == "us" else "every position in m, not in ft or cm"
+        problem = (
+            f"is small for this mass: the largest radius of gyration is {radii[2]:.4g} {length}, the RMS distance of "
+            f"the jets from the center of mass {vehicle.rms_arm:.4g} {length}, about twice the radius where a body "
+            f"fills the hull of its jets; is {slip}?"
+        )
+        yield Finding(inertia, problem, False)
 
 
 def sharpness_findings(

@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextvars import ContextVar
-from copy import deepcopy
+from copy import copy, deepcopy
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -105,12 +105,18 @@ class Document:
 
     Keys of version 0.1 get their present names, with one warning.
 
+    Attributes:
+        source, data: see above.
+        overridden: fields that `--set` has put into the data.
+
     Raises:
         InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
     """
 
     def __init__(self, text: str, source: str, within: FieldPath = ()):
         self.source = source
+        self.overridden = set[FieldPath]()
+        self._above: FieldPath = ()
         try:
             data, self._lines, old = _read(text, within)
         except InputError as error:
@@ -124,11 +130,22 @@ class Document:
         if old in self._lines:
             self._lines = {**self._lines, new: self._lines[old]}
 
+    def under(self, path: FieldPath) -> Document:
+        """Returns the document as one whose places are relative to a block of it."""
+        part = copy(self)
+        part._above = (*self._above, *path)
+        return part
+
     def where(self, path: FieldPath) -> str:
-        """Returns file, line where it is known, and dotted field: the beginning of a message."""
-        for length in range(len(path), 0, -1):
-            if path[:length] in self._lines:
-                return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
+        """Returns file, line where it is known, and dotted field, or the key of `--set`: the beginning of a message."""
+        path = (*self._above, *path)
+        known = next((length for length in range(len(path), 0, -1) if path[:length] in self._lines), 0)
+        for key in sorted(self.overridden, key=lambda one: (-len(one), str(one))):
+            made = known < len(path) and path[: known + 1] == key[: known + 1]  # a block that the file lacks
+            if path[: len(key)] == key or made:
+                return f"--set {dotted(key)}" + ("" if path == key else f": {dotted(path)}")
+        if known:
+            return f"{self.source}, line {self._lines[path[:known]]}: {dotted(path)}"
         return f"{self.source}: {dotted(path)}" if path else self.source
 
 

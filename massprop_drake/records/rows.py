@@ -7,13 +7,14 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Set
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolve_scenario, set_field
-from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
+from massprop_drake.inputs.yaml import Document
 from massprop_drake.maths.signals import AXES
 
 Array = NDArray[np.float64]
@@ -65,15 +66,18 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    data: dict[str, Any] = {"name": name, "vehicle": vehicle}
+    document = Document("{}", "scenario")
+    data = document.data = {"name": name, "vehicle": vehicle}
     for override in overrides or []:
-        set_field(data, override)
+        set_field(data, override, document.overridden)
+    if data["vehicle"] == vehicle:  # so that errors in its file begin with the file
+        data["vehicle"] = load_vehicle(vehicle)
     if filter_of(data) == "thesis":  # others have no such choice
         for block, keys in _TURNING_FAST.items():
             given = data.setdefault(block, {})
             if isinstance(given, dict):
                 data[block] = {**keys, **given}
-    return resolve_scenario(data)
+    return resolve_scenario(data, document)
 
 
 class Rows(NamedTuple):

@@ -203,11 +203,11 @@ def bound_in_words(
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
-    allowed = "would allow had no jet failed" if failed else "allows"
+    assumed = "computed as if no jet had failed and rounding were noise" if failed else "with rounding taken as noise"
     same = _format_ratio(least) == _format_ratio(most)
     above = f"{_format_ratio(least)}{'' if same else f' to {_format_ratio(most)} ({high})'}"
     span = above if least >= _LESS else f"{_format_ratio(least)} ({low}) to {_format_ratio(most)} ({high})"
-    return f"1-sigma is {span} times the least this flight {allowed} for rounding taken as noise"
+    return f"1-sigma is {span} times its Cramér-Rao bound, {assumed}"
 
 
 def _format_ratio(value: float) -> str:

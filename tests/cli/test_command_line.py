@@ -220,18 +220,20 @@ def test_check_finds_every_mistake_of_every_file(massprop: Massprop, toy_data: d
     windows = [f"  - {{controller: rhc, axis: +x, start_s: {start}, end_s: {start + 2}}}" for start in (1, 2)]
     Path("case.yaml").write_text("sede: 1\n", encoding="utf-8")
     Path("flown.yaml").write_text("\n".join(["maneuver:", *windows]), encoding="utf-8")
-    files = ("toy.yaml", "orbiter", "case.yaml", "flown.yaml", "nowhere.yaml")
+    Path("toys.yaml").write_text("vehicle: toy.yaml\n", encoding="utf-8")
+    files = ("toy.yaml", "orbiter", "case.yaml", "flown.yaml", "nowhere.yaml", "toys.yaml")
     done = massprop("check", *files)
     assert (done.status, "Traceback" in done.out + done.err) == (2, False)
     text = "\n".join(lines := [line for line in done.out.splitlines() if not line.startswith(" ")])
-    assert len(lines) == 6
+    assert len(lines) == 7
+    assert lines[-1] == "toys.yaml: 2 problems of the vehicle, told above"
     for words in ("jets[0].thrust", "color: unknown key", "nowhere.yaml: no such file", "orbiter: ok"):
         assert words in text
     assert "case.yaml, line 1: sede: unknown key; did you mean 'seed'?" in text
     assert "flown.yaml, line 3: maneuver[1]: overlaps maneuver[0]" in text
     found = massprop("check", *files, "--json")
     assert (found.status, found.err) == (2, "")
-    assert [one["ok"] for one in json.loads(found.out)] == [False, True, False, False, False]
+    assert [one["ok"] for one in json.loads(found.out)] == [False, True, False, False, False, False]
     assert massprop("check", "orbiter", "--quiet") == (0, "", "")
     quiet = massprop("check", "-q", "nowhere.yaml", "orbiter")
     require_refused(quiet, "massprop: nowhere.yaml: no such file\n")

@@ -11,10 +11,11 @@ from test_refused import LEAK, changed, diagonal
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.scenario import Scenario, resolve_scenario
-from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 
 OF_A_VEHICLE = [
     ("mass_properties.inertia", diagonal(1e5), "mass_properties.inertia: is too large for this mass"),
+    ("mass_properties.mass", 1459.0, "is small for this mass: the largest radius of gyration is 0.3103 m, the RMS d"),
     ("jets.1.thrust", 20.0, "jets[1].thrust: is 2 times the nominal thrust of its kind; impingement takes away"),
     ("gyros.0.quantum", 1e-8, "gyros[0]: what one sample of jet"),
     ("gyros.0.quantum", 500.0, "gyros[0]: a sample of the strongest jet shows as"),
@@ -36,6 +37,17 @@ def test_what_is_hardly_meant_is_doubted(toy_data: dict[str, Any], first: str, s
     else:
         doubts = load_scenario(first, [second]).doubts
     assert words in " ".join(map(str, doubts))
+
+
+@pytest.mark.parametrize("name", bundled_vehicles())
+def test_a_mass_in_kg_for_slug_is_doubted_for_every_vehicle(name: str) -> None:
+    vehicle = load_vehicle(name)
+    assert vehicle.doubts == []
+    data = vehicle.model_dump(mode="json")
+    data["mass_properties"]["mass"] *= 14.59
+    said = " ".join(map(str, validate_data(Vehicle, data).doubts))
+    assert "the largest radius of gyration" in said
+    assert ("is the mass in slug" if vehicle.units == "us" else "is every position in m") in said
 
 
 def test_doubts_bear_on_what_is_done(toy_data: dict[str, Any]) -> None:

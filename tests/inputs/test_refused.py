@@ -134,6 +134,13 @@ OVERRIDES = [
         "the covariance could lose its definiteness",
     ),
     (THESIS, PAYLOAD % ("1e300", "[0, 0, 0]", "null"), "jumps[0].mass: 1e+300, in SI units"),
+    (ARM, ["seed=1", "plant.mass=150"], "--set plant.mass: unknown key"),
+    (
+        THESIS,
+        ["plant.mass_properties.mass=3", "plant.mass_properties.center_of_mass=[0, 0, 0]"],
+        "--set plant.mass_properties.center_of_mass: plant.mass_properties.inertia: missing; this field is required",
+    ),
+    (JOINT, "vehicle.mass_properties.mass=-1", "--set vehicle.mass_properties.mass: input should be greater than 0"),
     # keys of the other filter, kind or detector
     (JOINT, "rotation.filter=extended", "rotation.filter: is a key of estimation.filter: thesis, and the filter is jo"),
     (ARM, "plant.depletion=false", "plant.depletion: is a key of kind: rigid, and the kind is multibody"),

@@ -55,6 +55,7 @@ def test_sigmas_are_told_against_the_least_for_rounding_as_noise(short_run: Run)
     known = [one._replace(bound=2.0) for one in short_run.results.identifiability[:2]]
     for deviations, span in (([2.0, 3.0], "1 to 1.5 (b)"), ([2.0, 2.001], "1"), ([0.76, 3.0], "0.38 (a) to 1.5 (b)")):
         said = bound_in_words(deviations, known, "ab")
-        assert said == f"1-sigma is {span} times the least this flight allows for rounding taken as noise"
+        assert said == f"1-sigma is {span} times its Cramér-Rao bound, with rounding taken as noise"
     assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""
-    assert "would allow had no jet failed" in bound_in_words([0.76, 3.0], known, "ab", failed=True)
+    said = bound_in_words([2.0, 2.0], known, "ab", failed=True)
+    assert said == "1-sigma is 1 times its Cramér-Rao bound, computed as if no jet had failed and rounding were noise"
