@@ -61,7 +61,7 @@ _LEAST_NS = 1000  # by which a record ends before the recorder's last message, n
 
 
 def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    """Reads a bag; a field of a message is a column, `angular_velocity.x`, an element of an array `data[0]`.
+    """Reads a ROS bag into a recording: a table per topic, whose columns are fields such as `angular_velocity.x`.
 
     Stamps are those of the messages' headers, or where there are none those at which they were recorded. They count
     from the bag's first message: a double has no room for nanoseconds since 1970. Topics that cannot be read are named
@@ -84,6 +84,7 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     named: dict[str, str] = {}  # type of each topic
 
     def is_wanted(channel: StoredTopic) -> bool:
+        """Tests whether to read a topic: the map names it, or, without a map, its messages are not heavy."""
         if by is not None:
             return channel.topic in by.topics
         return channel.msgtype.rpartition("/")[2] not in _HEAVY
@@ -144,7 +145,7 @@ class _BagMetadata(NamedTuple):
 
     @staticmethod
     def read(folder: Path) -> _BagMetadata:
-        """Reads the metadata beside the files of a bag; raises ValueError where it is damaged."""
+        """Reads the metadata file of a bag's folder; empty without one, ValueError where it is damaged."""
         from ruamel.yaml import YAML  # noqa: PLC0415
         from ruamel.yaml.error import YAMLError  # noqa: PLC0415
 
@@ -195,7 +196,7 @@ class _Bag:
             self._files = self._list_files()
 
     def _list_files(self) -> list[Path]:
-        """Lists the files of a folder, as its metadata name them, or else all that are there."""
+        """Returns the paths of a folder's storage files, as its metadata list them, or else all; notes lost files."""
         there = sorted(one for one in self._path.iterdir() if _content_suffix(one) in (".db3", ".mcap"))
         if not self._stated.files:
             if not self.losses:
@@ -216,7 +217,7 @@ class _Bag:
         return found
 
     def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields every message of all files; those of topics that are not wanted have empty data."""
+        """Yields every message of all files of the bag; data are empty for topics that are not wanted."""
         with ExitStack() as stack:
             for path in self._files:
                 file = path
@@ -242,14 +243,14 @@ class _Bag:
 
     @staticmethod
     def _unpack(message: Message) -> Message:
-        """Unpacks a message that the bag compressed by itself; a damaged one stays as it is, and is no message."""
+        """Returns a message with its data decompressed by zstd; unchanged where these are damaged."""
         try:
             return message._replace(data=zstd_library().decompress(message.data))
         except (zstd_library().ZstdError, EOFError):
             return message
 
     def find_lost_messages(self) -> Iterator[Loss]:
-        """Yields a loss for each topic of which fewer messages were read than the recorder counted; notes surpluses."""
+        """Yields a loss where fewer messages of a topic were read than the recorder counted; notes surpluses."""
         stated, who = self._stated.counts, str(self._path / _METADATA)
         if not (stated and self._path.is_dir()):
             stated, who = self._counts, f"{self._path}: its recorder"
@@ -265,7 +266,7 @@ class _Bag:
                 self.notes.append(f"{who} counted {count} messages of {name}, {self._read[name]} were read")
 
     def _find_lost_messages_of_file(self) -> Iterator[Loss]:
-        """Compares the messages of a file that was named without its folder with what the metadata beside it say."""
+        """Yields a loss where a file read without its folder has fewer messages than the metadata count."""
         total, read = self._stated.by_file.get(self._path.name), self._read.total()
         if total is not None and read < total and not self._path.is_dir():
             metadata = self._path.parent / _METADATA
@@ -273,7 +274,7 @@ class _Bag:
 
 
 def _content_suffix(path: Path) -> str:
-    """Returns the ending of a file, that of its content where it is compressed."""
+    """Returns the suffix of a path in small letters, without a suffix of compression: ".db3" of "a.db3.zst"."""
     return Path(path.stem).suffix.lower() if path.suffix.lower() in _PACKED else path.suffix.lower()
 
 
@@ -290,7 +291,7 @@ class _Types:
         self._by_channel: dict[StoredTopic, Callable[[bytes], Any] | str] = {}
 
     def message(self, channel: StoredTopic, data: bytes) -> Any:
-        """Reads a message; raises ValueError, which says why, where it cannot be read."""
+        """Deserializes a message's bytes by its channel's type; raises ValueError with the reason where it cannot."""
         if channel not in self._by_channel:
             try:
                 self._by_channel[channel] = self._make_reader(channel)
@@ -305,7 +306,7 @@ class _Types:
             raise ValueError(_first_line(error)) from None
 
     def _make_reader(self, channel: StoredTopic) -> Callable[[bytes], Any]:
-        """Makes the function that deserializes a channel's messages; raises ValueError for an unknown type."""
+        """Makes the function from bytes to message for a channel; raises ValueError for an unknown type."""
         from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 (an extra)
 
         if channel.encoding not in ("cdr", "ros1"):
@@ -327,7 +328,7 @@ class _Types:
 
 
 def _split_idl(definition: str) -> list[str]:
-    """Splits a definition in IDL into its parts."""
+    """Splits an IDL definition of a message type into the texts of the types that it consists of."""
     rule = "=" * 80 + "\n"
     if not definition.startswith(f"{rule}IDL: "):
         return [definition]
@@ -345,16 +346,16 @@ class _TopicMessages:
 
     @property
     def seen(self) -> int:
-        """Number of messages, those that cannot be read among them."""
+        """Number of messages added so far, those that cannot be read included."""
         return len(self.stamps) + self.unread
 
     @property
     def is_readable(self) -> bool:
-        """True if there are messages that can be read, or none at all."""
+        """True if at least one message of the topic can be read, or it has none at all."""
         return bool(self.stamps) or not self.unread
 
     def add(self, recorded: Message, types: _Types) -> None:
-        """Adds a message, or counts one that cannot be read."""
+        """Deserializes a message and adds its stamp and fields; counts it as unread where it cannot be read."""
         try:
             message = types.message(recorded.channel, recorded.data)
         except ValueError as error:
@@ -367,7 +368,7 @@ class _TopicMessages:
         self.fields.append(dict(_flatten_fields(message)))
 
     def topic(self, source: str, origin: int | None) -> Topic:
-        """Makes the topic's columns, in the order in which messages were recorded."""
+        """Makes the table of the topic: a column per field, and stamps in s from the origin, ns, in recorded order."""
         order = np.argsort(self.stamps, kind="stable")
         if (np.diff(order) < 0).any():
             self.stamps, self.fields = [self.stamps[one] for one in order], [self.fields[one] for one in order]
@@ -382,7 +383,7 @@ class _TopicMessages:
 
 
 def _flatten_fields(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yields a message's fields by name: numbers, text, and arrays that are not too long."""
+    """Yields name and value of a message's numbers, texts and short arrays; nested names are joined by dots."""
     for name in message.__dataclass_fields__:
         if name == "__msgtype__":
             continue
@@ -399,7 +400,7 @@ def _flatten_fields(message: Any, before: str = "", depth: int = 0) -> Iterator[
 
 
 def _field_columns(name: str, values: list[Any]) -> dict[str, Column]:
-    """Makes the columns of a field, None where a message lacks it."""
+    """Makes the columns of one message field from its values: NaN or "" where a message lacks it."""
     if any(np.ndim(value) for value in values if value is not None and not isinstance(value, str)):
         return split_lists(name, [None if value is None else list(value) for value in values])
     if any(isinstance(value, str) for value in values):
@@ -410,5 +411,6 @@ def _field_columns(name: str, values: list[Any]) -> dict[str, Column]:
 
 
 def _first_line(error: BaseException) -> str:
+    """Returns the first line of an exception's text, without its period; the exception's type where it has none."""
     text = str(error.args[0]) if error.args else ""
     return ((text or type(error).__name__).splitlines() or [""])[0].rstrip(".")

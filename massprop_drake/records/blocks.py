@@ -54,31 +54,31 @@ class Table(ABC):
 
     @abstractmethod
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, given by position, block by block.
+        """Yields the rows block by block, with the values of the wanted columns, given by position.
 
         Raises:
             InputError: for a value that is no number, or means nothing.
         """
 
     def where(self, line: int, _column: str) -> str:
-        """Returns the place of a row for messages, given its number in a block, and the column that is meant."""
+        """Returns source and line of a row as text for messages, such as "flight.csv, line 7"."""
         return f"{self.source}, {self.place} {line}"
 
     @property
     @abstractmethod
     def done(self) -> float:
-        """The fraction of the table read so far, 0 to 1; 0 if its size is unknown."""
+        """The fraction of the table that has been read so far, 0 to 1; 0 if its size is unknown."""
 
     @abstractmethod
     def sha256(self) -> str:
-        """Computes SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
+        """Returns SHA-256 of the table's whole content, hexadecimal; valid once all of it has been read."""
 
     def close(self) -> None:  # noqa: B027 (most have nothing to close)
         """Closes the file, if one is open."""
 
 
 def require_unique(header: list[str], where: str) -> None:
-    """Requires that no column appears twice."""
+    """Raises InputError where a column name appears twice in a table's header."""
     seen: set[str] = set()
     for name in header:
         if name and name in seen:
@@ -87,12 +87,12 @@ def require_unique(header: list[str], where: str) -> None:
 
 
 def infinite_value_message(where: str, column: str) -> str:
-    """Returns the error message for an infinite value."""
+    """Returns the text of the error for an infinite value in a cell."""
     return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
 
 
 def require_meaningful(block: Block, columns: Sequence[str], source: str, place: str) -> None:
-    """Raises InputError for a value of a block that is infinite or too large, with its place.
+    """Raises InputError with the place of a value in a block that is infinite or larger than 1e12.
 
     Args:
         block: of a table.

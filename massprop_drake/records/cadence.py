@@ -33,7 +33,7 @@ class HeldRows:
     def fill_in(
         self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
     ) -> tuple[Array, Array | None, Array | None]:
-        """Fills in commands, onsets and outside wrench of rows without any from the rows before.
+        """Returns commands, onsets and outside wrench, in rows without any those that hold from a row before.
 
         Args:
             times: of the rows, s, shape (n,).
@@ -60,13 +60,13 @@ class HeldRows:
 
 
 def rows_with_values(values: Array) -> Flags:
-    """Finds rows in which any command or wrench is given, shape (n,)."""
+    """Flags rows in which any column of commands or wrench is not NaN, shape (n,)."""
     told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
     return told
 
 
 def _time_since_given(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
-    """Computes the time since each row's value was given, s, and its row, 0: before the first, shape (n,) each."""
+    """Computes the age of the value that holds in each row, s, and its row plus 1 (0: earlier), shape (n,) each."""
     place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
     return times - np.append(before_s, times)[place], place
 
@@ -83,7 +83,7 @@ class Cadence:
         self._last_s = self._before_s = math.nan
 
     def count_missing(self, times: Array, reading: Array) -> int:
-        """Counts the missing readings, or those that lack an axis where these are more."""
+        """Returns the number of missing readings of a package in a block, or of incomplete ones if that is larger."""
         there = ~np.isnan(reading).any(axis=1)
         partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
         read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]
@@ -97,7 +97,7 @@ class Cadence:
         return max(int((np.round(long / self._usual_s) - 1.0).sum()), partly)
 
     def steps(self, times: Array, reading: Array, period_s: float) -> Array:
-        """Computes the time from the reading before to that in each row, s, zero where there is none, shape (n, 1)."""
+        """Computes the time since the previous reading, s, zero in rows without a reading, shape (n, 1)."""
         there = ~np.isnan(reading).any(axis=1)
         read, steps = times[there], np.zeros((times.size, 1))
         if read.size:

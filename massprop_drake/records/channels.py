@@ -54,7 +54,7 @@ class Channel(NamedTuple):
 
     @property
     def interval_s(self) -> float:
-        """Median interval between samples, s; NaN with fewer than two."""
+        """Median interval between samples of the channel, s; NaN with fewer than two."""
         return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else math.nan
 
 
@@ -100,5 +100,5 @@ class Mapped:
 
     @property
     def rows(self) -> Channel:
-        """Channel whose samples are the rows."""
+        """Channel of the sensor whose samples become the rows of telemetry."""
         return self.channels[self.by.row_sensor]

@@ -45,17 +45,17 @@ class _ClockColumn(NamedTuple):
 
     @property
     def steps(self) -> Array:
-        """Steps between rows that have a time, shape (n - 1,)."""
+        """Differences, s, of successive times that are finite, shape (n - 1,)."""
         return np.diff(self.times_s[np.isfinite(self.times_s)])
 
     @property
     def rises(self) -> bool:
-        """True if the time advances from row to row."""
+        """True if the times advance from row to row, but for rare exceptions."""
         return bool(self.steps.size) and float((self.steps > 0.0).mean()) > _RISES
 
 
 def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """Finds a topic's time column, or a pair of whole seconds and fractions; None where there is none.
+    """Finds the column, or pair of seconds and fraction, that times a topic's rows; None where there is none.
 
     Args:
         topic: whose rows are timed.
@@ -88,18 +88,19 @@ def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> To
 
 
 def _is_text(topic: Topic, name: ColumnName) -> bool:
+    """Tests whether a column of a topic holds text, not numbers."""
     return topic.columns[name.column].dtype == object
 
 
 def _steps_divide_period(steps: Array, period_s: float) -> bool:
-    """Tests whether the sample period is a whole multiple of the median step, within the jitter."""
+    """Tests whether the sample period is a whole multiple of the median time step, within the jitter."""
     step = float(np.median(steps))
     count = max(round(period_s / step), 1) if step > 0.0 else 1
     return abs(step * count - period_s) <= JITTER * period_s
 
 
 def _is_date(topic: Topic, name: ColumnName) -> bool:
-    """Tests whether a column has dates without a time of day."""
+    """Tests whether a column holds dates without a time of day."""
     if not _is_text(topic, name):
         return False
     cells = topic.texts(name.column)
@@ -107,7 +108,7 @@ def _is_date(topic: Topic, name: ColumnName) -> bool:
 
 
 def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
-    """Describes a column that is called a time, but does not rise as one; "": there is none."""
+    """Describes a column that is named as a time but falls from row to row or cannot be read; "": there is none."""
     for name in names:
         if not name.is_timed:
             continue
@@ -124,7 +125,7 @@ def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
 def _read_time_column(
     topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_s: float
 ) -> list[_ClockColumn]:
-    """Reads the times of a column, in its name's unit, or one in which its steps are about a sample period."""
+    """Reads a column as times, s, in its name's unit or one that fits the sample period; empty where it cannot."""
     column = name.column
     if _is_text(topic, name):
         cells = topic.texts(column)
@@ -162,7 +163,7 @@ def _read_time_column(
 
 
 def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
-    """Finds whole seconds in a column, and their fractions in another."""
+    """Finds pairs of columns of whole seconds and fractions of a second; returns their times, s."""
     timed = [
         name
         for name in names
@@ -195,12 +196,13 @@ def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockC
 
 
 def _is_fractional(values: Array) -> bool:
+    """Tests whether any finite value is no whole number."""
     there = values[np.isfinite(values)]
     return bool((there != np.round(there)).any())
 
 
 def _fraction_unit(values: Array) -> str:
-    """Returns the unit in which values stay just below a second; "": none."""
+    """Returns the unit, "s", "ms", "us" or "ns", in which all values are just below a second; "": none."""
     most = float(np.nanmax(values, initial=0.0))
     if _is_fractional(values):
         return "s" if most < 1.0 else ""
@@ -208,7 +210,7 @@ def _fraction_unit(values: Array) -> str:
 
 
 def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """Finds a column that rises by a sample period from row to row, whatever its name."""
+    """Finds a column of any name that rises by a sample period a row, as a guessed clock; None where none does."""
     for name in names:
         if _is_text(topic, name):
             continue
@@ -228,7 +230,7 @@ def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: flo
 
 
 def _describe_coarse_stamps(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
-    """Describes time stamps that are too coarse to time the rows; "": these are fine enough."""
+    """Describes time stamps that are too coarse to time the rows; "" where they are fine enough."""
     steps = read.steps
     column = read.data["column"]
     if not rises:
@@ -250,5 +252,6 @@ def _describe_coarse_stamps(read: _ClockColumn, period_s: float, *, rises: bool)
 
 
 def _is_multiple(steps: Array, quantum: float) -> bool:
+    """Tests whether all time steps are whole multiples of a quantum."""
     scaled = steps / quantum
     return bool((np.abs(scaled - np.round(scaled)) < 1e-3).all())

@@ -33,11 +33,11 @@ class CommandScale(NamedTuple):
 
     @property
     def is_timed(self) -> bool:
-        """True if commands are on-times."""
+        """True if the scale is one of on-times, not of fractions or percent."""
         return self.unit not in ("1", "%")
 
     def is_reached(self, most: float) -> bool:
-        """Tests whether the largest command is full scale exactly."""
+        """Tests whether the largest command equals full scale, but for rounding."""
         return abs(most - self.full) <= _EXACT * self.full
 
 
@@ -58,7 +58,7 @@ class Levels(NamedTuple):
 
 
 def two_levels(values: Array) -> Levels | None:
-    """Finds the two levels that all commands but rare ones take; None where they take more, or one.
+    """Finds the values of closed and open, if all commands but rare ones take these two alone; else None.
 
     Args:
         values: all commands, without missing ones.
@@ -83,7 +83,7 @@ def two_levels(values: Array) -> Levels | None:
 
 
 def drop_rare_commands(values: Array) -> Array:
-    """Returns the commands without the largest, where these are few and far above the others.
+    """Returns the commands without the largest ones, if these are few and far above the others.
 
     Args:
         values: all commands, without missing ones.
@@ -96,7 +96,7 @@ def drop_rare_commands(values: Array) -> Array:
 
 
 def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
-    """Lists scales that commands may have, the likelier first; none without an open jet, or with a negative command.
+    """Lists scales that fit all commands, the likelier first; empty if no jet opens or a command is negative.
 
     A jet is open all the time now and then, so that values reach full scale exactly; else the least scale that holds
     them is the likeliest.
@@ -135,7 +135,7 @@ class CommandTally:
         self._largest = 0.0  # of those that are no longer than the period
 
     def add(self, commands: Array) -> None:
-        """Counts commands that open a jet, and those that last the whole period or longer; NaN is missing."""
+        """Counts commands that open a jet, those of a full period, and longer ones; NaN counts as missing."""
         opened = commands[commands > 0.0]
         within = opened[opened <= self._period_s * (1.0 + _LONGER)]
         self._opened += opened.size
@@ -144,7 +144,7 @@ class CommandTally:
         self._largest = max(self._largest, float(within.max(initial=0.0)))
 
     def doubt(self) -> str:
-        """Describes fractions that look like on-times in seconds; "" where they do not."""
+        """Returns a warning if the fractions counted so far look like on-times in seconds; "" if not."""
         if not self._opened or self._period_s >= 1.0:
             return ""
         whose = "no command of the whole record exceeds"
@@ -159,13 +159,13 @@ class CommandTally:
 
 
 def _count_possible_errors(opened: int) -> int:
-    """Returns how many of the commands that open a jet may be errors."""
+    """Returns how many of so many commands above zero may be errors; 0 where these are too few to tell."""
     few = max(int(_FEW * opened), 1)
     return few if few <= _RARE * opened else 0
 
 
 def scale_hint(values: Array, period_s: float) -> str:
-    """Returns advice on commands that are no fractions, to be added to an error; "" where no scale fits.
+    """Returns advice on the scale of commands above 1, to append to an error; "" where no scale fits.
 
     Args:
         values: commands, NaN where missing.

@@ -22,22 +22,22 @@ class CommandSearch(MapSearch):
     """Search for commands, and for the scale of their numbers."""
 
     def _families(self, topic: Topic) -> list[JetColumns]:
-        """Returns columns of one kind for the jets, the likelier to be commands first."""
+        """Lists groups of a topic's columns with one column per jet, the likelier to be commands first."""
         numeric = [column for column, values in topic.columns.items() if values.dtype != object]
         return jet_families(numeric, [(jet.designation, jet.number) for jet in self.vehicle.jets])
 
     def _jet_columns(self, topic: Topic) -> dict[str, str]:
-        """Returns a column for each jet, by designation; empty where not all are found."""
+        """Maps each jet's designation to its command column in a topic; empty where any jet lacks one."""
         family = self._jet_family(topic)
         return {} if family is None else family.columns
 
     def _switched_columns(self, topic: Topic) -> set[str]:
-        """Returns the columns for the jets where their values are of commands, and hence of no sensor."""
+        """Returns the jets' columns in a topic if their values switch as commands do (no sensor's); else empty."""
         columns = self._jet_columns(topic).values()
         return set(columns) if columns and self._are_command_values(topic, [*columns]) else set()
 
     def _jet_family(self, topic: Topic) -> JetColumns | None:
-        """Returns columns of one kind with one for each jet; None where not all are found."""
+        """Returns the likeliest group of a topic's columns with one for each jet; None where there is none."""
         for family in self._families(topic):
             columns = list(family.columns.values())
             if family.lacking or (not family.named and not self._are_command_values(topic, columns)):
@@ -51,7 +51,7 @@ class CommandSearch(MapSearch):
         return None
 
     def _find_commands(self, topic: Topic) -> bool:
-        """Looks for commands to the jets; returns whether there are any."""
+        """Adds a topic's jet commands to the map (columns, list or bit mask); returns whether there are any."""
         family = self._jet_family(topic)
         if family is not None:
             self.data["commands"] = {"columns": family.columns}
@@ -91,7 +91,7 @@ class CommandSearch(MapSearch):
         return False
 
     def _are_command_values(self, topic: Topic, columns: Sequence[str]) -> bool:
-        """Tests whether columns, whatever their names, hold values of commands: two levels, or widths of pulses."""
+        """Tests whether columns, whatever their names, hold two levels or pulse widths, as commands do."""
         values = np.concatenate([topic.numbers(column) for column in columns])
         values = values[np.isfinite(values)]
         if not _varies(values):
@@ -99,7 +99,7 @@ class CommandSearch(MapSearch):
         return bool(values.min() > _PULSES[0] and values.max() < _PULSES[1]) or two_levels(values) is not None
 
     def _find_scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
-        """Finds the scales that the numbers of the jets' columns may have, and takes the likeliest."""
+        """Finds scales that the jets' command columns may have, and writes the likeliest one into the map."""
         values = np.concatenate([topic.numbers(column) for column in columns.values()])
         values = values[np.isfinite(values)]
         name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
@@ -145,7 +145,7 @@ class CommandSearch(MapSearch):
             self._say(f"commands: {best.words}, {why}")
 
     def _take_levels(self, levels: Levels) -> None:
-        """Takes the two levels that commands have for closed and open, the more frequent one for closed."""
+        """Writes the two levels of commands into the map, the more frequent one as that of a closed jet."""
         off, on = levels[:2]
         if "missing" in self.data["commands"]:  # disarmed jets are closed besides
             off, on = min(off, on), max(off, on)
@@ -163,12 +163,13 @@ class CommandSearch(MapSearch):
 
 
 def _varies(values: Array) -> bool:
+    """Tests whether finite values are not all the same."""
     values = values[np.isfinite(values)]
     return bool(values.size) and bool((values != values[0]).any())
 
 
 def _pulse_widths(values: Array) -> tuple[float, float]:
-    """Returns widths of closed and open, us: the two found, or the usual ones; below closed is disarmed."""
+    """Returns pulse widths of a closed and an open jet, us: the two levels found, or else usual ones."""
     armed = values[values >= _CLOSED_PULSE]
     levels = np.unique(armed)
     if levels.size == 2:
@@ -179,14 +180,14 @@ def _pulse_widths(values: Array) -> tuple[float, float]:
 
 
 def _scale_keys(scale: CommandScale) -> dict[str, Any]:
-    """Returns the keys of a map's `commands` that state a scale."""
+    """Returns a command scale as the keys of a map's `commands`: unit, or the value of an open jet."""
     if scale.unit != "1":
         return {"unit": scale.unit}
     return {} if scale.full == 1.0 else {"on": scale.full}
 
 
 def _is_unit_of(unit: str, scale: CommandScale) -> bool:
-    """Tests whether the unit in a column's name is that of a command scale."""
+    """Tests whether a unit read from a column's name equals that of a command scale."""
     kind = "time" if scale.is_timed else "number"
     own, wanted = si_factor_or_none(unit, kind), si_factor_or_none(scale.unit, kind)
     return own is not None and own == wanted

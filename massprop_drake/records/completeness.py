@@ -28,7 +28,7 @@ class Loss(NamedTuple):
 
 
 def completeness(losses: Iterable[Loss]) -> Completeness:
-    """Computes the completeness of a record, by the gravest of its losses."""
+    """Returns "complete", "truncated" or "damaged", by the gravest of a record's losses."""
     kinds = {one.kind for one in losses}
     if "damaged" in kinds:
         return "damaged"
@@ -51,12 +51,12 @@ class Ragged:
         self.last_incomplete = False
 
     def add(self, line: int) -> None:
-        """Counts a row, given its line."""
+        """Counts a row with a wrong number of cells, and notes its line."""
         self.first_line, self.last_line = self.first_line or line, line
         self.count += 1
 
     def losses(self, source: str) -> list[Loss]:
-        """Returns the lost rows of a table, given what to call it."""
+        """Returns the losses of a table by rows left out and a cut last row; their texts begin with its name."""
         found, before = [], self.count - self.last_incomplete
         if before:
             what = f"{counted(before, 'row')} left out with a wrong number of cells"
@@ -77,11 +77,11 @@ class Ending:
         self._shortest = _LONGEST_LINE
 
     def note_last_cell(self, cell: str) -> None:
-        """Notes the length of a complete row's last cell."""
+        """Keeps the length of the shortest last cell of complete rows."""
         self._shortest = min(self._shortest, len(cell))
 
     def is_cut(self, cell: str, *, number: bool) -> bool:
-        """Tests whether the last cell of a line without an end is cut off.
+        """Tests whether the last cell of a line without a line end looks cut off.
 
         Args:
             cell: as it stands.
@@ -93,7 +93,7 @@ class Ending:
 
 
 def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[int, str]]:
-    """Yields the lines of a text file with their numbers; zeros at its end, as a loss of power leaves them, are lost.
+    """Yields number and text of each line of a text file; adds a loss where its end is zeros.
 
     Args:
         text: the file.
@@ -128,7 +128,7 @@ def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[
 
 
 def _are_zeros(begin: str, text: TextIO) -> bool:
-    """Tests whether a text and all that follows in a file are zeros."""
+    """Tests whether a text, and all that follows it in a file, are NUL characters."""
     while begin:
         if begin.strip("\0"):
             return False
@@ -137,12 +137,12 @@ def _are_zeros(begin: str, text: TextIO) -> bool:
 
 
 def unreadable_message(path: object, error: Exception) -> str:
-    """Returns the error message for a file that is missing or cannot be read."""
+    """Returns the text of the error for a file that is missing or cannot be read."""
     if isinstance(error, FileNotFoundError):
         return f"{path}: no such file"
     return f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
 
 
 def first_line(error: Exception) -> str:
-    """Returns the first line of an error's text, its type where it has none."""
+    """Returns the first line of an exception's text, or its type's name where it has none."""
     return (str(error).splitlines() or [type(error).__name__])[0]

@@ -26,7 +26,7 @@ class Thinning:
         self._before: tuple[Array, Array] | None = None  # commands of the last two rows
 
     def select(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
-        """Selects the rows of a block, and their signals."""
+        """Selects rows with rates about a sample period apart, and gaps; returns them with their signals."""
         read = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
         told = np.ones_like(read) if rows.told is None else rows.told
         chosen = []
@@ -42,7 +42,7 @@ class Thinning:
         return rows.select(which), found
 
     def _steady_commands(self, commands: Array) -> Array:
-        """Returns 1 where the command of the interval that ends is that of the one before, shape (n, 1)."""
+        """Returns 1.0 for rows whose last interval had the same commands as the one before, else 0.0, shape (n, 1)."""
         nothing = np.zeros(commands.shape[1])
         last, now = self._before or (nothing, nothing)
         every = np.vstack((last, now, commands))

@@ -35,54 +35,54 @@ class JetEvidence(NamedTuple):
 
     @property
     def _firing(self) -> NDArray[np.bool_]:
-        """Mask of the components that are read and that the jets should change, shape (n, 3)."""
+        """Mask of components with a reading that the jets should change, shape (n, 3)."""
         largest = np.abs(self.meant).max(initial=0.0)
         found: NDArray[np.bool_] = np.isfinite(self.change) & (np.abs(self.meant) > _FIRES * largest)
         return found
 
     @property
     def _sums_of_products(self) -> tuple[float, float, float]:
-        """Sums of predicted squared, predicted times measured, and measured squared changes."""
+        """Sums of predicted squared, predicted times measured, and measured squared changes of a reading."""
         both = self._firing
         meant, change = self.meant[both], self.change[both]
         return float((meant**2).sum()), float((meant * change).sum()), float((change**2).sum())
 
     @property
     def samples(self) -> int:
-        """Number of components that are read while jets should change them."""
+        """Number of components with a reading that the jets should change."""
         return int(self._firing.sum())
 
     @property
     def correlation(self) -> float:
-        """Correlation of both about zero; NaN with too few samples."""
+        """Correlation of predicted and measured changes about zero; NaN with too few samples."""
         own, mixed, other = self._sums_of_products
         return mixed / math.sqrt(own * other) if self.samples >= FEWEST and own * other > 0.0 else math.nan
 
     @property
     def slope(self) -> float:
-        """Ratio of the change that is read to that which should be, by least squares."""
+        """Ratio of measured to predicted change by least squares; NaN without a predicted change."""
         own, mixed, _ = self._sums_of_products
         return mixed / own if own > 0.0 else math.nan
 
     @property
     def explained(self) -> float:
-        """Log likelihood of the changes by the jets, over that without them; NaN with too few samples."""
+        """Log likelihood ratio of the changes with and without the jets' effects; NaN with too few samples."""
         return self._log_likelihood(1.0)
 
     @property
     def opposed(self) -> float:
-        """Log likelihood of the changes by jets that push the other way, over that without them; NaN likewise."""
+        """Log likelihood ratio of the changes with reversed jets and without jets; NaN with too few samples."""
         return self._log_likelihood(-1.0)
 
     def _log_likelihood(self, sign: float) -> float:
-        """Log likelihood of the changes by the jets, with this sign, over that without them."""
+        """Computes the log likelihood ratio of the changes with the jets' effects (times +1 or -1) and without."""
         if math.isnan(self.correlation):
             return math.nan
         return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, 1e-12))
 
     @property
     def is_poor(self) -> bool:
-        """True if the jets explain the changes badly: the residual exceeds the scatter while coasting."""
+        """True if the jets' effects correlate badly, and leave a residual beyond the scatter while coasting."""
         there, both = np.isfinite(self.change), self._firing
         coasting = np.abs(self.change[there & ~both])
         scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
@@ -93,13 +93,13 @@ class JetEvidence(NamedTuple):
 
     @property
     def in_words(self) -> str:
-        """The correlation, where it is not near 1 that of each axis, too."""
+        """Correlation as text; where it is poor, that of each axis, too."""
         axes = [JetEvidence(self.meant[:, [axis]], self.change[:, [axis]]) for axis in range(3)]
         each = [f"{name} {one.correlation:.2f}" for name, one in zip(AXES, axes, strict=True) if one.samples >= FEWEST]
         return f"{self.correlation:.2f}" + (f" ({', '.join(each)})" if self.correlation < _POOR else "")
 
     def shifted(self, rows: int) -> JetEvidence:
-        """Returns the evidence with commands that act so many intervals later, or earlier where negative."""
+        """Returns the evidence with commands delayed by a number of rows, advanced where negative."""
         meant = np.roll(self.meant, rows, axis=0)
         meant[: max(rows, 0)] = 0.0
         meant[len(meant) + min(rows, 0) :] = 0.0
@@ -107,7 +107,7 @@ class JetEvidence(NamedTuple):
 
 
 def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
-    """Compares a gyro's or an accelerometer's readings with the effects that the commands should have.
+    """Pairs the measured changes of a gyro or accelerometer with those predicted from the commands.
 
     Args:
         record: mapped.
@@ -122,7 +122,7 @@ def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> J
 
 
 def describe_misfit(name: str, what: str, taken: JetEvidence) -> str:
-    """Describes readings that are likelier by jets that push the other way, or that the jets do not explain; "": none.
+    """Describes a sensor's readings that oppose the jets' effects, or that these do not explain; "": neither.
 
     Args:
         name: of the sensor.
@@ -143,7 +143,7 @@ def describe_misfit(name: str, what: str, taken: JetEvidence) -> str:
 
 
 def describe_evidence(record: Mapped) -> tuple[list[str], list[str]]:
-    """Describes how the readings of a mapped record follow the commands: a sentence for each sensor, and warnings."""
+    """Describes how each sensor's readings correlate with the commands; returns sentences, and warnings."""
     found, warnings = list[str](), list[str]()
     for name, channel in record.channels.items():
         if channel.kind in ("gyro", "accelerometer") and channel.time_s.size > 1:
@@ -157,7 +157,7 @@ def describe_evidence(record: Mapped) -> tuple[list[str], list[str]]:
 
 
 def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:
-    """Computes changes of rate or velocity from sample to sample, shape (n - 1, 3)."""
+    """Computes changes of rate or velocity from sample to sample, NaN where missing, shape (n - 1, 3)."""
     values = channel.values
     if gives in ("", "integral"):
         return np.diff(values, axis=0)
@@ -165,7 +165,7 @@ def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:
 
 
 def _jet_effects(vehicle: Vehicle, name: str) -> Array:
-    """Computes the rate at which each jet changes a sensor's reading, with nominal mass properties, (n_jets, 3)."""
+    """Computes the rate of change of a sensor's reading by each jet, nominal mass properties, (n_jets, 3)."""
     nominal, wrenches = vehicle.nominal, vehicle.wrenches
     turning = (wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])) @ np.linalg.inv(nominal.inertia).T
     position = next((one.position for one in vehicle.accelerometers if one.name == name), None)
@@ -177,7 +177,7 @@ def _jet_effects(vehicle: Vehicle, name: str) -> Array:
 
 
 def keeps_its_level(record: Mapped, name: str) -> bool:
-    """Tests whether a velocity keeps its level where no jet fires, as sums of increments do, while these scatter."""
+    """Tests whether a reading while coasting scatters far more than its changes, as summed increments do."""
     channel = record.channels[name]
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s), nan=1.0)
     coasting = (shares[:-2] == 0.0).all(axis=1) & (shares[1:-1] == 0.0).all(axis=1)

@@ -23,7 +23,7 @@ class JetSearch(CommandSearch):
     """Search by the jets' effects: when commands act, their scale, and the meaning of readings."""
 
     def search_by_jets(self) -> None:
-        """Finds, by the jets' effects on sensors, when commands act, their scale, and the meaning of readings."""
+        """Writes into the map when commands act, their scale, and what readings mean, by the jets' effects on them."""
         if "commands" not in self.data or not self.data["sensors"]:
             return
         commands, usual = self.data["commands"], "a row's command acts from the row on"
@@ -55,7 +55,7 @@ class JetSearch(CommandSearch):
                 self._choose_gives(name, shown)
 
     def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
-        """Warns where commands act at a lag other than a row's two neighboring intervals, or at none that is known."""
+        """Warns where rates fit commands best at a lag of whole rows beyond its own, or at no lag."""
         farthest = min(_FARTHEST, len(after.meant) // 2)
         lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
         best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
@@ -72,12 +72,12 @@ class JetSearch(CommandSearch):
             self._warn_of_misfit(gyro, "rates", taken)
 
     def _warn_of_misfit(self, name: str, what: str, taken: evidence.JetEvidence) -> None:
-        """Warns of readings that the jets do not explain."""
+        """Warns of a sensor's readings that the jets' effects do not explain or that oppose them."""
         if misfit := evidence.describe_misfit(name, what, taken):
             self._warn(misfit)
 
     def _apply_map_so_far(self, acts: str) -> channels.Mapped | None:
-        """Returns the record as the map has it so far, whatever its units; None where the map cannot be applied."""
+        """Applies the unfinished map, with commands from or until their row; None where it cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
             return mapping.apply_map(self.recording, by, self.vehicle, limits=False)
@@ -85,7 +85,7 @@ class JetSearch(CommandSearch):
             return None
 
     def _choose_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
-        """Chooses the scale of commands, and a unit of rates that no name gives, by how the jets turn the vehicle.
+        """Chooses the scale of commands, and a guessed unit of rates, by how fast the jets turn the vehicle.
 
         One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
         """
@@ -97,6 +97,7 @@ class JetSearch(CommandSearch):
         units = _RATE_UNITS if gyro in self._guessed and self._is_scale_sure else (entry["unit"],)
 
         def misfit(scale: int, unit: str) -> float:
+            """Computes the absolute log ratio of measured to predicted change, with this scale and unit."""
             times = full[scale] / full[0] * si_factor(unit, "rate") / si_factor(entry["unit"], "rate")
             return abs(math.log(shown.slope * times))
 
@@ -127,7 +128,7 @@ class JetSearch(CommandSearch):
             )
 
     def _choose_gives(self, name: str, by: channels.Mapped) -> None:
-        """Decides if an accelerometer gives sums of velocity, increments or accelerations, by the jets' effects."""
+        """Sets whether an accelerometer gives integrals, increments or means, by the jets' effects on it."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
             self._report_correlation(name, evidence.compare_with_jet_effects(by, name))
@@ -160,7 +161,7 @@ class JetSearch(CommandSearch):
         )
 
     def _report_correlation(self, name: str, taken: evidence.JetEvidence) -> None:
-        """Says how an accelerometer's readings follow the jets, or warns that they do not."""
+        """Reports the correlation of an accelerometer's readings with the commands, or warns of a misfit."""
         misfit = evidence.describe_misfit(name, "readings", taken)
         if misfit:
             self._warn(misfit)
@@ -168,7 +169,7 @@ class JetSearch(CommandSearch):
             self._say(f"{name}: the readings follow the commands with a correlation of {taken.in_words}")
 
     def _increment_or_mean(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
-        """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
+        """Returns "increment" or "mean", whichever fits the size of changes that the jets should cause."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
             return usual
@@ -179,7 +180,7 @@ class JetSearch(CommandSearch):
 
 
 def _full_scale(scale: Mapping[str, Any], period_s: float) -> float:
-    """Returns the number that stands for a jet that is open all the time."""
+    """Returns the number in the record that stands for a jet open over the whole period."""
     unit = scale.get("unit", "1")
     if unit == "%":
         return 100.0
