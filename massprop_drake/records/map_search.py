@@ -45,23 +45,25 @@ class MapSearch:
         self._clocks: dict[str, TopicClock | None] = {}
 
     def _say(self, reason: str) -> None:
+        """Adds a sentence to the reasons for the proposed map."""
         self.reasons.append(reason)
 
     def _warn(self, reason: str) -> None:
+        """Adds a sentence to the reasons for the proposed map and to its warnings."""
         self._say(reason)
         self.warnings.append(reason)
 
     def _find_quantity(self, name: ColumnName) -> str:
-        """Finds the quantity of a column, by its words or a package's name; "": not known."""
+        """Returns the quantity that a column measures, by the words of its name or a package's name; "": not known."""
         called = compact_name("".join(name.words))
         return next((kind for kind, names in self._called.items() if called in names), column_quantity(name))
 
     def _is_own(self, kind: str, words: Sequence[str]) -> bool:
-        """Tests whether words name a package of the vehicle."""
+        """Tests whether words name a package of the vehicle, of a kind such as "gyro"."""
         return bool({*map(compact_name, words), compact_name("".join(words))} & self._called[kind])
 
     def _take_package(self, kind: str, words: Sequence[str] = ()) -> str:
-        """Takes a free package of the vehicle, one of that name first; "": none is left."""
+        """Returns a package that has no columns yet, one called so by the words first, and removes it; "": none."""
         free = self._free[kind]
         said = {*map(compact_name, words), compact_name("".join(words))}
         name = next((one for one in free if compact_name(one) in said), free[0] if free else "")
@@ -70,14 +72,14 @@ class MapSearch:
         return name
 
     def _take_tracker(self, kind: str, shown_as: str, what: str) -> str:
-        """Takes a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name; "": none."""
+        """Returns the name of a pose or velocity sensor for columns: the vehicle's, or one for display; "": none."""
         name = self._take_package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
         if not name:
             self._say(f"{what}: the vehicle has no further {kind} sensor")
         return name
 
     def report_unused(self) -> None:
-        """Reports packages of the vehicle without columns, and every column that is not used."""
+        """Adds reasons that name packages without columns, and columns and topics that the map does not use."""
         missing = [name for free in self._free.values() for name in free]
         if missing:
             self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
@@ -94,7 +96,7 @@ class MapSearch:
             self._say(f"topics not used: {', '.join(topics)}")
 
     def _set_topic_and_time(self, entry: dict[str, Any]) -> None:
-        """Writes topic and time into a map's part, where they differ from the map's own."""
+        """Writes the current topic and its time into an entry of the map, where they differ from the map's own."""
         name, time = self._here
         if name != self.data.get("topic", ""):
             entry["topic"] = name
@@ -102,17 +104,18 @@ class MapSearch:
                 entry["time"] = time
 
     def _add_sensor(self, name: str, entry: dict[str, Any]) -> None:
-        """Adds a sensor to the map, unless it has one of that name."""
+        """Adds a sensor's entry to the map, unless one of this name is there."""
         if name not in self.data["sensors"]:
             self._set_topic_and_time(entry)
             self.data["sensors"][name] = entry
 
     def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
+        """Returns the unit in the first column's name if it measures this kind of quantity, else a default."""
         unit = members[min(members)].unit
         return unit if unit and si_factor_or_none(unit, kind) is not None else otherwise
 
     def _instant_or_mean(self, topic: str) -> str:
-        """Decides whether accelerations of a topic are instants, dense enough to be integrated, or means."""
+        """Returns "instant" for accelerations logged densely enough to be integrated, else "mean"."""
         stamps = self.recording.topics[topic].stamps_s
         if stamps is None or stamps.size < 2:
             return "mean"
@@ -121,7 +124,7 @@ class MapSearch:
 
 
 def _texts(data: Any) -> Iterator[str]:
-    """Returns all texts in the data of a map, keys aside."""
+    """Yields all texts among the values in the data of a map, at any depth."""
     if isinstance(data, str):
         yield data
     elif isinstance(data, Mapping):
@@ -131,7 +134,7 @@ def _texts(data: Any) -> Iterator[str]:
 
 
 def _used_columns(data: Mapping[str, Any]) -> dict[str, set[str]]:
-    """Returns the columns that a map names, by topic."""
+    """Maps each topic to the columns that the data of a map use."""
     usual = data.get("topic", "")
     used: dict[str, set[str]] = {}
     for entry in (*data.get("sensors", {}).values(), *filter(None, [data.get("commands")])):
@@ -143,7 +146,7 @@ def _used_columns(data: Mapping[str, Any]) -> dict[str, set[str]]:
 
 
 def _fold_array_names(columns: Sequence[str]) -> list[str]:
-    """Joins names of columns: elements of an array that follow each other are one entry."""
+    """Returns names of columns with successive elements of an array folded: "a[0] to a[7]"."""
     split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
     found: list[str] = []
     runs = groupby(
@@ -159,5 +162,5 @@ def _fold_array_names(columns: Sequence[str]) -> list[str]:
 
 
 def compact_name(name: str) -> str:
-    """Returns a name in small letters, without signs."""
+    """Returns a name in small letters, with letters and digits alone."""
     return re.sub(r"[^a-z0-9]", "", name.lower())

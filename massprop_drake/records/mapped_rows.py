@@ -48,11 +48,11 @@ class MappedTable(Table):
 
     @property
     def done(self) -> float:
-        """Fraction of the rows read so far."""
+        """Fraction of the rows that have been read so far, 0 to 1."""
         return self._read / max(len(self._lines), 1)
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, block by block."""
+        """Yields the rows in blocks of up to 1024, with the values of the wanted columns, given by position."""
         for start in range(0, len(self._lines), 1024):
             part = slice(start, start + 1024)
             self._read = min(start + 1024, len(self._lines))
@@ -61,12 +61,12 @@ class MappedTable(Table):
             yield block
 
     def sha256(self) -> str:
-        """Returns SHA-256 of the file, hexadecimal."""
+        """Returns SHA-256 of the recording's file, hexadecimal."""
         return self._recording.sha256
 
 
 def row_places(record: Mapped) -> Places:
-    """Selects the samples that are rows: all, or of a faster channel those a sample period apart.
+    """Returns indices of a channel's samples that become rows: all, or of a faster channel one a sample period.
 
     Raises:
         InputError: when the sample period is no multiple of the channel's.
@@ -101,12 +101,12 @@ def row_places(record: Mapped) -> Places:
 
 
 def is_oversampled(record: Mapped) -> bool:
-    """Tests whether the channel of the rows has several samples in a sample period."""
+    """Tests whether the channel of the rows has several samples in a sample period of the vehicle."""
     return bool(record.rows.interval_s < record.vehicle.sample_period_s * (1.0 - JITTER))
 
 
 def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> MappedTable:
-    """Makes rows of telemetry of a record, for the estimators.
+    """Makes the table of telemetry rows that the estimators read, from the channels of a mapped record.
 
     Of a vehicle that is followed in a fixed frame, or with times of their own, there is a row whenever anything was
     read or commanded, and every reading stands at its own time. Of others:
@@ -173,7 +173,7 @@ def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> 
 
 
 def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Array]) -> None:
-    """Appends the record's known outside force and torque, averaged over each sample, to names and parts."""
+    """Appends the record's known outside force and torque, means over each interval, to names and columns."""
     for what, held in (("force", record.known_force), ("torque", record.known_torque)):
         if held is not None:
             names += [name for name in WRENCH if name.startswith(f"known_{what}")]
@@ -181,7 +181,7 @@ def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Arra
 
 
 def _make_table_at_own_times(record: Mapped) -> MappedTable:
-    """Makes a row whenever anything was read or commanded."""
+    """Makes the table of telemetry with a row at each time at which a sensor or a command has a sample."""
     vehicle, held = record.vehicle, record.commands
     channels = {name: channel for name, channel in record.channels.items() if channel.time_s.size}
     if not channels:
@@ -221,7 +221,7 @@ def _make_table_at_own_times(record: Mapped) -> MappedTable:
 
 
 def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Array:
-    """Integrates accelerations or sums increments, where there are samples, shape (n, 3)."""
+    """Integrates an accelerometer's samples to velocity; NaN in rows without a sample, shape (n, 3)."""
     there = np.isfinite(values).all(axis=1)
     added = values[there]
     if channel.gives != "increment":
@@ -237,7 +237,7 @@ def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Arr
 
 
 def _require_gyro_and_axes(record: Mapped, gyro: str) -> None:
-    """Raises InputError without the gyro in use, or where a gyro or accelerometer lacks an axis."""
+    """Raises InputError if the gyro in use is not mapped, or a gyro or accelerometer lacks an axis."""
     channel = record.channels.get(gyro)
     if channel is None:
         there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
@@ -256,7 +256,7 @@ def _require_gyro_and_axes(record: Mapped, gyro: str) -> None:
 
 
 def _readings_at(channel: Channel, time_s: Array, period_s: float) -> Array:
-    """Returns a channel's readings at some times, NaN where none was taken then, shape (n, m)."""
+    """Returns a channel's readings at given times, NaN where none is within 5 % of a sample period, shape (n, m)."""
     nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
     before = np.maximum(nearest - 1, 0)
     closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
@@ -266,7 +266,7 @@ def _readings_at(channel: Channel, time_s: Array, period_s: float) -> Array:
 
 
 def _attitudes_at_rows(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
-    """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4)."""
+    """Returns quaternions at rows, nearest reading turned there by the rate, NaN if none is near, shape (n, 4)."""
     read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
     after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
     rows = np.where(channel.time_s - time_s[after - 1] < time_s[after] - channel.time_s, after - 1, after)
@@ -281,7 +281,7 @@ def _attitudes_at_rows(channel: Channel, rates: Array, time_s: Array, period_s: 
 
 
 def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
-    """Computes mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
+    """Computes mean acceleration in the interval before each row, NaN if a sample is missing, shape (n, 3)."""
     period_s = vehicle.sample_period_s
     every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
     if math.isnan(every):
@@ -316,7 +316,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
 
 
 def mean_over(held: HeldValues, time_s: Array) -> Array:
-    """Computes the mean of held values from each row to the next, NaN where part is unknown, shape (n, m)."""
+    """Computes time means of held values from each row to the next, NaN where partly unknown, shape (n, m)."""
     count, width = time_s.size, held.values.shape[1]
     if not held.begin_s.size or count < 2:
         return np.full((count, width), np.nan)
@@ -328,7 +328,7 @@ def mean_over(held: HeldValues, time_s: Array) -> Array:
     lengths = np.diff(edges)[::2, None]
 
     def integral(density: Array) -> Array:
-        """Integrates from the beginning to each edge; zero between one value's end and the next one's beginning."""
+        """Integrates a density to each edge of the holding intervals; zero density between them."""
         grown = np.cumsum(density * lengths, axis=0)
         return np.repeat(np.vstack([np.zeros((1, width)), grown]), 2, axis=0)[1:-1]
 
@@ -345,14 +345,14 @@ def mean_over(held: HeldValues, time_s: Array) -> Array:
 
 
 def _open_fractions(record: Mapped, time_s: Array) -> Array:
-    """Computes the share of the interval from each row for which each jet was open, shape (n, n_jets)."""
+    """Computes fractions of the interval from each row in which each jet is open, shape (n, n_jets)."""
     shares = mean_over(record.commands, time_s)
     whole = np.round(shares)  # what is exact stays exact
     return np.where(np.abs(shares - whole) < TOLERANCE, whole, shares)
 
 
 def _command_columns(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
-    """Makes columns of commands by name, shape (n, 1) each: fractions, and onsets of jets that switch within rows."""
+    """Maps column names to commands, shape (n, 1): fractions, and onsets of jets that switch within rows."""
     vehicle, part = record.vehicle, record.by.commands
     period_s, opening = vehicle.sample_period_s, None
     told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
@@ -366,12 +366,12 @@ def _command_columns(record: Mapped, time_s: Array, fractions: Array) -> dict[st
 
 
 def _partly_open(fractions: Array) -> NDArray[np.bool_]:
-    """Marks the fractions of jets that are open for a part of a row, in the shape given."""
+    """Flags fractions strictly between 0 and 1, in the shape given."""
     return (fractions > 0.0) & (fractions < 1.0)
 
 
 def _switches_within(record: Mapped, fractions: Array) -> bool:
-    """Tests whether valves that are logged as open or closed switch within rows."""
+    """Tests whether jets logged as open or closed switch between one row and the next."""
     values = record.commands.values
     whole = np.isin(values, (0.0, 1.0)) | np.isnan(values)
     return bool(whole.all() and _partly_open(fractions).any())
@@ -391,7 +391,7 @@ def _centered_onsets(held: HeldValues, time_s: Array, fractions: Array, period_s
 
 
 def _describe_command_gaps(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
-    """Describes gaps and ambiguities of the commands."""
+    """Returns a sentence for each way in which commands are logged too seldom, or are unknown or ambiguous."""
     found = []
     held, period_s = record.commands, record.vehicle.sample_period_s
     every = float(np.median(np.diff(held.begin_s))) if held.begin_s.size > 1 else math.nan
@@ -417,7 +417,7 @@ def _describe_command_gaps(record: Mapped, time_s: Array, fractions: Array) -> l
 
 
 def preview_rows(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
-    """Formats the first rows as they are understood.
+    """Returns the first rows of a mapped record as dicts of time, readings and open jets, for display.
 
     Returns:
         For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by

@@ -61,7 +61,7 @@ _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are
 def apply_map(
     recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map", *, limits: bool = True
 ) -> Mapped:
-    """Applies a map to a recording.
+    """Applies a map to a recording: returns readings and commands in the vehicle's units and body axes.
 
     Args:
         recording: what was read.
@@ -85,7 +85,7 @@ def apply_map(
 
 
 def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
-    """Raises InputError for sensors and jets of a map that do not match the vehicle's."""
+    """Raises InputError where sensors or jets in a map do not match the vehicle's."""
     problems = []
     kinds = {package.name: kind for key, kind in _KINDS.items() for package in getattr(vehicle, key)}
     for name, sensor in by.sensors.items():
@@ -133,7 +133,7 @@ class _Mapping:
     # ------------------------------------------------------------------------------------ time
 
     def _stamps(self, part: Any) -> tuple[Array, Places]:
-        """Returns times of a part's samples, and the row of each in its topic; those without a time are left out."""
+        """Returns times, s, and topic rows of the samples of a sensor or commands; rows without a time are left out."""
         name, time = self._by.topic_of(part), part.time or self._by.time
         key = name, time.model_dump_json()
         if key not in self._timed:
@@ -141,7 +141,7 @@ class _Mapping:
         return self._timed[key]
 
     def _timed_rows(self, topic: Topic, time: RecordTime) -> tuple[Array, Places]:
-        """Returns rising times of a topic's rows, s, and the rows that have them; others are left out and noted."""
+        """Returns a topic's increasing times, s, and the rows that have them; notes rows that it leaves out."""
         logged = self._logged_times(topic, time)
         if not logged.size:
             raise InputError(f"{topic.source}: is empty: it has no row of data")
@@ -182,7 +182,7 @@ class _Mapping:
         return found - self._zero_s, places
 
     def _logged_times(self, topic: Topic, time: RecordTime) -> Array:
-        """Returns times as they are logged, s."""
+        """Returns a topic's times as logged, s, NaN where missing: a column's, its stamps, or row numbers."""
         if time.column is not None:
             whole = topic.times_s(time.column, si_factor(time.unit, "time"), time.date)
             if time.fraction is None:
@@ -197,7 +197,7 @@ class _Mapping:
         )
 
     def _recover_times(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
-        """Recovers times from the true steps, by which logged differences were divided."""
+        """Recovers the times of rows, s, from the true steps, by which logged rates were differenced."""
         if logged.size < 2:
             raise InputError(f"{topic.source}: has one row, and times are to come from differences")
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
@@ -250,7 +250,7 @@ class _Mapping:
     # --------------------------------------------------------------------------------- sensors
 
     def channel(self, name: str, sensor: Any) -> Channel:
-        """Makes the channel of a sensor."""
+        """Makes the channel of a sensor: values in the vehicle's units and body axes, with their times."""
         time_s, places = self._stamps(sensor)
         topic = self._recording.topic(self._by.topic_of(sensor))
         gives = ""
@@ -287,7 +287,7 @@ class _Mapping:
         return Channel(name, sensor.kind, time_s, values, places, gives)
 
     def _drop_repeats(self, name: str, topic: Topic, values: Array, every: int) -> Array:
-        """Replaces readings that only repeat the one before by NaN, as the map's `every` says."""
+        """Replaces readings by NaN in all but one of `every` rows, as they repeat the reading before."""
         rows = find_changes(values)
         off = rows[(rows - rows[:1]) % every != 0]
         if off.size:
@@ -300,10 +300,12 @@ class _Mapping:
         return np.where(anew[:, None], values, np.nan)
 
     def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:
+        """Returns three columns' numbers at rows of a topic, NaN for an axis without a column, shape (n, 3)."""
         nothing = np.full(places.size, np.nan)
         return np.column_stack([nothing if one is None else topic.numbers(one)[places] for one in columns])
 
     def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
+        """Returns vectors from three columns, less their zero, scaled and turned to body axes, shape (n, 3)."""
         return _rotate_vectors((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
 
     def _quaternions(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
@@ -345,6 +347,7 @@ class _Mapping:
     # ----------------------------------------------------------------- what units cannot be
 
     def _require_unit_quaternions(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
+        """Raises InputError where quaternions, but for a few spikes, are not of length 1."""
         off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
         if _exceeds_spikes(off):
             row = int(np.argmax(off))
@@ -354,6 +357,7 @@ class _Mapping:
             )
 
     def _require_plausible_rates(self, name: str, topic: Topic, unit: str, values: Array) -> None:
+        """Raises InputError for rates beyond half a turn a sample or any gyro, and suggests a unit."""
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
@@ -373,6 +377,7 @@ class _Mapping:
         )
 
     def _require_plausible_turns(self, name: str, topic: Topic, sensor: Any, values: Array, time_s: Array) -> None:
+        """Raises InputError for attitudes that turn faster from sample to sample than vehicles do."""
         cosine = np.abs((values[1:] * values[:-1]).sum(axis=1))
         rates = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)) / np.diff(time_s)
         rates = rates[np.isfinite(rates)]
@@ -386,7 +391,7 @@ class _Mapping:
     def _require_plausible_accelerations(
         self, name: str, topic: Topic, sensor: AccelerometerMap, values: Array, time_s: Array
     ) -> None:
-        """Raises InputError for accelerations that no vehicle has, as of a wrong unit."""
+        """Raises InputError for accelerations that no vehicle has, as in a wrong unit."""
         most = plausible.ACCELERATION.most / self._length
         sizes = np.abs(values)
         if sensor.gives in ("integral", "increment") and time_s.size > 1:
@@ -403,7 +408,7 @@ class _Mapping:
     # -------------------------------------------------------------------------------- commands
 
     def commands(self, part: CommandMap) -> HeldValues:
-        """Reads the commands to the jets, and how long each held."""
+        """Reads the commands to the jets as fractions of 0 to 1, with the intervals in which they hold."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
         if part.listed is not None:
@@ -418,7 +423,7 @@ class _Mapping:
         return _hold_values(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
 
     def force_or_torque(self, part: Any) -> HeldValues:
-        """Reads a known outside force or torque, which acts from its row on."""
+        """Reads a known outside force or torque in body axes; it holds from its row until the next."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
         force = is_unit_of(part.unit, "force")
@@ -428,7 +433,7 @@ class _Mapping:
     def _commands_from_columns(
         self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places
     ) -> Array:
-        """Reads commands from a column per jet: fractions, NaN where missing, shape (n, n_jets)."""
+        """Reads commands from a column per jet: fractions of 0 to 1, NaN where missing, shape (n, n_jets)."""
         timed = is_unit_of(part.unit, "time")
         size = si_factor(part.unit, "time", "number")
         full = self._vehicle.sample_period_s if timed else 1.0
@@ -474,7 +479,7 @@ class _Mapping:
         return values
 
     def _commands_from_list(self, topic: Topic, part: CommandMap, places: Places) -> Array:
-        """Reads commands from texts that name the jets that fire: 0 or 1, shape (n, n_jets)."""
+        """Reads commands from texts that list the jets that fire: 0 or 1, shape (n, n_jets)."""
         assert part.listed is not None  # the form that is given
         jets = self._vehicle.designations
         names = {(part.listed.names.get(jet) or jet).lower(): index for index, jet in enumerate(jets)}
@@ -493,7 +498,7 @@ class _Mapping:
 
 
 def step_disagreement(steps: Array) -> float:
-    """Computes the median relative difference between the steps by several pairs; 0 of one pair alone.
+    """Computes the median relative spread of time steps found from several pairs; 0 for one pair.
 
     Args:
         steps: by each pair, NaN where it tells none, shape (n_pairs, n).
@@ -506,29 +511,29 @@ def step_disagreement(steps: Array) -> float:
 
 
 def find_changes(values: Array) -> Places:
-    """Finds rows whose values, shape (n, m), differ from those of the row before."""
+    """Returns indices of rows in which any value differs from that of the row before; values of shape (n, m)."""
     with np.errstate(invalid="ignore"):
         return np.flatnonzero((np.abs(np.diff(values, axis=0)) > 0.0).any(axis=1)) + 1
 
 
 def split_jet_list(text: str) -> list[str]:
-    """Splits a list of jets into names: separators are neither letter, digit nor underscore."""
+    """Splits a text into designations of jets, at all but letters, digits and underscores."""
     return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
 
 
 def _exceeds_spikes(flags: NDArray[np.bool_]) -> bool:
-    """Tests whether more flags are set than a few spikes would set."""
+    """Tests whether more samples are flagged than a few spikes account for (1 %, at least 2)."""
     return bool(flags.sum() > min(max(_SHARE * flags.size, _SPIKES), 0.5 * flags.size))
 
 
 def _rotate_vectors(vectors: Array, matrix: Array) -> Array:
-    """Rotates vectors into other axes; a component is NaN where one that it is made of is."""
+    """Rotates vectors by a matrix, shape (n, 3); NaN in components that depend on a missing one."""
     missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
 
 
 def _rounding_step(values: Array) -> float:
-    """Returns the step to which values are rounded, by their decimals; that of doubles where there are too many."""
+    """Returns the power of ten to which values are rounded; 1e-12 of the largest where they have more decimals."""
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))
     for decimals in range(_DECIMALS):
@@ -539,7 +544,7 @@ def _rounding_step(values: Array) -> float:
 
 
 def _hold_values(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
-    """Makes values that hold from their time until the next; with `until`, from the previous time to their own."""
+    """Makes held values: each from its time until the next, or, with `until`, from the previous time to its own."""
     if time_s.size == 1 and on_change and not until:
         return HeldValues(time_s, np.array([math.inf]), values)
     if time_s.size < 2:

@@ -34,7 +34,7 @@ _SIGNATURE_AT = (0, 512)  # a .mat file of version 7.3 has a header of its own b
 
 
 def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    """Reads a .mat file: structures are topics, arrays of equal length their columns.
+    """Reads a .mat file into a recording: structures as topics, arrays of equal length as their columns.
 
     A matrix with a column per component gives `name[0]`, `name[1]`, ...
 
@@ -66,7 +66,7 @@ def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _read_classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
-    """Reads the variables of a file up to version 7, each by itself, so that damaged ones can be left out."""
+    """Maps names to variables of a .mat file up to version 7; damaged ones are left out and added to losses."""
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
@@ -83,7 +83,7 @@ def _read_classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
 
 
 def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
-    """Yields files of one variable each, with its place in the whole; of version 4, without lengths, the file at 0.
+    """Yields the place and bytes of .mat files with one variable each; a file of version 4 as a whole, at 0.
 
     scipy's compiled reader is not safe from damaged lengths, so that no variable reaches it that is not whole.
     """
@@ -111,7 +111,7 @@ def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, byte
 
 
 def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
-    """Reads the variables of a file of version 7.3; damaged ones are left out."""
+    """Maps names to variables of a .mat file of version 7.3; damaged ones are left out and added to losses."""
     try:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
@@ -133,7 +133,7 @@ def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
 
 
 def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
-    """Returns a variable as scipy would: MATLAB writes arrays with their dimensions reversed."""
+    """Returns an HDF5 item as scipy returns a MATLAB variable: dict, text, array, or cells as objects."""
     if item is None:
         raise ValueError("a variable is lost")
     if isinstance(item, h5py.Group):
@@ -152,7 +152,7 @@ def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
 
 
 def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Groups variables by topic: those at the top, of topic "", and those of each structure or array of structures."""
+    """Maps each topic to its variables by name: topic "" for plain ones, and one for each structure."""
     topics: dict[str, dict[str, Any]] = {"": {}}
     for name, value in content.items():
         if isinstance(value, dict):
@@ -165,7 +165,7 @@ def _group_by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _as_structures(value: Any) -> list[dict[str, Any]] | None:
-    """Returns the structures of an array whose fields are single numbers; None for any other value."""
+    """Returns an array of structures as a list of dicts of single numbers; None for any other value."""
     rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
         return None
@@ -173,10 +173,12 @@ def _as_structures(value: Any) -> list[dict[str, Any]] | None:
 
 
 def _is_numeric(value: Any) -> bool:
+    """Tests whether a value has boolean, integer or real numbers."""
     return np.asarray(value).dtype.kind in "biuf"
 
 
 def _flatten_fields(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields name and value of a structure's fields; names within nested structures are joined by dots."""
     for name, value in fields.items():
         if isinstance(value, dict):
             yield from _flatten_fields(value, f"{before}{name}.")
@@ -185,7 +187,7 @@ def _flatten_fields(fields: dict[str, Any], before: str = "") -> Iterator[tuple[
 
 
 def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
-    """Selects columns of the commonest length; also returns what is left out, but single values, with reasons."""
+    """Returns variables of the commonest length as columns, and a description of each that is left out."""
     arrays = {name: _squeeze(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
     lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1 and _is_table(one))
     length = max(lengths, key=lambda one: (lengths[one], one), default=0)
@@ -212,7 +214,7 @@ def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[s
 
 
 def _as_array(value: Any) -> Any:
-    """Returns a variable as an array; one of objects where its parts have unlike shapes."""
+    """Returns a variable as an array; an array of objects if its elements differ in shape."""
     try:
         return np.asarray(value)
     except ValueError:
@@ -222,14 +224,14 @@ def _as_array(value: Any) -> Any:
 
 
 def _is_table(value: Any) -> bool:
-    """Tests whether an array has numbers, text, or cells with either."""
+    """Tests whether an array holds real numbers, text, or cells of these."""
     if value.dtype != object:
         return value.dtype.kind in "biufU"
     return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)
 
 
 def _no_column_reason(value: Any) -> str:
-    """Returns the reason for which an array gives no columns."""
+    """Returns words for the content for which an array gives no columns, such as "structures"."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"
     if value.dtype == object and value.ndim:
@@ -238,12 +240,12 @@ def _no_column_reason(value: Any) -> str:
 
 
 def _squeeze(value: Any) -> Any:
-    """Removes dimensions of one from an array."""
+    """Returns an array without its dimensions of length one; unchanged if it has none or is a vector."""
     return value.squeeze() if value.ndim > 1 and 1 in value.shape else value
 
 
 def _cell_column(values: Any) -> Column:
-    """Makes a column of cells: numbers if each has one, else text, arrays of numbers with blanks between them."""
+    """Makes a column from cells: numbers if all hold a single one, else texts of their items."""
     cells = [np.ravel(one) for one in values]
     if all(one.size == 1 and _is_numeric(one) for one in cells):
         return np.array([float(one[0]) for one in cells])

@@ -88,21 +88,21 @@ class MergedTable(Table):
 
     @property
     def done(self) -> float:
-        """Fraction of the rows read so far."""
+        """Fraction of the merged rows that have been read so far, 0 to 1."""
         return self._read / self._time_s.size
 
     def where(self, line: int, column: str) -> str:
-        """Returns the file and line of a row of the whole, by the column that is meant."""
+        """Returns source file and line of a merged row as text for messages, by the column meant."""
         part = self._owner.get(column, 0)
         own = self._parts[part]
         return f"{own.source}, {own.place} {int(self._lines[part, line - 1])}"
 
     def sha256(self) -> str:
-        """Computes SHA-256 of the SHA-256 of all files, hexadecimal; valid once all has been read."""
+        """Computes SHA-256 of the digests of all files, hexadecimal; valid once all of them have been read."""
         return hashlib.sha256(" ".join(self._digests).encode()).hexdigest()
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, block by block."""
+        """Yields the merged rows in blocks, with the values of the wanted columns, NaN where missing."""
         values = np.full((self._time_s.size, len(wanted)), np.nan)
         names = [self.header[column] for column in wanted]
         for number, part in enumerate(self._parts):
@@ -118,7 +118,7 @@ class MergedTable(Table):
             yield Block(numbers[rows], values[rows])
 
     def _copy_columns(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
-        """Copies the wanted columns of a source file into the merged values."""
+        """Writes a source file's wanted columns into the merged values at its times; holds commands on change."""
         names, places = list(wanted), list(wanted.values())
         table = open_table(part.path)
         try:
@@ -153,7 +153,7 @@ class MergedTable(Table):
 
 
 def _open_source(path: Path) -> _SourceFile:
-    """Reads a telemetry file's header and row times."""
+    """Reads the header and increasing row times of a telemetry file; raises InputError without times."""
     table = open_table(path)
     try:
         if "time_s" not in table.header:
@@ -171,14 +171,14 @@ def _open_source(path: Path) -> _SourceFile:
 
 
 def _advancing_rows(times: Array) -> NDArray[np.int_]:
-    """Selects rows whose time is later than that of every row before."""
+    """Returns indices of rows whose time is later than that of every row before."""
     latest = np.maximum.accumulate(np.nan_to_num(times, nan=-np.inf))
     before = np.append(-np.inf, latest[:-1])
     return np.flatnonzero(np.nan_to_num(times, nan=-np.inf) > before + _SAME_S)
 
 
 def _column_owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
-    """Returns the number of the file of each column; raises InputError for one that two files have."""
+    """Maps each column to the index of its file; raises InputError for one that two files have."""
     owner: dict[str, int] = {}
     for number, part in enumerate(parts):
         for name in part.header:
@@ -191,7 +191,7 @@ def _column_owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
 
 
 def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
-    """Raises InputError where times of two files are not of one clock."""
+    """Raises InputError where times of two files are not of one clock: another unit, an offset, no overlap."""
     for one, other in itertools.combinations(parts, 2):
         (a0, a1), (b0, b1) = ((float(part.time_s[0]), float(part.time_s[-1])) for part in (one, other))
         spans = f"it runs from {moment(b0)} to {moment(b1)} s, {one.source} from {moment(a0)} to {moment(a1)} s"
@@ -210,7 +210,7 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
 
 
 def _is_on_change(time_s: Array, commands: Array) -> bool:
-    """Tests whether there is a row of commands only where one changes, and not in every cycle."""
+    """Tests whether commands are logged only when one changes, at irregular times."""
     if len(commands) < _FEWEST:
         return False
     changes = (np.diff(commands, axis=0) != 0.0).any(axis=1)

@@ -101,32 +101,32 @@ class ColumnName(NamedTuple):
 
     @property
     def turn_axis(self) -> int:
-        """Axis that roll, pitch or yaw turn about; -1: it names none."""
+        """Axis, 0 to 2, about which the roll, pitch or yaw in the name turns; -1: the name has none."""
         return next((_TURNING[word] for word in self.words if word in _TURNING), -1)
 
     @property
     def is_timed(self) -> bool:
-        """True if the words are of a clock."""
+        """True if the words of the name are of a clock, or it is a unit alone."""
         return self.axis < 0 and (not self.words or bool(set(self.words) & _TIME)) and not set(self.words) & _JETS
 
     @property
     def is_fraction(self) -> bool:
-        """True if the words are of the part of a second, beside whole ones."""
+        """True if the words of the name are of a fraction of a second, logged beside whole seconds."""
         return bool(set(self.words) & _FRACTIONS)
 
     @property
     def may_be_mask(self) -> bool:
-        """True if the words are of commands to several jets."""
+        """True if the words of the name may be of a bit mask of commands to jets."""
         return bool(set(self.words) & _MASKS)
 
     @property
     def is_on_time(self) -> bool:
-        """True if the words are of a duration for which something is on."""
+        """True if the words of the name are of the duration for which a jet is open."""
         return bool(set(self.words) & (_ON - {"cmd", "out", "state"}))
 
 
 def read_name(column: str, unit: str = "") -> ColumnName:
-    """Reads the name of a column: `gyro_x_dps`, `wx [deg/s]`, `q[0]`, `angularVelocity.z`.
+    """Splits a column's name, such as `gyro_x_dps`, `wx [deg/s]` or `q[0]`, into words, axis and unit.
 
     Args:
         column: the name.
@@ -167,7 +167,7 @@ def read_name(column: str, unit: str = "") -> ColumnName:
 
 
 def _split_words(text: str) -> list[str]:
-    """Splits a name into lowercase words at punctuation and capitals; a speed of roll, pitch or yaw is a rate."""
+    """Splits a name into lowercase words at punctuation and capitals; roll, pitch or yaw speed becomes rate."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     text = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", text)
     text = re.sub(r"(?i)(roll|pitch|yaw)_?(speed|rate)", r"\1_rate", text)
@@ -175,7 +175,7 @@ def _split_words(text: str) -> list[str]:
 
 
 def _take_unit(words: list[str]) -> str:
-    """Takes the unit at the end of a name from the list of its words; "": none."""
+    """Removes the unit at the end of a name from the list of its words and returns it; "": none."""
     if len(words) > 3 and words[-2] == "per" and (words[-3], words[-1]) in _QUOTIENTS:
         unit = _QUOTIENTS[words[-3], words[-1]]
         del words[-3:]
@@ -190,7 +190,7 @@ def _take_unit(words: list[str]) -> str:
 
 
 def column_quantity(name: ColumnName) -> str:
-    """Finds the quantity that a column measures by its words, as `WORDS` has it; "": not known."""
+    """Returns the quantity that a column measures by its words, a key of `WORDS`; "": not known."""
     said = set(name.words)
     if said & _NO_READINGS or ("angular" in said and said & WORDS["accelerometer"]) or "angle" in said:
         return ""
@@ -203,7 +203,7 @@ def column_quantity(name: ColumnName) -> str:
 
 
 def si_factor_or_none(unit: str, kind: str) -> float | None:
-    """Returns the factor from a unit to SI; None where it measures another kind of quantity, or is no unit."""
+    """Returns the factor from a unit to SI; None if it is no unit of this kind of quantity."""
     try:
         return si_factor(unit, kind)
     except InputError:
@@ -230,7 +230,7 @@ class JetColumns(NamedTuple):
 
 
 def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> list[JetColumns]:
-    """Finds groups of columns that differ in the jet alone, the likelier to be commands first.
+    """Lists groups of columns that differ only in the jet they name, the likelier to be commands first.
 
     Jets are named by their designation, `cmd_XP1`, or counted, `THR01_ON_MS`, `control[0]`: by the vehicle's numbers,
     or in its order from 0 or 1.
@@ -270,14 +270,14 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
 
 
 def _family(found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: list[str], *, named: bool) -> JetColumns:
-    """Makes a group of columns in the vehicle's order of jets; lists the jets without one."""
+    """Makes the group of columns of the jets, in the vehicle's order, with the jets that lack one."""
     columns = {designation: found[designation] for designation, _ in jets if designation in found}
     lacking = [designation for designation, _ in jets if designation not in found]
     return JetColumns(columns, lacking, beside, named)
 
 
 def _rank_words(rest: tuple[str, ...], *, sure: bool) -> int:
-    """Rates words around the jets' names as those of commands: 0 (likely) to 2, 3: they are none."""
+    """Ranks the words around a jet's name in column names: 0 (likely a command) to 2; 3: no command."""
     words = {word for word in rest if word}
     if words & _NO_COMMANDS:
         return 3
@@ -289,7 +289,7 @@ def _rank_words(rest: tuple[str, ...], *, sure: bool) -> int:
 
 
 def _split_tokens(name: str) -> tuple[str, ...]:
-    """Splits a name into letters and numbers in turn, without zeros before these: `THR01_ON` is thr, 1, on."""
+    """Splits a name into lowercase words and numbers without leading zeros: `THR01_ON` is thr, 1, on."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
     return tuple(one.lstrip("0") or "0" if one.isdigit() else one for one in re.findall(r"[a-zµ°%]+|\d+", text))
 
@@ -297,7 +297,7 @@ def _split_tokens(name: str) -> tuple[str, ...]:
 def _find_designations(
     tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]
 ) -> list[tuple[tuple[int, int], str]]:
-    """Finds jet designations in the tokens of a name, the longest alone: their place (begin, end), and which."""
+    """Finds jet designations in a name's tokens, the longest alone; lists (begin, end) and designation."""
     for length in sorted({len(one) for one in called}, reverse=True):
         places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
         found = [((begin, end), called[tokens[begin:end]]) for begin, end in places if tokens[begin:end] in called]

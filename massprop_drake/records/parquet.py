@@ -44,7 +44,7 @@ class ParquetTable(Table):
 
     @property
     def done(self) -> float:
-        """Fraction of the rows read so far."""
+        """Fraction of the rows that have been read so far, 0 to 1."""
         return self._read / self._rows if self._rows else 0.0
 
     def sha256(self) -> str:
@@ -57,7 +57,7 @@ class ParquetTable(Table):
         self._file.close()
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, block by block.
+        """Yields the rows block by block, with the values of the wanted columns, given by position.
 
         Raises:
             InputError: when a column holds no numbers.
@@ -78,6 +78,7 @@ class ParquetTable(Table):
             yield block
 
     def _to_floats(self, column: Any) -> Array:
+        """Returns a pyarrow column of numbers or booleans as floats, NaN where missing, shape (n,)."""
         if self._arrow.types.is_boolean(column.type):
             column = column.cast(self._arrow.int8())
         values: Array = column.cast(self._arrow.float64(), safe=False).to_numpy(zero_copy_only=False)
@@ -85,7 +86,7 @@ class ParquetTable(Table):
 
 
 def open_parquet(path: Path) -> tuple[Any, Any]:
-    """Returns the module pyarrow, and a Parquet file that it has opened.
+    """Opens a Parquet file; returns the module pyarrow and the file.
 
     Raises:
         InputError: when pyarrow is not installed, or the file is no Parquet file.
@@ -115,7 +116,7 @@ def open_parquet(path: Path) -> tuple[Any, Any]:
 def parquet_batches(
     file: Any, names: Sequence[str], rows: int, source: str, losses: list[Loss]
 ) -> Iterator[tuple[int, Any]]:
-    """Yields a Parquet file's rows in batches, each after the number of rows before it; damaged parts are left out.
+    """Yields the number of rows before each batch of a Parquet file, and the batch; leaves out damaged rows.
 
     Args:
         file: opened by pyarrow.

@@ -56,7 +56,7 @@ class Proposal(NamedTuple):
 
 
 def make_proposal(recording: Recording, vehicle: Vehicle) -> Proposal:
-    """Proposes a map from a recording's columns to a vehicle's sensors and jets.
+    """Proposes a map from a recording's columns to a vehicle's sensors and jets, with reasons for each choice.
 
     Args:
         recording: as `open_recording` gives it; some thousand rows are enough.
@@ -85,7 +85,7 @@ class RecordingSearch(SensorSearch):
     """Search for sensors and commands in tables, in topics of PX4, and in bags."""
 
     def search_tables(self) -> None:
-        """Searches tables and .mat files, by names and numbers; of several parts the one with rates first."""
+        """Adds sensors, commands and times of tables or .mat files to the map, by columns' names and values."""
         form = self.recording.form.model_dump(exclude_defaults=True)
         if form:
             self.data["csv"] = form
@@ -120,7 +120,7 @@ class RecordingSearch(SensorSearch):
             self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
 
     def _warn_of_text_cells(self, topic: Topic) -> None:
-        """Warns of columns that are not numbers because a few cells hold text."""
+        """Warns of columns of numbers that cannot be used because some cells hold text."""
         for column, values in topic.columns.items():
             numeric = sum(map(is_number, values)) if values.dtype == object else 0
             if not _MOSTLY_NUMBERS * values.size < numeric < values.size:
@@ -131,7 +131,7 @@ class RecordingSearch(SensorSearch):
                 self._warn(f"{error}, as the rest of its column is: nothing is made of it")
 
     def _enter_topic(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
-        """Makes a topic the current one; the first one, and its time, become those of the map."""
+        """Makes a topic the current one, with its clock; those of the first one become the map's own."""
         found = self._clock(name, names)
         self._here = name, found.data if found is not None and found.data else None
         if "time" not in self.data and "topic" not in self.data:
@@ -147,13 +147,13 @@ class RecordingSearch(SensorSearch):
             self._say(f"{name}: {found.reason}")
 
     def _clock(self, name: str, names: Sequence[ColumnName]) -> TopicClock | None:
-        """Returns the clock of a topic, looked for once."""
+        """Returns the clock of a topic, found once and stored; None where it has none."""
         if name not in self._clocks:
             self._clocks[name] = find_clock(self.recording.topics[name], names, self.vehicle.sample_period_s)
         return self._clocks[name]
 
     def search_px4(self) -> None:
-        """Takes the topics that PX4 logs, in its frame: forward, right, down."""
+        """Adds rates, accelerations, pose and commands to the map from the topics that PX4 logs."""
         topics = {_base_topic(name): name for name in reversed(list(self.recording.topics))}
         for base, column, what in _PX4_RATES:
             if self._add_px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
@@ -195,7 +195,7 @@ class RecordingSearch(SensorSearch):
     def _add_px4_vector(
         self, topics: Mapping[str, str], where: tuple[str, str], kind: str, more: dict[str, Any], what: str
     ) -> bool:
-        """Adds a topic of PX4 as a package of the vehicle; False: there is no such topic, or no free package."""
+        """Adds a PX4 topic's vector to the map as a gyro or accelerometer; False without topic or package."""
         base, column = where
         columns = [f"{column}[{axis}]" for axis in range(3)]
         if base not in topics or not set(columns) <= set(self.recording.topics[topics[base]].columns):
@@ -207,7 +207,7 @@ class RecordingSearch(SensorSearch):
         return bool(package)
 
     def search_bag(self) -> None:
-        """Takes topics by the types of their messages."""
+        """Adds sensors and commands of a ROS bag to the map, by the types of its messages."""
         self.search_px4()
         axes = ("x", "y", "z")
         for name, topic in self.recording.topics.items():
@@ -240,7 +240,7 @@ class RecordingSearch(SensorSearch):
             )
 
     def _add_imu(self, name: str) -> None:
-        """Adds rates and accelerations of an Imu message as packages of the vehicle."""
+        """Adds the rates and accelerations of a topic of Imu messages to the map, as packages of the vehicle."""
         for kind, field, more in (
             ("gyro", "angular_velocity", {"unit": "rad/s"}),
             ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": self._instant_or_mean(name)}),
@@ -253,7 +253,7 @@ class RecordingSearch(SensorSearch):
                 self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}{guess}")
 
     def _find_bag_commands(self, name: str, topic: Topic) -> None:
-        """Takes an array of as many numbers as jets, or columns named after them, for the commands."""
+        """Adds a topic's columns named after the jets, or its array of as many numbers, as commands."""
         count = len(self.vehicle.jets)
         columns = self._jet_columns(topic)
         arrays = {column.partition("[")[0] for column in topic.columns if column.endswith(f"[{count - 1}]")}
@@ -267,8 +267,10 @@ class RecordingSearch(SensorSearch):
 
 
 def _has_numbers(values: NDArray[Any]) -> bool:
+    """Tests whether a column holds numbers, at least one of them finite."""
     return bool(values.dtype.kind in "biuf" and np.isfinite(values).any())
 
 
 def _base_topic(topic: str) -> str:
+    """Returns the last word of a topic's path, or a PX4 topic's name without the number of its instance."""
     return topic.rpartition("/")[2] if topic.startswith("/") else topic.partition("/")[0]

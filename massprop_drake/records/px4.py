@@ -42,7 +42,7 @@ class VehicleFromLog(NamedTuple):
 def vehicle_from_log(
     recording: Recording, name: str, mass: float | None, inertia: tuple[float, float, float] | None
 ) -> VehicleFromLog:
-    """Makes a vehicle file from the parameters of a PX4 log.
+    """Makes the data of a vehicle file from the parameters of a PX4 log, with its assumptions.
 
     A thruster's axis is the direction of the force on the vehicle, its coefficient the thrust in N at full command, in
     body axes forward, right, down, as PX4's allocation takes them.
@@ -105,7 +105,7 @@ def vehicle_from_log(
 
 
 def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[str]]:
-    """Reads the thrusters as jets of a vehicle file, and remarks on PX4's defaults among them."""
+    """Returns the thrusters in a PX4 log's parameters as jets of a vehicle file, and assumptions made for them."""
     jets: list[dict[str, Any]] = []
     defaulted: set[str] = set()
     for index in range(count):
@@ -145,12 +145,12 @@ def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], 
 
 
 def _round_to_float32(value: float) -> float:
-    """Rounds a parameter to the digits of a 32-bit float."""
+    """Rounds a number to 7 digits, the precision of the 32-bit float it was logged as."""
     return float(f"{value:.7g}")
 
 
 def _period_s(recording: Recording) -> float:
-    """Returns the longer of the median intervals of commands and rates, s."""
+    """Returns the median interval of commands or rates in a PX4 log, whichever is longer, s."""
     intervals = [
         float(np.median(np.diff(topic.stamps_s)))
         for name in (_COMMANDS, _RATES)
@@ -162,7 +162,7 @@ def _period_s(recording: Recording) -> float:
 
 
 def _white_noise_std(recording: Recording, topic: str, column: str) -> float | None:
-    """Estimates 1-sigma of white noise by the median difference of successive readings; None where there are none."""
+    """Estimates 1-sigma of white noise of a topic's vector from successive differences; None without readings."""
     there = recording.topics.get(topic)
     if there is None or f"{column}[0]" not in there.columns or there.rows < 3:
         return None
