@@ -54,7 +54,7 @@ class Table(ABC):
 
     @abstractmethod
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the rows block by block, with the values of the wanted columns, given by position.
+        """Yields blocks of rows: line numbers, and values of the columns at wanted positions, NaN where missing.
 
         Raises:
             InputError: for a value that is no number, or means nothing.

@@ -66,7 +66,7 @@ def rows_with_values(values: Array) -> Flags:
 
 
 def _time_since_given(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
-    """Computes the age of the value that holds in each row, s, and its row plus 1 (0: earlier), shape (n,) each."""
+    """Computes the age of the value that holds in a row, s, and its row plus 1 (0: earlier), shape (n,) both."""
     place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
     return times - np.append(before_s, times)[place], place
 

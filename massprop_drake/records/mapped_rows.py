@@ -52,7 +52,7 @@ class MappedTable(Table):
         return self._read / max(len(self._lines), 1)
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the rows in blocks of up to 1024, with the values of the wanted columns, given by position."""
+        """Yields blocks of up to 1024 rows: line numbers, and values of the columns at wanted positions."""
         for start in range(0, len(self._lines), 1024):
             part = slice(start, start + 1024)
             self._read = min(start + 1024, len(self._lines))

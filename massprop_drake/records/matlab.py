@@ -187,7 +187,7 @@ def _flatten_fields(fields: dict[str, Any], before: str = "") -> Iterator[tuple[
 
 
 def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
-    """Returns variables of the commonest length as columns, and a description of each that is left out."""
+    """Returns variables of the commonest length as columns by name, and a text on every one left out."""
     arrays = {name: _squeeze(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
     lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1 and _is_table(one))
     length = max(lengths, key=lambda one: (lengths[one], one), default=0)

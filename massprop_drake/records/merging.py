@@ -102,7 +102,7 @@ class MergedTable(Table):
         return hashlib.sha256(" ".join(self._digests).encode()).hexdigest()
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the merged rows in blocks, with the values of the wanted columns, NaN where missing."""
+        """Yields blocks of merged rows: row numbers, and values of the columns at wanted positions."""
         values = np.full((self._time_s.size, len(wanted)), np.nan)
         names = [self.header[column] for column in wanted]
         for number, part in enumerate(self._parts):

@@ -126,7 +126,7 @@ class ColumnName(NamedTuple):
 
 
 def read_name(column: str, unit: str = "") -> ColumnName:
-    """Splits a column's name, such as `gyro_x_dps`, `wx [deg/s]` or `q[0]`, into words, axis and unit.
+    """Splits a column's name, such as `gyro_x_dps`, `wx [deg/s]` or `q[0]`, into its words, axis and unit.
 
     Args:
         column: the name.

@@ -57,7 +57,7 @@ class ParquetTable(Table):
         self._file.close()
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the rows block by block, with the values of the wanted columns, given by position.
+        """Yields blocks of rows: row numbers, and values of the columns at wanted positions.
 
         Raises:
             InputError: when a column holds no numbers.
@@ -116,7 +116,7 @@ def open_parquet(path: Path) -> tuple[Any, Any]:
 def parquet_batches(
     file: Any, names: Sequence[str], rows: int, source: str, losses: list[Loss]
 ) -> Iterator[tuple[int, Any]]:
-    """Yields the number of rows before each batch of a Parquet file, and the batch; leaves out damaged rows.
+    """Yields batches of a Parquet file's rows, with the number of rows before them; leaves out damaged rows.
 
     Args:
         file: opened by pyarrow.

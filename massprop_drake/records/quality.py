@@ -122,13 +122,13 @@ class QualityReport:
         self._estimate = self._deviation = np.full(10, np.nan)
 
     def begin(self, command: Array) -> None:
-        """Sets the command of the interval before the first row, shape (n_jets,)."""
+        """Sets the commands of the interval before the first row, fractions, shape (n_jets,)."""
         self._commands = command[None, :]
 
     # ------------------------------------------------------------------------------------ adding
 
     def add(self, rows: Rows, signals: Mapping[str, Array]) -> None:
-        """Accumulates a block of rows and the estimators' signals for them.
+        """Accumulates the measures of quality over a block of rows, with the filters' signals for them.
 
         Args:
             rows: of the record.
@@ -192,7 +192,7 @@ class QualityReport:
     def _watch_standing(
         self, entry: Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: Answer
     ) -> None:
-        """Follows stretches in which a component stands still, and notes those in which it should have changed."""
+        """Extends or ends the stretches in which a package's components do not change, and records stuck ones."""
         standing, (time_s, gathered) = self._standing[entry.package.name], when
         fired = self._fired + np.cumsum(answer.silent, axis=0)
         if standing.fired_since.shape[1] != fired.shape[1]:
@@ -249,7 +249,7 @@ class QualityReport:
         standing.gross = gross[-1]
 
     def _note_standing(self, entry: Package, axis: int, standing: Standing, fired: Array) -> None:
-        """Notes a reading that stood still though it should have changed: its own fault if the others did change."""
+        """Records a stretch without a predicted change as a stuck sensor, or as jets that did not fire."""
         change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
         brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
@@ -274,7 +274,7 @@ class QualityReport:
         self._stuck.append(Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
 
     def _watch_jumps(self, entry: Package, time_s: Array, increments: Array, speed: Array) -> None:
-        """Counts increments larger than all jets and the vehicle's rotation can cause in a sample."""
+        """Counts increments of a reading larger than all jets and the vehicle's rotation can cause in a sample."""
         caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
         limit = _JUMP_FACTOR * caused + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
@@ -294,7 +294,7 @@ class QualityReport:
         predicted: Array,
         rows: NDArray[np.bool_],
     ) -> None:
-        """Collects ratios of measured to predicted increments, which show a wrong unit."""
+        """Collects ratios of measured to predicted increments of a package, from which a wrong unit shows."""
         size = (predicted**2).sum(axis=1)
         clear = rows & (size > (_CLEAR * entry.increment_std) ** 2)
         kept = self._ratios[entry.package.name]
@@ -305,7 +305,7 @@ class QualityReport:
             kept.extend(list(found)[: _MOST - len(kept)])
 
     def _describe_unknown_commands(self) -> list[str]:
-        """Describes the jets whose commands are unknown, from when to when, and the consequences."""
+        """Returns a sentence on when which jets' commands are unknown, and its consequences; else empty."""
         stretches = self._unknown.first_stretches()
         if not stretches:
             return []
@@ -326,6 +326,7 @@ class QualityReport:
         ]
 
     def _when(self, stretch: Mapping[str, Any]) -> str:
+        """Formats a stretch of time as text: "from 1 s to 2 s", or "from 1 s on" at the record's end."""
         lasts = stretch["to_s"] >= self._unknown.until_s
         return f"from {moment(stretch['from_s'])} s {'on' if lasts else 'to ' + moment(stretch['to_s']) + ' s'}"
 
@@ -338,7 +339,7 @@ class QualityReport:
         missing: Mapping[str, NDArray[np.bool_]],
         saturated: Mapping[str, NDArray[np.bool_]],
     ) -> None:
-        """Counts used samples of each filter, and unused ones by the first reason that holds."""
+        """Counts the samples that each filter used, and the unused ones by the first reason that holds."""
         unknown: NDArray[np.bool_] = np.asarray(np.isnan(commands).any(axis=1))
         if self._filter == "joint":  # thrust settles in the sample that follows
             unknown[1:] |= unknown[:-1].copy()
@@ -346,7 +347,7 @@ class QualityReport:
         nothing = np.zeros(gap.size, dtype=bool)
 
         def none_of(packages: list[str], faults: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
-            """Finds samples where a fault leaves no package to use: any other would do."""
+            """Flags samples in which a fault affects every one of some packages, shape (n,)."""
             return np.logical_and.reduce([faults[package] for package in packages])
 
         for name, counts in self._samples.items():
@@ -375,7 +376,7 @@ class QualityReport:
     # --------------------------------------------------------------------------------- finishing
 
     def _select_ratios(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
-        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little."""
+        """Returns the ratios that tell a package's unit; where it seems wrong, those with little rotation alone."""
         kept = self._ratios[package.name]
         if not kept or could_be_off_nominal(own := float(np.median([each.ratio for each in kept]))):
             return kept
@@ -386,7 +387,7 @@ class QualityReport:
         return [each for each in kept if each.turned <= _TURNED * larger**2]
 
     def _is_truly_stuck(self, stuck: Stuck) -> bool:
-        """Tests whether a reading should have changed by the mass properties learned by the end, too.
+        """Tests whether a stuck reading should have changed by the estimated mass properties, too.
 
         A jet turns the vehicle about an axis through a product of inertia, or moves the place of an accelerometer one
         way as it turns it another: of that the file may have hardly anything right. What is learned of a component that
@@ -400,7 +401,7 @@ class QualityReport:
         return abs(change) >= _STANDS * stuck.package.scale
 
     def summarize(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
-        """Composes the content of `data_quality`.
+        """Returns the summary's `data_quality`: measures by name, information and warnings.
 
         Args:
             record: what the reader found.
@@ -472,7 +473,7 @@ class QualityReport:
         }
 
     def _collect_known(self) -> KnownOfRecord:
-        """Collects what the warnings need beside the measures of quality."""
+        """Collects what the warnings need beside the measures: vehicle, settings and final estimates."""
         return KnownOfRecord(
             vehicle=self._vehicle,
             filter=self._filter,

@@ -67,7 +67,7 @@ class _Body(NamedTuple):
 
 
 def rigid_body(parameters: Array) -> _Body:
-    """Makes a body of the ten parameters, shape (10,)."""
+    """Makes a rigid body from the ten estimated parameters: inverse inertia, center of mass, 1/mass; shape (10,)."""
     return _Body(parameters[ELEMENT], parameters[CENTER_OF_MASS], float(parameters[MASS_RECIPROCAL]))
 
 
@@ -89,11 +89,11 @@ class Stuck(NamedTuple):
 
     @property
     def lasted_s(self) -> float:
-        """Duration of the stretch, s."""
+        """Duration of the stretch without change, s."""
         return float(self.entry["to_s"] - self.entry["from_s"])
 
     def is_real(self, failed_s: float) -> bool:
-        """Tests whether the stretch is real, not one of jets that fire against a failed one."""
+        """Tests whether the stretch ended before a jet failed, or is too long for jets that fire against that one."""
         return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
 
 
@@ -141,7 +141,7 @@ class Repeats:
         self.changed = False  # whether the newest reading was another one than that before
 
     def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
-        """Counts the repeats in a block.
+        """Counts the samples of a block in which a reading repeats though it should have changed.
 
         Args:
             increments: of the reading, NaN where one is missing, shape (n, 3).
@@ -177,13 +177,13 @@ class Answer(NamedTuple):
 
     @property
     def silent(self) -> Array:
-        """Commanded jets that the readings do not show, sample by sample, shape (n, n_jets)."""
+        """Mask of jets commanded in samples whose readings do not show the predicted change, shape (n, n_jets)."""
         shown, meant = self.total.T
         result: Array = self.fired * (shown < ANSWERED * meant)[:, None]
         return result
 
     def total_of_others(self, name: str, axis: int) -> Array:
-        """Computes `total` without one component, each sample weighted by its share in that one's prediction."""
+        """Computes `total` without one component, weighted by that one's share of the prediction, shape (n, 2)."""
         total, own = self.total, self.own[name][:, axis]
         share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
         result: Array = share[:, None] * (total - own)
@@ -191,7 +191,7 @@ class Answer(NamedTuple):
 
 
 def is_significant_change(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
-    """Tests whether the predicted change is significant at some sample, also where jets cancel each other.
+    """Tests whether a predicted change exceeds noise, and the residue of jets that cancel, at some sample.
 
     Args:
         total: change since the beginning, shape (n,).
@@ -205,7 +205,7 @@ def is_significant_change(total: Array, alone: Array, before: tuple[float, float
 
 
 def impulses_at_extremes(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
-    """Returns impulses where the predicted change of a stretch was least and where it was most, shape (2, 6).
+    """Returns gathered impulses where a stretch's predicted change was least and where most, shape (2, 6).
 
     Args:
         total: change since the beginning, shape (n,).
@@ -221,12 +221,12 @@ def impulses_at_extremes(total: Array, gathered: Array, before: tuple[float, flo
 
 
 def could_be_off_nominal(slope: float) -> bool:
-    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
+    """Tests whether a measured over a predicted change is 1/2.5 to 2.5, as off-nominal mass properties explain."""
     return 1.0 / UNIT_LIMIT <= slope <= UNIT_LIMIT
 
 
 def jets_to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
-    """Finds the fewest jets without which readings change as predicted; none: jets are not the cause.
+    """Returns indices of the fewest jets without whose firings readings change as predicted; empty: none.
 
     Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
 
@@ -246,7 +246,7 @@ def jets_to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
 
 
 def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
-    """Names the likely cause of a scale factor."""
+    """Returns words for a message on the likely cause of a scale factor, as a unit or a sign; "": not known."""
     if slope <= 0.0:
         return "; it looks like a wrong sign or wrong axes"
     found = factors.factors_near(slope, known)
@@ -254,7 +254,7 @@ def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
 
 
 def format_stretch(entry: dict[str, Any]) -> str:
-    """Formats a stretch of time, such as "from 1 to 2 s"."""
+    """Formats a stretch of time as text, such as "from 1 to 2 s"."""
     return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"
 
 
@@ -273,7 +273,7 @@ class UnknownCommands:
         self.count, self.samples, self.until_s = 0, 0, -math.inf
 
     def add(self, time_s: Array, unknown: NDArray[np.bool_], recorded: NDArray[np.bool_]) -> None:
-        """Notes the samples with unknown commands.
+        """Counts the samples of a block with unknown commands, and joins them into stretches.
 
         Args:
             time_s: their ends, s, shape (n,).
@@ -288,7 +288,7 @@ class UnknownCommands:
             self._note_sample(float(time_s[row]), np.flatnonzero(unknown[row]), begins=not within[row])
 
     def _note_sample(self, time_s: float, jets: NDArray[np.int_], *, begins: bool) -> None:
-        """Counts a sample of unknown commands, and begins or extends its stretch."""
+        """Counts a sample of unknown commands, and begins a stretch or extends the last one."""
         self.samples += 1
         names = [self._vehicle.designations[jet] for jet in jets.tolist()]
         if begins:
@@ -302,5 +302,5 @@ class UnknownCommands:
             last.update(jets=[*last["jets"], *more], to_s=time_s, samples=last["samples"] + 1)
 
     def first_stretches(self) -> list[dict[str, Any]]:
-        """Returns the first stretches: jets, from when to when, s, and number of samples."""
+        """Returns the first stretches, each a dict of jets, beginning and end, s, and number of samples."""
         return self._stretches

@@ -52,7 +52,7 @@ class KnownOfRecord(NamedTuple):
 
 
 def warnings_of(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Composes the warnings of a record's quality."""
+    """Returns the warnings on a record's quality, a sentence each, from its measures."""
     return [
         *_unit_warnings(quality, known),
         *_row_warnings(quality, known),
@@ -64,7 +64,7 @@ def warnings_of(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
 
 
 def _test_warnings(known: KnownOfRecord) -> list[str]:
-    """Explains why no sample was tested for failed jets, if none was."""
+    """Returns a sentence on why no sample was tested for failed jets; empty if any was, or no detector is on."""
     if known.tested or not known.detects:
         return []
     diagonal, center, reciprocal = known.limits.tolist()
@@ -90,7 +90,7 @@ def _test_warnings(known: KnownOfRecord) -> list[str]:
 
 
 def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Warns of readings out of proportion to the prediction: a wrong unit, or jets that fail."""
+    """Returns warnings of readings out of proportion to the prediction: a wrong unit, or jets that fail."""
     found = []
     blamed: dict[tuple[str, ...], list[str]] = {}
     for entry in known.packages:
@@ -120,7 +120,7 @@ def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
 
 
 def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Warns of gaps, jitter, a wrong period, rows left out, and columns that are not used."""
+    """Returns warnings of gaps, jitter, a wrong sample period, rows left out, and unused columns."""
     found = []
     gaps = quality["gaps"]
     if gaps["count"]:
@@ -151,7 +151,7 @@ def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
 
 
 def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Warns of engines and wheels that a record does not cover."""
+    """Returns warnings of engines and wheels of the vehicle that the record has no columns for."""
     found, absent = list[str](), quality["absent_sensors"]
     for engine in known.vehicle.engines:
         if engine.name in absent:
@@ -165,7 +165,7 @@ def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[st
 
 
 def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Warns of readings that are missing, stuck, repeated, saturated or jump."""
+    """Returns warnings of readings that are missing, stuck, repeated, saturated or jump."""
     found = []
     for name, count in quality["missing"].items():
         if count:
@@ -205,7 +205,7 @@ def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]
 
 
 def _sample_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
-    """Warns of a filter for which no sample could be used, with the commonest reason."""
+    """Returns a warning for each filter that could use no sample, with the commonest reason."""
     names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
     found = []
     for name, counts in quality["samples"].items():

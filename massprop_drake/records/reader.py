@@ -125,12 +125,12 @@ class Reader:
 
     @property
     def _any_time(self) -> bool:
-        """True if rows may come whenever something is read."""
+        """True if rows may come at any time at which something is read, not at the sample period alone."""
         return self._vehicle.needs_pose_filter or self.own_times
 
     @property
     def done(self) -> float:
-        """The fraction of the file read so far, 0 to 1; 0 for a stream."""
+        """The fraction of the record read so far, 0 to 1; 0 for a stream."""
         return self._table.done
 
     @property
@@ -141,21 +141,21 @@ class Reader:
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """Losses of the record; all of them once it has been read."""
+        """Losses of the record; complete once all of it has been read."""
         return self._table.losses
 
     def sha256(self) -> str:
-        """Returns SHA-256 of the record, hexadecimal; valid once it has been read."""
+        """Returns SHA-256 of the record, hexadecimal; valid once all of it has been read."""
         return self._table.sha256()
 
     def close(self) -> None:
-        """Closes the file."""
+        """Closes the table that is read."""
         self._table.close()
 
     # ----------------------------------------------------------------------------------- columns
 
     def _plan_columns(self, gyro: str | None) -> None:
-        """Decides which columns of the table to read, and where each lies among them."""
+        """Chooses the columns to read and sets their places; raises InputError where required ones are missing."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = jet_columns(vehicle, present)
@@ -166,6 +166,7 @@ class Reader:
         used: set[str] = set()
 
         def place(names: Iterable[str]) -> list[int]:
+            """Adds columns to those to read, and returns their places among these."""
             places = []
             for name in names:
                 used.add(name)
@@ -217,7 +218,7 @@ class Reader:
         }
 
     def _describe_missing_columns(self, required: list[str], present: set[str]) -> list[str]:
-        """Describes required columns that the table lacks; empty: none."""
+        """Returns the message on required columns that the table lacks, in a list; empty: none."""
         missing = [name for name in required if name not in present]
         sensors = self._vehicle.tracked
         if sensors and not self._vehicle.gyros and not present & set(self._vehicle.tracked_columns):
@@ -257,7 +258,7 @@ class Reader:
             raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
 
     def _blocks(self) -> Iterator[Block]:
-        """Yields the table's blocks, one that has been looked at first."""
+        """Yields the table's blocks, also a first one that was read in advance."""
         if self._begun is None:
             self._begun = iter(self._table.blocks(self._wanted))
         if self._first is not None:
@@ -265,7 +266,7 @@ class Reader:
         yield from self._begun
 
     def readings_per_s(self) -> float | None:
-        """Returns times at which something is read a second, where rows come at times of their own; None: one a sample.
+        """Returns the rate of rows, 1/s, if these come faster than samples; None with one a sample.
 
         Looks at the first block, which is read as ever afterwards. Rows are so where some have no commands, and come
         faster than samples do.
@@ -301,7 +302,7 @@ class Reader:
         )
 
     def _check_on_times(self, block: Block) -> None:
-        """Checks that jets are on and open within the sample, where on-times or onsets are given."""
+        """Raises InputError for an on-time beyond the sample period, or an onset and on-time that end after it."""
         period_s, given = self._period_s, block.values[:, self._command_places]
         wrong = self._timed & ((given < 0.0) | (given > period_s * (1.0 + JITTER)))
         if wrong.any():
@@ -324,7 +325,7 @@ class Reader:
             )
 
     def _read_commands(self, values: Array) -> tuple[Array, Array | None]:
-        """Reads commands of rows of the table, as fractions, and their onsets; None: jets switch with samples."""
+        """Returns commands of rows as fractions, and onsets, s, shape (n, n_jets) each; None: jets switch at rows."""
         commands = values[:, self._command_places]
         commands = np.where(self._timed, np.minimum(commands / self._period_s, 1.0), commands)
         vehicle = self._vehicle
@@ -336,7 +337,7 @@ class Reader:
         return commands, onsets_s
 
     def _order_rows(self, block: Block) -> Rows | None:
-        """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
+        """Returns a block's rows that advance in time, and a row without readings at each gap; None: no row."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
         off = ~self._follows(steps)
@@ -364,7 +365,7 @@ class Reader:
         return self._make_rows(block, np.array(taken, dtype=int), breaks) if taken else None
 
     def _follows(self, steps: Array) -> Flags:
-        """Tests whether rows follow those before them without a gap; NaN does not."""
+        """Flags time steps to the next row without a gap, within the jitter; not NaN ones."""
         if self._any_time:
             within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
             return within
@@ -372,7 +373,7 @@ class Reader:
         return follows
 
     def _place_row(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
-        """Decides whether a row is taken, left out, or taken after a gap."""
+        """Appends a row's index, after a gap's where there is one, to those in use, or counts why it is left out."""
         record, period = self.record, self._period_s
         line = int(block.lines[index])
         if math.isnan(time):
@@ -418,7 +419,7 @@ class Reader:
         self._last_s = time
 
     def _state_at_boundary(self, block: Block, index: int) -> tuple[Array, Array, Array | None]:
-        """Returns commands, outside wrench and onsets of the row at which the earlier part ended."""
+        """Returns commands, outside wrench and onsets in the row at which the earlier part ended."""
         values = block.values[index]
         wrench = np.zeros(6)
         wrench[self._outside] = np.nan_to_num(values[self._outside_places])
@@ -428,7 +429,7 @@ class Reader:
         return np.clip(commands[0], 0.0, 1.0), wrench, None if onsets_s is None else onsets_s[0]
 
     def _count_intervals(self, steps: Array, sum_s: float) -> None:
-        """Counts intervals between rows and those with jitter."""
+        """Counts the intervals between rows in the record, and those with jitter."""
         record = self.record
         size = np.abs(steps - self._period_s)
         record.intervals += steps.size
@@ -438,7 +439,7 @@ class Reader:
         self._watch_period(steps.tolist())
 
     def _watch_period(self, steps: list[float]) -> None:
-        """Collects the first intervals, and checks the sample period once there are enough."""
+        """Collects the first intervals between rows, and checks the sample period once there are enough."""
         lacking = FIRST_INTERVALS - len(self._first_steps)
         if lacking > 0:
             self._first_steps.extend(steps[:lacking])
@@ -446,7 +447,7 @@ class Reader:
                 self._require_period()
 
     def _require_period(self, *, at_end: bool = False) -> None:
-        """Raises InputError for a record with a different sample period, or none of whose rows follow each other."""
+        """Raises InputError where rows have another median interval than the vehicle's sample period."""
         seldom = self.own_times and not at_end
         if (self._any_time and not seldom) or not self._first_steps:
             return
@@ -463,7 +464,7 @@ class Reader:
             )
 
     def _make_rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:
-        """Makes rows of those taken of a block, with one without readings at each gap."""
+        """Makes filter rows from the chosen rows of a block, with an empty one at each gap."""
         values = block.values[taken]
         recorded = taken >= 0
         for row, time in breaks.items():
@@ -507,7 +508,7 @@ class Reader:
         return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
 
     def _sample_lengths(self, times: Array) -> Array:
-        """Computes the length of the sample that ends with each row, s, shape (n, 1): the period, or time passed."""
+        """Computes the length of the sample that ends with each row, s, shape (n, 1)."""
         if not self._any_time:
             return np.full((times.size, 1), self._period_s)
         first = self._before_s if math.isfinite(self._before_s) else float(times[0]) - self._period_s
@@ -515,7 +516,7 @@ class Reader:
         return np.diff(times, prepend=first)[:, None]
 
     def _integrate(self, name: str, acceleration: Array, steps_s: Array) -> Array:
-        """Integrates the mean acceleration of each sample; NaN where it is missing, continuing from the last value."""
+        """Integrates mean accelerations to velocity, from the last block's; NaN where missing, shape (n, 3)."""
         missing = np.isnan(acceleration)
         steps = np.where(missing, 0.0, acceleration) * steps_s
         velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
@@ -524,21 +525,23 @@ class Reader:
 
 
 def _count_rows_lacking(reading: Array) -> int:
+    """Counts the readings that lack any component."""
     return int(np.isnan(reading).any(axis=1).sum())
 
 
 def _accumulate_steps(start: float, steps: Array) -> float:
-    """Adds steps to a sum in their order, so that it rounds as row by row."""
+    """Returns the start plus all steps, added one by one so that it rounds as row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
 def _closest_name(word: str, valid: Iterable[str]) -> str:
+    """Returns the valid name most like a word, upper or lower case; "": none is close."""
     by_lower = {name.lower(): name for name in valid}
     found = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.75)
     return by_lower[found[0]] if found else ""
 
 
 def suggest_column(missing: str, strange: Iterable[str]) -> str:
-    """Returns a hint when a column that is there looks like the missing one; "": none does."""
+    """Returns a hint for a message, that a strange column may be the missing one; "": none looks like it."""
     found = _closest_name(missing, strange)
     return f" (is '{found}' meant to be '{missing}'?)" if found else ""

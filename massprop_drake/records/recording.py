@@ -33,7 +33,7 @@ _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
 
 def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
-    """Reads a file of any known kind, recognized by its ending.
+    """Reads a telemetry file of any known kind, recognized by its suffix, into topics of columns.
 
     Args:
         path: of a CSV, Parquet, .mat, ULog (.ulg), ROS 1 (.bag), ROS 2 (folder, .db3) or MCAP (.mcap) file.
@@ -69,7 +69,7 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
 
 
 def require_table(path: str | Path) -> None:
-    """Requires that a record can be read without a map, by its name.
+    """Raises InputError for a file that needs a map, such as a ROS bag, by its name.
 
     Raises:
         InputError: for a file of another program's, which says what it is and, where it is damaged, how.
@@ -87,7 +87,7 @@ def require_table(path: str | Path) -> None:
 
 
 def _has_a_bag(path: Path) -> bool:
-    """Tests whether a path is a folder with the files of a bag of ROS 2."""
+    """Tests whether a path is a folder with files of a ROS 2 bag."""
     try:
         return path.is_dir() and any({".db3", ".mcap"} & set(one.suffixes) for one in path.iterdir())
     except (OSError, ValueError):
@@ -95,6 +95,7 @@ def _has_a_bag(path: Path) -> bool:
 
 
 def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    """Reads the columns of a Parquet file that the map needs, or all, into a recording of one topic."""
     pyarrow, file = open_parquet(path)
     every = names = file.schema_arrow.names
     if by is None:
@@ -128,7 +129,7 @@ def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recordi
 
 
 def _convert_dates_to_seconds(columns: dict[str, Column]) -> tuple[str, ...]:
-    """Converts date columns in place to seconds from the first second of them; returns sentences on this."""
+    """Converts columns of dates in place to seconds since the first one; returns a sentence on it."""
     dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
     firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
     if not firsts:
@@ -140,7 +141,7 @@ def _convert_dates_to_seconds(columns: dict[str, Column]) -> tuple[str, ...]:
 
 
 def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
-    """Makes the columns of a Parquet column."""
+    """Maps names to columns from a pyarrow column: several for lists; empty for a type that is not read."""
     kind, types = column.type, arrow.types
     if types.is_boolean(kind):
         column = column.cast(arrow.int8())

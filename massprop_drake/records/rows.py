@@ -24,36 +24,36 @@ WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis i
 
 
 def telemetry_columns(vehicle: Vehicle) -> list[str]:
-    """Lists the column names in order: time, three axes per sensor package, each jet."""
+    """Lists a vehicle's telemetry columns in order: time, axes of sensors, sensors in a fixed frame, jets."""
     sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
     return ["time_s", *sensors, *vehicle.tracked_columns, *(f"jet_{jet}" for jet in vehicle.designations)]
 
 
 def on_time_columns(vehicle: Vehicle) -> list[str]:
-    """Lists the columns of on-times, a jet each."""
+    """Lists the names of the columns of on-times, one per jet."""
     return [f"on_{jet}_s" for jet in vehicle.designations]
 
 
 def jet_columns(vehicle: Vehicle, present: Set[str]) -> list[str]:
-    """Returns the column of each jet's command: its fraction, or its on-time where a table has that alone."""
+    """Lists each jet's command column: its fraction, or its on-time where a table has that alone."""
     names = zip(vehicle.designations, on_time_columns(vehicle), strict=True)
     fractions = ((f"jet_{jet}", timed) for jet, timed in names)
     return [timed if fraction not in present and timed in present else fraction for fraction, timed in fractions]
 
 
 def onset_columns(vehicle: Vehicle) -> list[str]:
-    """Lists the columns of onsets, a jet each."""
+    """Lists the names of the columns of onsets, one per jet."""
     return [f"onset_{jet}_s" for jet in vehicle.designations]
 
 
 def scenario_name(telemetry: str | Path) -> str:
-    """Derives a scenario's name from the name of a telemetry file."""
+    """Returns a scenario's name from the name of a telemetry file, without characters not allowed in it."""
     stem = "stdin" if str(telemetry) == "-" else Path(telemetry).stem
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).lstrip("_.-") or "telemetry"
 
 
 def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None) -> Scenario:
-    """Makes a scenario of default settings for a vehicle.
+    """Makes a scenario with default settings for a recorded vehicle.
 
     With the thesis's filters dynamic coupling and centripetal acceleration are modeled: a recorded vehicle may turn
     faster than the orbiter in its maneuvers.
@@ -109,11 +109,11 @@ class Rows(NamedTuple):
     told: Flags | None = None
 
     def first(self, count: int) -> Rows:
-        """Returns the first rows."""
+        """Selects the first rows of the block, at most count."""
         return self.select(slice(count))
 
     def select(self, which: slice | NDArray[np.int_]) -> Rows:
-        """Selects rows by a mask, indices or a slice."""
+        """Returns the rows that a slice, mask or indices select."""
         readings = {name: values[which] for name, values in self.readings.items()}
         outside, tracked, onsets_s = (
             None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)
@@ -149,6 +149,7 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
 
 
 def _format_cell(value: float) -> str:
+    """Formats a number as a CSV cell that reads back exactly; NaN as an empty one."""
     if math.isnan(value):  # not measured, or not commanded
         return ""
     return str(int(value)) if value in (0.0, 1.0) else repr(value)
@@ -186,7 +187,7 @@ class Record:
 
     @property
     def period_s(self) -> float | None:
-        """Mean interval between rows without a gap, s."""
+        """Mean interval between rows without a gap, s; None without any."""
         return self.interval_sum_s / self.intervals if self.intervals else None
 
 

@@ -23,7 +23,7 @@ class SensorSearch(JetSearch):
     """Search for sensors among the columns of a table."""
 
     def _find_sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
-        """Finds the sensors in a topic by the names of its columns, and adds them to the map."""
+        """Adds sensors to the map from a topic's columns, grouped by their names."""
         groups: dict[tuple[tuple[str, ...], str], dict[int, ColumnName]] = {}
         angles: dict[int, ColumnName] = {}
         for name in names:
@@ -62,7 +62,7 @@ class SensorSearch(JetSearch):
             self._use_differences(topic, pairs)
 
     def _add_wheels(self, names: Sequence[ColumnName]) -> None:
-        """Adds speeds of the vehicle's wheels: columns of their names, or else all that are of wheels."""
+        """Adds speeds of wheels to the map: columns named after them, or all wheel columns in order."""
         of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
         called = {compact_name("".join(one.words)): one for one in names}
         every = len(of_wheels) == len(self.vehicle.wheels)
@@ -77,7 +77,7 @@ class SensorSearch(JetSearch):
             self._say(f"{name}: {column.column}, in {unit}, by its name")
 
     def _add_engines(self, names: Sequence[ColumnName]) -> None:
-        """Adds engines that columns are named after."""
+        """Adds engines to the map whose level and gimbal angles have columns of these names."""
         called = {compact_name("".join(one.words)): one for one in names}
         for engine in self.vehicle.engines:
             columns = [called[name] for name in map(compact_name, engine.columns) if name in called]
@@ -92,7 +92,7 @@ class SensorSearch(JetSearch):
             self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
 
     def _sort_key(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
-        """Sort key of groups of columns: those called as a package first, whole ones, readings before estimates."""
+        """Returns a sort key of a group of columns: named as a package, all axes, readings before estimates."""
         words = members[min(members)].words
         own = kind in self._called and self._is_own(kind, words)
         return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
@@ -104,7 +104,7 @@ class SensorSearch(JetSearch):
         angles: Mapping[int, ColumnName],
         found: dict[str, list[dict[int, ColumnName]]],
     ) -> list[tuple[dict[str, str], Array]]:
-        """Finds pairs of a value and its backward difference; groups of such rates are no sensors, and are removed."""
+        """Returns pairs of value and rate columns with time steps where rates are differences; drops these groups."""
         pairs: list[tuple[dict[str, str], Array]] = []
         groups = []
         for kind, values, dimension, usual in (("velocity", position, "length", "m"), ("gyro", angles, "angle", "rad")):
@@ -143,7 +143,7 @@ class SensorSearch(JetSearch):
         return pairs
 
     def _use_differences(self, topic: Topic, pairs: list[tuple[dict[str, str], Array]]) -> None:
-        """Takes the true time steps from pairs of values and rates, unless the logged clock is a true one."""
+        """Writes pairs into the map to recover time steps from, unless the logged clock measures them."""
         steps = np.concatenate([steps[np.isfinite(steps)] for _, steps in pairs])
         typical = float(np.median(steps))
         time = self.data.setdefault("time", {})
@@ -162,6 +162,7 @@ class SensorSearch(JetSearch):
         time["differences"] = [pair for pair, _ in pairs]
 
     def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
+        """Adds a group of columns of rates to the map as a gyro, with unit and interval between readings."""
         package = self._take_package("gyro", members[min(members)].words)
         if not package:
             self._say(f"{_join_column_names(members)}: rates, but the vehicle has no further gyro")
@@ -188,6 +189,7 @@ class SensorSearch(JetSearch):
         self._say(f"{package}: rates {_join_column_names(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
+        """Adds a group of columns to the map as an accelerometer, with unit and kind of reading."""
         first = members[min(members)]
         package = self._take_package("accelerometer", first.words)
         if not package:
@@ -226,6 +228,7 @@ class SensorSearch(JetSearch):
     def _add_pose(
         self, position: Mapping[int, ColumnName], angles: Mapping[int, ColumnName], quaternion: Mapping[int, ColumnName]
     ) -> None:
+        """Adds columns of position, angles or a quaternion to the map as a pose or an attitude."""
         entry: dict[str, Any] = {}
         if quaternion:
             last = quaternion[0].indexed and quaternion[0].axis == 1  # counted from 1
@@ -261,27 +264,29 @@ class SensorSearch(JetSearch):
 
 
 def _number_axes_from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
-    """Renumbers axes from zero, where they are counted from 1."""
+    """Maps axes to columns, counted from 0 also where the names count from 1."""
     indexed = all(one.indexed for one in members.values())
     return {axis - 1: one for axis, one in members.items()} if indexed and 0 not in members else members
 
 
 def _column_names(members: Mapping[int, ColumnName]) -> list[str | None]:
+    """Lists the column of each of three axes; None for an axis without."""
     return [members[axis].column if axis in members else None for axis in range(3)]
 
 
 def _rows_per_reading(readings: Array) -> int:
-    """Returns the number of rows per reading where rows, shape (n, m), repeat one until the next; else 1."""
+    """Computes the number of rows for which each reading, shape (n, m), is repeated; 1: not repeated."""
     rows = mapping.find_changes(readings)
     return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
 
 def _join_column_names(members: Mapping[int, ColumnName]) -> str:
+    """Returns the columns' names in order of axes, separated by commas."""
     return ", ".join(members[axis].column for axis in sorted(members))
 
 
 def _find_difference_steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
-    """Computes the time steps, s, that make a rate the backward difference of a value; None where none do."""
+    """Computes time steps, s, that make a rate the backward difference of a value; None if none do."""
     change = np.diff(topic.numbers(value[0])) * si_factor(value[1], "length", "angle")
     if si_factor_or_none(value[1], "angle") is not None:
         change = (change + np.pi) % (2.0 * np.pi) - np.pi

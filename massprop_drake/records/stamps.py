@@ -19,7 +19,7 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 
 def parse_stamp(text: str) -> np.datetime64 | None:
-    """Parses a UTC time stamp, one without a date as of 1970-01-01; None for other text.
+    """Parses a UTC time stamp to datetime64; NaT if missing, None for other text; a time alone is of 1970-01-01.
 
     A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000. One without a zone is UTC.
     """
@@ -50,7 +50,7 @@ def parse_stamp(text: str) -> np.datetime64 | None:
 
 
 def is_number(cell: Any) -> bool:
-    """Tests whether a cell is a number, or missing."""
+    """Tests whether a cell is a number, or empty as of a missing one."""
     text = str(cell).strip().lower()
     if text in MISSING:
         return True

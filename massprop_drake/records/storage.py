@@ -89,7 +89,7 @@ class Storage:
         self.losses: list[Loss] = []
 
     def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields all messages in the order of the file, those of topics that are not wanted without data.
+        """Yields all messages of a bag's file in order, without data for topics that are not wanted.
 
         Raises:
             InputError: when the file is none of its kind.
@@ -101,12 +101,13 @@ class Storage:
             raise InputError(f"{self.name}: cannot be read: {error.strerror or error}") from None
 
     def _note_loss(self, kind: Any, text: str) -> None:
+        """Appends a loss, "truncated" or "damaged", unless it is the same as the last one."""
         loss = Loss(kind, f"{self.name}: {text}")
         if loss not in self.losses[-1:]:
             self.losses.append(loss)
 
     def _map_file(self, begins: bytes, what: str) -> memoryview:
-        """Reads the bytes of the file, which must begin as its kind does."""
+        """Maps the file into memory; raises InputError where it does not begin with its kind's signature."""
         with self.path.open("rb") as file:
             start = file.read(len(begins))
             if not start:
@@ -118,7 +119,7 @@ class Storage:
     # -------------------------------------------------------------------------------------- MCAP
 
     def _read_mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields the messages of an MCAP file; goes on after damaged parts."""
+        """Yields the messages of an MCAP file; skips damaged parts and adds them to the losses."""
         content = self._map_file(_MCAP, "an MCAP file")
         chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
         whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
@@ -153,7 +154,7 @@ class Storage:
                 return
 
     def _read_mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
-        """Reads the channels and counts of the summary; returns where chunks begin."""
+        """Reads the channels and counts in the summary; returns the places of the chunks in the file."""
         chunks = []
         begin = int.from_bytes(content[-28:-20], "little")
         try:
@@ -171,7 +172,7 @@ class Storage:
         return chunks
 
     def _read_mcap_description(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
-        """Adds a record of MCAP to `schemas` or to the channels; ignores records of other kinds."""
+        """Adds the schema or channel in an MCAP record to those known; ignores records of other kinds."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
             name, place = _read_text(body, 2)
@@ -187,7 +188,7 @@ class Storage:
     def _read_mcap_record(
         self, op: int, body: memoryview, wanted: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
     ) -> Iterator[Message]:
-        """Yields the message of a record, if it is one; notes a channel or schema."""
+        """Yields the message in an MCAP record, if it is one; adds a schema or channel to those known."""
         try:
             self._read_mcap_description(op, body, schemas)
             if op != _MESSAGE:
@@ -207,7 +208,7 @@ class Storage:
         *,
         cut: bool = False,
     ) -> Iterator[Message]:
-        """Yields messages of a chunk; of one that is cut off those that are there."""
+        """Yields the messages in an MCAP chunk; of one that is cut off, those before its end."""
         where = "a chunk is"
         try:
             start, end, size, checksum = struct.unpack_from("<QQQI", body)
@@ -225,7 +226,7 @@ class Storage:
     # -------------------------------------------------------------------------------------- ROS 1
 
     def _read_ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields the messages of a bag of ROS 1; goes on after damaged parts."""
+        """Yields the messages of a ROS 1 bag; skips damaged parts and adds them to the losses."""
         content = self._map_file(_ROS1, "a bag of ROS 1")
         header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
         if header.fields.get("encryptor"):
@@ -263,7 +264,7 @@ class Storage:
             place = following
 
     def _read_ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
-        """Reads the channels and counts of the index; returns where chunks begin."""
+        """Reads the channels and counts in the index of a bag; returns the places of the chunks."""
         chunks, place = [], 0
         try:
             for header, data in _ros1_records(content, 0):
@@ -283,14 +284,14 @@ class Storage:
     def _read_ros1_chunk(
         self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool
     ) -> Iterator[Message]:
-        """Yields messages of a chunk."""
+        """Yields the messages in a decompressed chunk of a ROS 1 bag."""
         for header, data in _ros1_records(memoryview(content), 0, strict=strict):
             yield from self._read_ros1_record(header, data, wanted)
 
     def _read_ros1_record(
         self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
     ) -> Iterator[Message]:
-        """Yields the message of a record, if it is one; notes a connection as a channel."""
+        """Yields the message in a ROS 1 record, if it is one; adds a connection to the channels."""
         if header.op == 7:
             about = _split_header(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
@@ -307,7 +308,7 @@ class Storage:
     # ------------------------------------------------------------------------------------- SQLite
 
     def _read_sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields the messages of an SQLite file, from a copy where reading could change it or it is cut off."""
+        """Yields the messages of an SQLite bag, from a copy where reading could change it or it is cut off."""
         content = self._map_file(_SQLITE, "a database of SQLite")
         size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
         size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
@@ -328,6 +329,7 @@ class Storage:
     def _read_sqlite_messages(
         self, connection: sqlite3.Connection, wanted: Callable[[StoredTopic], bool], lacking: int
     ) -> Iterator[Message]:
+        """Yields the messages in a bag's database; adds damaged ones and missing bytes to the losses."""
         cut = f"is cut off: {counted(lacking, 'byte')} of the database are missing" if lacking else ""
         try:
             connection.execute("PRAGMA writable_schema=ON")  # or a database that is cut off cannot be read at all
@@ -352,6 +354,7 @@ class Storage:
             self._note_loss("truncated", cut)
 
     def _read_sqlite_channels(self, connection: sqlite3.Connection) -> None:
+        """Reads the topics in a bag's database, with types and definitions, into the channels."""
         tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
         if not {"topics", "messages"} <= tables:
             raise ValueError("it has no tables of topics and messages")
@@ -373,7 +376,7 @@ class Storage:
 
 
 def _read_text(body: memoryview, place: int) -> tuple[str, int]:
-    """Reads a length-prefixed text; returns it and the place where it ends."""
+    """Reads a length-prefixed text at a place; returns it and the place after it."""
     begin = place + 4
     end = begin + int.from_bytes(body[place:begin], "little")
     if end > len(body):
@@ -382,14 +385,14 @@ def _read_text(body: memoryview, place: int) -> tuple[str, int]:
 
 
 def _ros2_type_name(msgtype: str) -> str:
-    """Returns the name of a type as ROS 2 writes it, `package/msg/Type`."""
+    """Returns the name of a message type in the form of ROS 2, `package/msg/Type`."""
     return msgtype if msgtype.count("/") != 1 else msgtype.replace("/", "/msg/")
 
 
 def _mcap_records(
     content: memoryview, place: int, end: int, *, strict: bool = False
 ) -> Iterator[tuple[int, memoryview]]:
-    """Yields operation and body of the records up to the first incomplete one, which raises ValueError if strict."""
+    """Yields kind and body of MCAP records up to the first incomplete one; strict: raises ValueError there."""
     while place < end:
         op, size = content[place], int.from_bytes(content[place + 1 : place + 9], "little")
         if op == 0 or place + 9 + size > end:
@@ -415,16 +418,16 @@ class _Header(NamedTuple):
 
     @property
     def op(self) -> int:
-        """Kind of the record; 0: it has none."""
+        """Number of the record's kind; 0: it has none."""
         return int.from_bytes(self.fields.get("op", b""), "little")
 
     def number(self, name: str, form: str) -> int:
-        """Returns a field, unpacked by a format of `struct`, as a whole number."""
+        """Returns a field of the header as an integer, unpacked by a format of `struct`."""
         return int(struct.unpack(form, self.fields[name])[0])
 
     @staticmethod
     def read(content: memoryview, place: int) -> _Header:
-        """Reads the header at a place; raises ValueError or struct.error where there is none."""
+        """Reads a record's header at a place; raises ValueError or struct.error where there is none."""
         (size,) = struct.unpack_from("<I", content, place)
         if place + 8 + size > len(content):
             raise ValueError("a header is cut off")
@@ -433,7 +436,7 @@ class _Header(NamedTuple):
 
 
 def _split_header(content: memoryview) -> dict[str, bytes]:
-    """Splits a header of ROS 1 into fields."""
+    """Maps names to values, bytes, of the fields in a ROS 1 record's header."""
     found, place = {}, 0
     while place < len(content):
         (size,) = struct.unpack_from("<I", content, place)
@@ -446,7 +449,7 @@ def _split_header(content: memoryview) -> dict[str, bytes]:
 
 
 def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> Iterator[tuple[_Header, memoryview]]:
-    """Yields header and data of the records up to the first incomplete one, which raises ValueError if strict."""
+    """Yields header and data of ROS 1 records up to the first incomplete one; strict: raises ValueError there."""
     while place < len(content):
         try:
             header = _Header.read(content, place)
@@ -462,7 +465,7 @@ def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> I
 
 
 def decompress(data: memoryview, compression: str) -> bytes:
-    """Decompresses bytes, as far as they are there.
+    """Returns decompressed bytes, as far as the compressed ones go: none, bz2, lz4 or zstd.
 
     Raises:
         ValueError: when the compression is not known, or the bytes are damaged.
@@ -484,7 +487,7 @@ def decompress(data: memoryview, compression: str) -> bytes:
 
 
 def unpack_file(path: Path, target: Path) -> Loss | None:
-    """Unpacks a file that zstd compressed, as far as it goes; returns what is lost of it."""
+    """Decompresses a zstd file to a target file; returns the loss where it is damaged or cut off, else None."""
     inflate = zstd_library().ZstdDecompressor()
     with path.open("rb") as packed, target.open("wb") as file:
         while data := packed.read(_PIECE):
@@ -500,7 +503,7 @@ def unpack_file(path: Path, target: Path) -> Loss | None:
 
 
 def zstd_library() -> Any:
-    """Returns the library for zstd: Python's own from 3.14 on, before that the one that rosbags brings."""
+    """Returns the module for zstd: Python's own from 3.14 on, else the one that rosbags installs."""
     if sys.version_info >= (3, 14):
         from compression import zstd as library  # noqa: PLC0415
     else:

@@ -16,7 +16,7 @@ from massprop_drake.records.tables import open_table
 
 
 def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -> dict[str, Any]:
-    """Reads a whole record and describes its content, without estimating.
+    """Reads a whole record and returns its rows, times, gaps and faults by name, without estimating.
 
     Args:
         path: of a CSV or Parquet file.
@@ -48,11 +48,12 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
 
 
 def _lost(losses: Sequence[Loss]) -> dict[str, Any]:
+    """Returns completeness, and the losses as texts, as keys of a check's result."""
     return {"completeness": completeness(losses), "completeness_detail": [one.text for one in losses]}
 
 
 def _check_structure(path: Path) -> dict[str, Any]:
-    """Describes a record without a vehicle: its rows, sample period, gaps, jitter and losses."""
+    """Returns rows, sample period, gaps, jitter and losses of a record by name, without a vehicle."""
     table = open_table(path)
     try:
         if "time_s" not in table.header:

@@ -33,7 +33,7 @@ from massprop_drake.records.parquet import ParquetTable
 
 
 def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
-    """Opens a CSV file, or a Parquet file, recognized by its ending `.parquet` or `.pq`.
+    """Opens a CSV file, or a Parquet file, recognized by its suffix `.parquet` or `.pq`, as a table.
 
     Raises:
         InputError: when it is missing, a folder, unreadable, no such table, or named by what is no text, which no
@@ -57,7 +57,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
 
 
 def require_file(path: Path) -> None:
-    """Requires that a path is a file or a folder: a pipe may never begin, and a device never end.
+    """Raises InputError for a path that is neither file nor folder, as a pipe or device, which may block.
 
     Raises:
         InputError: when it is there, and neither.
@@ -84,7 +84,7 @@ class _HashingStream(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """Reads the bytes available into a buffer."""
+        """Reads available bytes into a buffer and adds them to the hash; returns their number."""
         data = self._read(len(buffer)) or b""
         buffer[: len(data)] = data
         self.hash.update(data)
@@ -123,12 +123,12 @@ class CsvTable(Table):
 
     @property
     def done(self) -> float:
-        """Fraction of the file read so far."""
+        """Fraction of the file read so far, 0 to 1."""
         return self._watched.count / self._size if self._size else 0.0
 
     @property
     def losses(self) -> Sequence[Loss]:  # type: ignore[override] # which grow as lines are read
-        """Losses so far."""
+        """Losses found so far: rows left out, and an end that is cut off or zeros."""
         return [*self._zeros, *self.ragged.losses(self.source)]
 
     def sha256(self) -> str:
@@ -140,7 +140,7 @@ class CsvTable(Table):
         self._binary.close()
 
     def _lines(self) -> Iterator[str]:
-        """Yields the lines; notes the number of each, and whether it has an end."""
+        """Yields the lines as text; stores the number of the current one, and whether it has a line end."""
         text = io.TextIOWrapper(io.BufferedReader(self._watched, 1 << 16), encoding="utf-8-sig", newline="")
         for number, line in text_lines(text, self.source, self._zeros):
             self._line = number
@@ -149,7 +149,7 @@ class CsvTable(Table):
             yield line
 
     def _rows(self) -> Iterator[list[str]]:
-        """Yields the cells of each row; a line in which nothing is quoted needs only be split, which is faster."""
+        """Yields the cells of each row as texts; rows without quotes are split, which is faster."""
         limit = csv.field_size_limit()
         try:
             for line in self._text:
@@ -164,6 +164,7 @@ class CsvTable(Table):
             yield [""] * (len(self.header) - 1)  # it ends within quotes
 
     def _read_header(self) -> list[str]:
+        """Returns the column names in the first row; raises InputError where it has none."""
         row = next((row for row in self._rows() if row), None)
         if row is None:
             raise InputError(f"{self.source}: is empty; expected a line of column names, time_s first")
@@ -179,7 +180,7 @@ class CsvTable(Table):
         return header
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, block by block.
+        """Yields blocks of rows: line numbers, and values of the columns at wanted positions.
 
         Raises:
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
@@ -220,10 +221,11 @@ class CsvTable(Table):
         self._require_regular(good, at_end=True)
 
     def _strictly(self, cells: Sequence[str], wanted: list[int]) -> list[float]:
+        """Parses the wanted cells of a row to numbers; raises InputError with the place of other text."""
         return [self._parse_number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
 
     def _parse_number(self, cell: str, column: str) -> float:
-        """Parses a cell: NaN if missing; raises InputError with its place for any other text."""
+        """Returns a cell's number, NaN if missing; raises InputError with its place for other text."""
         text = cell.strip()
         if text.lower() in MISSING:
             return np.nan
@@ -238,6 +240,7 @@ class CsvTable(Table):
         return float(text)
 
     def _make_block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
+        """Makes a block from lines and values; raises InputError for a value that is infinite or too large."""
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
         require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
         return block
@@ -247,7 +250,7 @@ class CsvTable(Table):
 
 
 def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_end: bool = True) -> None:
-    """Raises InputError where too many rows of a table have another number of cells than columns.
+    """Raises InputError where too many rows of a table have a number of cells other than its columns'.
 
     Args:
         ragged: those that have.
@@ -265,7 +268,7 @@ def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_en
 
 
 def _make_picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
-    """Makes a function that returns the wanted cells of a row of `width` cells."""
+    """Makes a function that returns the wanted cells of a row with `width` cells."""
     if wanted == list(range(width)):
         return lambda row: row
     if len(wanted) == 1:

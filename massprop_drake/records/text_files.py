@@ -27,7 +27,7 @@ CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
 def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    """Reads a table from a text file; `by`: its map, `rows`: at the most."""
+    """Reads a text table into a recording; `by`: its map, `rows`: the most rows to read."""
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
     losses: list[Loss] = []
     try:
@@ -77,7 +77,7 @@ _BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])
 
 
 def _detect_form(path: Path) -> tuple[CsvForm, list[str]]:
-    """Detects the format of a text file, and the cells of a line of units below the names."""
+    """Detects separator, decimal, comments and skipped lines of a text file; returns these, and its cells of units."""
     with path.open(encoding="utf-8-sig") as file:
         numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
         lines = [(number, line, _comment_mark(line)) for number, line in numbered]
@@ -104,19 +104,19 @@ def _detect_form(path: Path) -> tuple[CsvForm, list[str]]:
 
 
 def _comment_mark(line: str) -> str:
-    """Returns the mark of a comment that a line begins with; "": none."""
+    """Returns the comment mark, "#", "%" or "//", with which a line begins; "": none."""
     return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
 
 
 def _count_cells(line: str, separator: str) -> int:
-    """Returns the number of cells in a line."""
+    """Returns the number of cells in a line, for a separator."""
     if separator == " " or '"' in line:
         return len(_split_cells(line, separator))
     return line.count(separator) + 1
 
 
 def _split_cells(line: str, separator: str) -> list[str]:
-    """Returns the cells of a line, without the mark of a comment."""
+    """Splits a line, without a comment mark before it, into its cells."""
     mark = _comment_mark(line)
     line = line.strip(" \r\n").removeprefix(mark)
     if separator == " ":
@@ -125,20 +125,20 @@ def _split_cells(line: str, separator: str) -> list[str]:
 
 
 def _is_value(cell: str) -> bool:
-    """Tests whether a cell is a number or a date, so that its line is a row."""
+    """Tests whether a cell is a number or a date, as in a row of data."""
     if cell.strip().lower() in MISSING:
         return False
     return is_number(cell.replace(",", ".")) or parse_stamp(cell) is not None
 
 
 def _has_units(cells: list[str]) -> bool:
-    """Tests whether most cells of a line are units."""
+    """Tests whether most cells of a line are names of units."""
     found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
     return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
 
 
 def unit_in(text: str) -> str:
-    """Reads a text as a unit, with or without brackets, as `inputs.units` has it; "": it is none."""
+    """Returns the unit in a text, with or without brackets, as `inputs.units` has it; "": none."""
     text = text.strip().strip("[]()").strip()
     for one in (text, text.lower()):
         try:
@@ -162,14 +162,14 @@ class _CurrentLine:
         self.unended = False
 
     def follow(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
-        """Yields the lines' texts, and keeps the number of the current one."""
+        """Yields the texts of numbered lines, and stores the number of the current one."""
         for self.line, text in numbered:
             self.unended = text[-1] not in "\r\n"
             yield text
 
 
 def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple[int, str]]:
-    """Yields the lines of names and rows, with their numbers.
+    """Yields the lines of column names and rows of a text file, with their numbers.
 
     The names are in the first line that is no comment, or, where that is a row already, in the first comment.
     """
@@ -189,6 +189,7 @@ def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple
 
 
 def _require_names(header: list[str], form: CsvForm, where: str) -> None:
+    """Raises InputError where a header is empty, has numbers, a column twice or another separator."""
     if not header:
         raise InputError(f"{where.rpartition(', line')[0]}: is empty; expected a line of column names")
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
@@ -209,7 +210,7 @@ def _collect_columns(
     wanted: list[str],
     how: tuple[CsvForm, set[str], int | None, _CurrentLine],
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
-    """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
+    """Returns wanted columns by name, the line of each row, and the rows with a wrong number of cells."""
     form, as_text, most, where = how
     place_of = {name: place for place, name in reversed(list(enumerate(header)))}
     places = [place_of[name] for name in wanted]
@@ -219,13 +220,13 @@ def _collect_columns(
     ragged, ending = Ragged(), Ending()
 
     def convert_held() -> None:
-        """Moves the cells held to the columns, as numbers where all of them are."""
+        """Moves the cells gathered so far into the columns, as numbers if all are, else as texts."""
         for name, piece, column in zip(wanted, pieces, held, strict=True):
             piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
             column.clear()
 
     def is_last_numeric() -> bool:
-        """Tests whether the last column of the header is wanted, and has numbers alone in the rows read so far."""
+        """Tests whether the header's last column is wanted and had numbers alone so far."""
         if header[-1] not in wanted or header[-1] in as_text:
             return False
         above = held[wanted.index(header[-1])]
@@ -258,7 +259,7 @@ def _collect_columns(
 
 
 def _whole_rows(cells: Iterator[list[str]], where: _CurrentLine) -> Iterator[list[str]]:
-    """Yields the cells of each row; one that ends within quotes, with the file, has none."""
+    """Yields the cells of each row; an empty list for one that the file's end cuts within quotes."""
     try:
         yield from cells
     except csv.Error:
@@ -268,7 +269,7 @@ def _whole_rows(cells: Iterator[list[str]], where: _CurrentLine) -> Iterator[lis
 
 
 def _as_numbers(cells: list[str], decimal: str) -> Column:
-    """Returns cells as numbers if all of them are, else as text."""
+    """Returns cells as an array of numbers, NaN where missing, if all are numbers; else of texts."""
     if decimal != ".":
         cells = [cell.replace(decimal, ".") for cell in cells]
     try:
@@ -281,6 +282,7 @@ def _as_numbers(cells: list[str], decimal: str) -> Column:
 
 
 def _join_pieces(pieces: Sequence[Column]) -> Column:
+    """Joins pieces of a column; to texts where any piece has texts."""
     if any(piece.dtype == object for piece in pieces):
         pieces = [
             piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces

@@ -46,19 +46,19 @@ class Topic:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows of the topic's table."""
         if self.stamps_s is not None:
             return len(self.stamps_s)
         return len(next(iter(self.columns.values()), ()))
 
     def column(self, name: str) -> Column:
-        """Returns a column; raises InputError where there is none of that name."""
+        """Returns a column's values; raises InputError where there is none of that name."""
         if name not in self.columns:
             raise InputError(f"{self.source}: no column '{name}'{suggestion(name, [*self.columns, *self.unread])}")
         return self.columns[name]
 
     def where(self, row: int) -> str:
-        """Returns the place of a row, for messages."""
+        """Returns source and line of a row as text for messages, such as "flight.csv, line 7"."""
         line = row + 1 if self.lines is None else int(self.lines[row])
         return f"{self.source}, {self.place} {line}"
 
@@ -85,7 +85,7 @@ class Topic:
         return numbers
 
     def times_s(self, name: str, unit_s: float, date: str | None = None) -> Array:
-        """Returns a column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
+        """Returns a column's times, s, NaN where missing, shape (n,), from numbers of a unit or ISO 8601 stamps.
 
         Args:
             name: of the column.
@@ -116,7 +116,7 @@ class Topic:
         return found
 
     def texts(self, name: str) -> list[str]:
-        """Returns a column's cells as text."""
+        """Returns a column's cells as texts, "" for None."""
         return ["" if cell is None else str(cell) for cell in self.column(name)]
 
 
@@ -151,14 +151,14 @@ class Recording:
     losses: tuple[Loss, ...] = ()
 
     def topic(self, name: str) -> Topic:
-        """Returns a topic; raises InputError where there is none of that name."""
+        """Returns a topic's table; raises InputError where the recording has none of that name."""
         if name not in self.topics:
             raise missing_topic(self.source, name, list(self.topics), self.losses)
         return self.topics[name]
 
 
 def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Loss] = ()) -> InputError:
-    """Makes the error for a topic that a recording does not have, or lost."""
+    """Makes the InputError for a topic that a recording lacks, with a name alike or a loss as hint."""
     if not name:
         shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
         return InputError(f"{source}: has topics, and the map names none: give `topic`, one of {shown}")
@@ -169,12 +169,12 @@ def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Los
 
 
 def missing_extra(path: Path, package: str, extra: str, what: str) -> InputError:
-    """Makes the error that names the extra to install."""
+    """Makes the InputError for a package that is not installed, with the extra that installs it."""
     return InputError(f"{path}: reading {what} needs {package}: pip install 'massprop-drake[{extra}]'")
 
 
 def digest(path: Path) -> str:
-    """Computes SHA-256 of a file, or of all files of a folder in their order, hexadecimal."""
+    """Computes SHA-256 of a file, or of the names and digests of a folder's files, hexadecimal."""
     if path.is_dir():
         total = hashlib.sha256()
         for inner in sorted(one for one in path.iterdir() if one.is_file()):
@@ -185,13 +185,13 @@ def digest(path: Path) -> str:
 
 
 def unwanted_columns(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Returns the named columns that are not wanted."""
+    """Returns the names of columns that are not wanted, but empty ones."""
     known = set(wanted)
     return tuple(name for name in every if name and name not in known)
 
 
 def require_few_columns(path: Path, names: Sequence[str]) -> None:
-    """Requires that a table has no more columns than a map can be proposed for."""
+    """Raises InputError where a table has more columns than a map can be proposed for."""
     if len(names) > _MOST_COLUMNS:
         raise InputError(
             f"{path}: has {len(names)} columns, and a map is proposed for at most {_MOST_COLUMNS}; write the map "
@@ -200,7 +200,7 @@ def require_few_columns(path: Path, names: Sequence[str]) -> None:
 
 
 def split_lists(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
-    """Splits a column of short lists into `name[0]`, `name[1]`, ...; where their lengths differ adds their text."""
+    """Maps `name[0]`, `name[1]`, ... to the items of a column of short lists; unlike lengths add them as text."""
     lists = [() if one is None else tuple(one) for one in values]
     longest = max(map(len, lists), default=0)
     found: dict[str, Column] = {}
@@ -215,7 +215,7 @@ def split_lists(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, 
 
 
 def format_item(item: Any) -> str:
-    """Returns an item of a list as it is compared with names: whole numbers without a point."""
+    """Formats a list's item as text to compare with names; a whole number without a decimal point."""
     if isinstance(item, (float, np.floating)) and float(item).is_integer():
         return str(int(item))
     return str(item)

@@ -23,7 +23,7 @@ _MESSAGE = struct.Struct("<HB")  # size and type before each message
 
 
 def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    """Reads a ULog; its topics are `name`, and `name/1` for the second instance of a topic.
+    """Reads a PX4 ULog into a recording; its topics are `name`, and `name/1` for the second instance of a topic.
 
     Args:
         path: of the file.
@@ -69,7 +69,7 @@ def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
-    """Yields the losses of a log, given its last message's begin and the bytes that it lacks."""
+    """Yields the losses of a log: damage, a cut end (its place and missing bytes given), and dropouts."""
     place, lacking = cut
     if log.file_corruption:
         yield Loss("damaged", f"{path}: is damaged in places, which are left out")
@@ -86,7 +86,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _find_last_message(path: Path) -> tuple[int, int]:
-    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole."""
+    """Returns the place of a ULog's last message, and the number of bytes that it lacks; 0: it is whole."""
     try:
         content = path.read_bytes()
     except OSError as error:
