@@ -298,7 +298,7 @@ def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array)
 
 @kernel
 def rate_output_derivative(jacobian: Array, places: Places) -> Array:
-    """Computes the derivative of the averaged outputs by rate and by velocity common to all c, shape (r, 6)."""
+    """Computes the derivative of averaged outputs by rate and by a common velocity change, shape (r, 6)."""
     result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
     for package in range(places.accelerometers):

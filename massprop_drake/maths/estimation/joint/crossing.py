@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 def update_by_crossings(
     state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
-    """Updates the state by the last readings before a change of quantized value; returns it and the update.
+    """Updates the state by pending readings whose quantized value now changes; returns it, gain and likelihood.
 
     Args:
         state: after the last sample.

@@ -68,7 +68,7 @@ def integral_variance(x: float) -> float:
 
 
 def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
-    """Returns the unit of an unstated disturbance: RMS acceleration of w and c by all jets, shape (6, n).
+    """Returns the unit of an unstated disturbance: RMS acceleration of rate and velocity by all jets, shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
@@ -80,7 +80,7 @@ def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
 
 @kernel
 def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
-    """Computes decay, effects on w and c, and noise of a disturbance over an interval.
+    """Computes decay, effects on rate and velocity, and noise of a disturbance over an interval.
 
     Args:
         duration_s: T, positive.
@@ -117,7 +117,7 @@ def append_constant_states(wander: Wander, n: int) -> Wander:
 
 @kernel
 def disturbance_effect(wander: Wander, value: Array) -> Array:
-    """Computes the change of w and c by a disturbance of given value at an interval's start, shape (6,)."""
+    """Computes the change of rate and velocity by a disturbance of given value at an interval's start, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
         change += wander.begun[:, component] * value[component]
@@ -126,7 +126,7 @@ def disturbance_effect(wander: Wander, value: Array) -> Array:
 
 @kernel
 def disturbance_noise_root(wander: Wander) -> Array:
-    """Computes a root of the covariance added to w, c and z by a disturbance, shape (6 + n, 2 n_moving)."""
+    """Computes a root of a disturbance's noise covariance of rate, velocity, z, shape (6 + n, 2 n_moving)."""
     moving = np.flatnonzero(wander.along + wander.apart > 0.0)
     n = moving.shape[0]
     columns = np.zeros((6 + wander.drawn.shape[1], 2 * n))
@@ -140,7 +140,7 @@ def disturbance_noise_root(wander: Wander) -> Array:
 
 @kernel
 def disturbance_noise(wander: Wander) -> Array:
-    """Computes the covariance that a disturbance's noise adds to w and c in an interval, shape (6, 6)."""
+    """Computes the covariance that a disturbance's noise adds to rate and velocity in an interval, shape (6, 6)."""
     covariance = np.zeros((6, 6))
     for component in range(wander.drawn.shape[1]):
         column = wander.drawn[:, component]

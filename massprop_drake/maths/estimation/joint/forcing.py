@@ -118,7 +118,7 @@ def wrenches_of(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by errors of thrust, lag, scale, ticks and failure forces.
+    """Computes derivatives of changes of rate and velocity by errors of thrust, lag, ticks, failure forces.
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
@@ -192,7 +192,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 def impulse_rows(
     state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by the filter's state under impulses, shape (3, size) each.
+    """Computes derivatives of changes of rate and velocity under impulses by the state, shape (3, size) each.
 
     Args:
         state: before the interval.
@@ -216,7 +216,7 @@ def _known_impulse_scale(mean: Array, params: JointParams) -> float:
 
 @kernel
 def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
-    """Returns impulse of outside forces, engines and wheels, shape (6,); wheel momenta h, shape (2, 3); scale."""
+    """Returns impulse of outside forces, engines and wheels, shape (6,); wheel momenta, (2, 3); thrust scale."""
     scale = _known_impulse_scale(mean, params)
     momenta = scale * wheel_momenta(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
@@ -235,7 +235,7 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def add_wheel_errors(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
-    """Adds to the derivative of the change of w that by errors of wheel inertias and thrust scale.
+    """Adds to the derivative of the change of rate that by errors of wheel inertias and thrust scale.
 
     Args:
         rows: without that, shape (3, size).

@@ -438,7 +438,7 @@ def _is_inconsistent(report: Report, component: int, params: JointParams) -> boo
 def prepare_cycle(
     run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
-    """Returns a hypothesis's state before prediction, its fault applied, and the log likelihood of crossings.
+    """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings.
 
     Args: as of `step_runner`.
     """

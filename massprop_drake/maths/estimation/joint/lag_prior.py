@@ -75,7 +75,7 @@ def switch_lag_priors(state: JointState, params: JointParams, before: float = _O
 
 @kernel
 def _widen_lag(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
-    """Returns the state with a lag error's new mean and variance, spread to correlated states; prior set wide.
+    """Returns the state with the wide prior of a jet kind's lag: new mean and variance, correlated states moved.
 
     With s the row of the error, its root S becomes S + alpha (S s) s^T.
     """

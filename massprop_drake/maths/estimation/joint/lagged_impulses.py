@@ -93,7 +93,7 @@ def moments_of(wrenches: Array, mean: Array) -> Array:
 
 @kernel
 def effects_of(wrenches: Array, mean: Array) -> Array:
-    """Computes the change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
+    """Computes the change of rate and velocity by each wrench about the vehicle origin over a second, shape (n, 6)."""
     return np.hstack((moments_of(wrenches, mean) @ take_elements(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
 
 
@@ -101,7 +101,7 @@ def effects_of(wrenches: Array, mean: Array) -> Array:
 def fire(
     levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
-    """Computes seconds of full thrust of the jets, lag included, over an interval of pieces with constant commands.
+    """Computes the jets' seconds of full thrust, levels and derivatives over an interval of constant-command pieces.
 
     Args:
         levels: at the start of the interval, their derivatives by ln tau, and their 1-sigma, shape (n_jets,) each.

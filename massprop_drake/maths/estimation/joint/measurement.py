@@ -114,7 +114,7 @@ def find_changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
 def select_counting(
     read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
-    """Flags readings for use in the update, changed ones or outside their cell; returns mask and floors, (m,).
+    """Flags readings used in the update: changed, or outside their cell; returns mask and floors, shape (m,).
 
     Args:
         read: readings, NaN where missing, shape (m,).
@@ -133,7 +133,7 @@ def select_counting(
 def add_tracker_variances(
     innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Returns variances and floors of readings, trackers' stamp errors and outliers included, shape (m,).
+    """Returns variances and floors of readings, trackers' stamp errors and outliers included, shape (m,) each.
 
     A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
     of these, has the variance of one.

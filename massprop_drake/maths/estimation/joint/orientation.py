@@ -58,7 +58,7 @@ def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_
 
 @kernel
 def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
-    """Integrates the reference attitude by gyros, shape (4,); returns trackers' rotations from it, shape (n, 3).
+    """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers relative to it.
 
     Args:
         frame: the shared attitude before, shape (4,).

@@ -66,7 +66,7 @@ def gained_payload(earlier: JointState, now: JointState, params: JointParams) ->
 
 
 def _condition_on_present(earlier: JointState, now: JointState, params: JointParams) -> JointState:
-    """Returns the earlier state conditioned on today's parameters, so that their errors are correlated."""
+    """Returns the earlier state conditioned on thrust, lag and other shared errors as estimated now."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)

@@ -15,7 +15,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def impossible_force_cost(force: Array, covariance: Array, most: Array) -> Array:
-    """Computes log likelihood lost, nats, by bounding estimated jet forces to 0 and their maximum, (number,).
+    """Computes log likelihood lost by bounding jet forces to 0 and their maximum, nats, shape (number,).
 
     Args:
         force: of one or two jets each, lbf or N, shape (number, jets).

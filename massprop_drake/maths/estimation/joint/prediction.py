@@ -280,7 +280,7 @@ def _add_modes(
     about: tuple[float, float],
     params: JointParams,
 ) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
-    """Adds modal motion to changes of w and c, derivatives and noise; returns these and the modes after it."""
+    """Adds modal motion to changes of rate and velocity, derivatives and noise; returns these and the modes."""
     (noise, wander), (scale, duration_s) = come_in, about
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)

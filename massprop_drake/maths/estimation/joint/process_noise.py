@@ -42,7 +42,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 @kernel
 def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Adds the lever-arm effect of rate noise on c to noise, shape (6, 6), and to a disturbance's effects."""
+    """Adds the lever-arm effect of rate noise to velocity noise, shape (6, 6), and to disturbances' effects."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
@@ -53,7 +53,7 @@ def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[
 
 @kernel
 def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
-    """Computes the covariance of w and c by random walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
+    """Computes covariance of rate and velocity by walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
     noise, firing = reopening_covariance(acting.anything), acting.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
@@ -144,7 +144,7 @@ def _relative_drift(properties: Array, each: float, arm: float) -> Array:
 def second_order_moments(
     state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of w and c by second-order products of errors.
+    """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
 
     Args:
         state: before the interval.
@@ -178,7 +178,7 @@ def _add_moments(bias: Array, noise: Array, further: tuple[Array, Array]) -> tup
 
 @kernel
 def _opening_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
-    """Computes covariance of w and c by errors of unknown jets' on-times times parameter errors, shape (6, 6).
+    """Computes covariance of rate, velocity by unknown jets' on-time times parameter errors, shape (6, 6).
 
     An opening is as well shown as the inertia is known, and lies between none and all of the interval.
     """
@@ -192,7 +192,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 @kernel
 def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of wheel errors times errors of the ten parameters."""
+    """Computes mean, shape (6,), and covariance, (6, 6), by wheel inertia errors times parameter errors."""
     places, n = params.places, exchange.shape[0]
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n, :3] = exchange
@@ -207,7 +207,7 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 def _engine_products(
     state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of engine errors times errors of the ten parameters."""
+    """Computes mean, shape (6,), and covariance, (6, 6), by engine errors times parameter errors."""
     places, n = params.places, params.places.n_engine
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n], wrenches[n] = pushed.by_errors, pushed.impulse
@@ -226,7 +226,7 @@ def _scale_error_row(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
+    """Computes mean, shape (6,), and covariance, (6, 6), by thrust errors times parameter errors."""
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
@@ -236,7 +236,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
 
 @kernel
 def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of mounting errors times those of the parameters."""
+    """Computes mean, shape (6,), and covariance, (6, 6), by jet mounting errors times parameter errors."""
     seconds = acting.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
@@ -245,7 +245,7 @@ def _mounting_products(state: JointState, acting: Drive, covariance: Array, para
 
 @kernel
 def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of failure force errors times those of the parameters.
+    """Computes mean, shape (6,), and covariance, (6, 6), by failure force errors times parameter errors.
 
     A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
     """
@@ -258,7 +258,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 @kernel
 def _jet_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters."""
+    """Computes mean, shape (6,), and covariance, (6, 6), by impulse errors times parameter errors."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
@@ -278,7 +278,7 @@ def _each_times(effects: Array, covariance: Array) -> Array:
 
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
-    """Computes derivatives of w and c by the ten parameters, under wrenches for a second, shape (6, n, 10)."""
+    """Computes derivatives of rate, velocity by the ten parameters, wrenches for a second, shape (6, n, 10)."""
     inverse = take_elements(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))

@@ -110,7 +110,7 @@ def coupled_rate(
 
 @kernel
 def add_coupling_derivative(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
-    """Returns the derivative of the change of w by the state, with gyroscopic coupling, shape (3, size)."""
+    """Returns the derivative of the change of rate by the state, with gyroscopic coupling, shape (3, size)."""
     rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
     rows[:, RATE] += through.by_start
     rows[:, INERTIA] += through.by_inertia

@@ -38,7 +38,7 @@ from massprop_drake.maths.linear_algebra import Array
 def repeat_start_cycle(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Repeats a start's cycle, linearized at another estimate; returns state, NIS and its expectation.
+    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state and NIS.
 
     Args:
         state: after the last sample, not guarded.

@@ -241,7 +241,7 @@ def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
 
 
 def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
-    """Returns the fault test with its likelihoods conditioned on parameters known from elsewhere.
+    """Returns the fault test conditioned on some parameters of its filter being known from elsewhere.
 
     Args:
         screen: of a filter that estimates them.
@@ -264,7 +264,7 @@ def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: 
 
 
 def _jet_information(of_onsets: Array, jets: int) -> Array:
-    """Selects the information blocks of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all columns."""
+    """Computes information of each jet's columns, shape (n_onsets, n_jets, 5, 5), from whitened innovations."""
     of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
     result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
     return result
@@ -366,7 +366,7 @@ def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
 
 
 def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> float:
-    """Returns log likelihood by which a later onset must exceed a loss at one with jets off, nats.
+    """Returns nats by which a later onset must beat a given one: 1 for a loss of jets idle there, else 0.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
     impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
@@ -413,7 +413,7 @@ class _Fitted(NamedTuple):
 
 
 def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
-    """Fits forces of sets of failures at one onset, twice, the second time with onset impulses bounded by them."""
+    """Fits forces of sets of failures at one onset, twice, the second time with onset impulses bounded by force."""
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
@@ -535,7 +535,7 @@ def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: 
 
 
 def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
-    """Pairs the likeliest single column and the three most correlated with it, shape (number, 2)."""
+    """Returns all pairs among the likeliest single column and the three most like it, shape (number, 2)."""
     if steps.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)
     energy = np.diagonal(information)[steps]

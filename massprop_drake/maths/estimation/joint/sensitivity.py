@@ -246,14 +246,14 @@ def link_from_traces(seen: Traces, params: JointParams) -> Link:
 
 @kernel
 def _jet_effects(seen: Traces, params: JointParams) -> Array:
-    """Computes the rate of change of w and c by each jet at full thrust, modes included, shape (n_jets, 6)."""
+    """Computes rate and velocity change per second of each jet at full thrust, with modes, shape (n_jets, 6)."""
     effects = effects_of(params.wrenches, seen.mean)
     return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
 def _interval_noise(seen: Traces, places: Places) -> Array:
-    """Computes process noise covariance of w, c and slow states z over an interval, shape (d, d)."""
+    """Computes process noise covariance of rate, velocity, slow states z over an interval, shape (d, d)."""
     if places.n_slow == 0:
         return seen.noise
     columns = disturbance_noise_root(seen.wander)
@@ -263,7 +263,7 @@ def _interval_noise(seen: Traces, places: Places) -> Array:
 
 
 def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
-    """Propagates errors through a cycle's updates by crossings and stamp, before prediction, shape (size, h).
+    """Propagates errors through updates before prediction, by pending readings and stamp, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
@@ -324,7 +324,7 @@ def unit_force_errors(over: Link, places: Places) -> Array:
 
 
 def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
-    """Computes state errors at an interval's end by changes of w and c at its start, shape (size, n).
+    """Computes state errors at an interval's end by changes of rate and velocity at its start, shape (size, n).
 
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).

@@ -282,7 +282,7 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 def _vehicle_derivatives(
     course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of the vehicle's changes of w and c, modes included, by the state, shape (3, size)."""
+    """Computes derivatives of changes of rate and velocity by the state, modes included, shape (3, size)."""
     swing, rigid, (scale, duration_s) = course.swing, course.rigid, about
     n = course.driving.shape[0]
     inverse, middle = rigid.inverse / scale, course.along[1]
@@ -330,7 +330,7 @@ def _off_center_impulse(course: _Along, linear: Array) -> Array:
 def swing_modes(
     mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> tuple[Moved, Swung]:
-    """Advances the modes over an interval; returns changes of w and c with them, and the modes.
+    """Advances the modes over an interval; returns changes of rate and velocity with them, and the modes.
 
     Args:
         mean: before it, shape (size,).

@@ -41,7 +41,7 @@ class Directions(NamedTuple):
 
 @kernel
 def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
-    """Computes directions of w and c that jets of unknown command can change by any amount.
+    """Computes directions of rate and velocity that jets of unknown command can change by any amount.
 
     Args:
         mean: state's estimate, shape (size,).
@@ -62,20 +62,20 @@ def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Dire
 
 
 def is_untestable(firing: Firing, anything: Directions) -> bool:
-    """Tests whether unknown commands leave no direction of w and c, or no jet, to test over an interval."""
+    """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test over an interval."""
     return bool(anything.number == anything.basis.shape[0] or firing.unknown.all())
 
 
 @kernel
 def reopening_covariance(anything: Directions) -> Array:
-    """Computes the near-infinite covariance along directions of unknown jets in w and c, shape (6, 6)."""
+    """Computes the near-infinite covariance along directions of unknown jets in rate and velocity, shape (6, 6)."""
     wide = anything.spread * anything.basis
     return wide @ wide.T
 
 
 @kernel
 def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
-    """Projects derivatives of w and c onto directions that unknown jets do not change, shape (3, size) each.
+    """Projects derivatives of rate and velocity onto directions that unknown jets leave, shape (3, size) each.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
