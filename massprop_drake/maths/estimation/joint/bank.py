@@ -124,7 +124,7 @@ def empty_bank(places: Places) -> Bank:
 
 @kernel
 def advance_recursion(since: Since, over: Link, places: Places) -> Since:
-    """Returns the recursion since all onsets advanced by an interval, before the update by its readings."""
+    """Advances corrections, derivatives and noise since each onset by an interval, before its update."""
     learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
@@ -394,7 +394,7 @@ def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: 
 def run_follow_cycle(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
-    """Advances the bank over a cycle; returns linearized cycle, tests or None, if all rates are read, bank.
+    """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
 
     Args:
         bank, seen, cycle, least: see `follow_cycle`.

@@ -68,7 +68,7 @@ def integral_variance(x: float) -> float:
 
 
 def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
-    """Returns the unit of an unstated disturbance: RMS acceleration of rate and velocity by all jets, shape (6, n).
+    """Returns an unstated disturbance's unit: root sum square of all jets' accelerations, diagonal, shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).

@@ -259,7 +259,7 @@ def apply_cause(
     share: float = JUMP_SHARES[0],
     expected: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
-    """Returns the state with a fault's prior: forces, jump, attitude or engine errors, or a disturbance.
+    """Adds a fault's prior uncertainty at its onset to the state: of jets, jump, attitude, engine or disturbance.
 
     Args:
         state: before the first interval that it bears on.
@@ -334,7 +334,7 @@ def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Li
 
 
 def add_disturbance_drift(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
-    """Returns the state with the ten parameters' covariance inflated for an unstated disturbance since before.
+    """Inflates the mass parameters' covariance for an unstated disturbance that acted before it was recognized.
 
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
 
@@ -350,7 +350,7 @@ def add_disturbance_drift(state: JointState, before: float, duration_s: float, p
 
 
 def _add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
-    """Adds covariance by the jets' thrust in a jump's interval, whose time within it is unknown."""
+    """Adds to the state's covariance jets' effects in a mass jump's interval, whose time within is unknown."""
     fired = np.flatnonzero(over.amount > 0.0)
     if fired.shape[0] == 0:
         return state
@@ -379,8 +379,6 @@ def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) ->
 
 def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
     """Returns the state with forces of intermittent jets redrawn from N(f, T^2), and drifting ones walked on.
-
-    The new force of an intermittent jet is independent of the one before.
 
     Args:
         state: before an interval.

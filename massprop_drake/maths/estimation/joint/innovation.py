@@ -185,7 +185,7 @@ def _degrees_along(wide: Array) -> float:
 
 @kernel
 def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float]:
-    """Returns a NIS and its expectation, or NaN and 0 with half a degree of freedom or less, or rounding.
+    """Returns a NIS and its expectation, or NaN and 0: too few degrees of freedom, or digits lost by spread.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
     """

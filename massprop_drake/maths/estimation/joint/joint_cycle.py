@@ -220,7 +220,7 @@ def make_drive(state: JointState, sample: JointSample, params: JointParams) -> D
 def run_cycle(
     state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
 ) -> tuple[JointState, Report]:
-    """Advances the joint filter by a sample after the first, guard included; returns state and report.
+    """Advances the joint filter by a sample after the first, convergence test included; returns state, report.
 
     Args:
         state: after the last sample.
@@ -299,7 +299,7 @@ def run_cycle(
 def update_state(
     state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
-    """Returns the state after a cycle: corrected mean and root, thrust levels, readings; guard as before.
+    """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
 
     Args:
         state: before it.
@@ -339,7 +339,7 @@ def update_state(
 
 @kernel
 def incremented_root(root: Array, params: JointParams) -> Array:
-    """Returns a root with the start's uncertainty of the ten parameters appended, shape (size, k + 10)."""
+    """Returns a root with the start's uncertainty of the ten mass parameters appended, shape (size, k + 10)."""
     columns = np.zeros((root.shape[0], N_PROPERTIES))
     for element in range(N_PROPERTIES):
         columns[element, element] = params.increment_sigma[element]

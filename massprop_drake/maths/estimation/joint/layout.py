@@ -147,7 +147,7 @@ def make_places(
     forces: int,
     ticks: int = 0,
 ) -> Places:
-    """Computes where each part of a vehicle's filter state stands, and the state's size.
+    """Returns the index and size of each quantity in a vehicle's filter state.
 
     Args:
         counts: see `PartCounts`; those left out at the end are zero.

@@ -74,7 +74,7 @@ def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
 
 @kernel
 def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
-    """Computes variances of the ten parameters by the unknown place of used propellant, shape (10,).
+    """Computes variances of the ten mass parameters by the unknown place of used propellant, shape (10,).
 
     Args:
         properties: the ten parameters, shape (10,) or more.
@@ -107,7 +107,7 @@ def combine_disturbances(
 
 @kernel
 def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: float, params: JointParams) -> Array:
-    """Computes variances added to the ten parameters by an unstated disturbance during firing, shape (10,).
+    """Computes variances added to the ten mass parameters by an unstated disturbance during firing, shape (10,).
 
     What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
     share that what is unstated has in what they give. That share comes anew once in its time constant.
@@ -192,7 +192,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 @kernel
 def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by wheel inertia errors times parameter errors."""
+    """Computes mean and covariance of rate, velocity by wheel times mass parameter errors, (6,) and (6, 6)."""
     places, n = params.places, exchange.shape[0]
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n, :3] = exchange
@@ -207,7 +207,7 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 def _engine_products(
     state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by engine errors times parameter errors."""
+    """Computes mean and covariance of rate, velocity by engine times mass parameter errors, (6,) and (6, 6)."""
     places, n = params.places, params.places.n_engine
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n], wrenches[n] = pushed.by_errors, pushed.impulse
@@ -226,7 +226,7 @@ def _scale_error_row(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by thrust errors times parameter errors."""
+    """Computes mean and covariance of rate, velocity by thrust times mass parameter errors, (6,) and (6, 6)."""
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
@@ -236,7 +236,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
 
 @kernel
 def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by jet mounting errors times parameter errors."""
+    """Computes mean and covariance of rate, velocity by mounting times mass parameter errors, (6,), (6, 6)."""
     seconds = acting.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
@@ -245,7 +245,7 @@ def _mounting_products(state: JointState, acting: Drive, covariance: Array, para
 
 @kernel
 def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by failure force errors times parameter errors.
+    """Computes mean and covariance of rate, velocity by failure force times mass parameter errors, (6,), (6, 6).
 
     A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
     """
@@ -258,7 +258,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 @kernel
 def _jet_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, (6, 6), by impulse errors times parameter errors."""
+    """Computes mean and covariance of rate, velocity by impulse times mass parameter errors, (6,) and (6, 6)."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
@@ -278,7 +278,7 @@ def _each_times(effects: Array, covariance: Array) -> Array:
 
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
-    """Computes derivatives of rate, velocity by the ten parameters, wrenches for a second, shape (6, n, 10)."""
+    """Computes derivatives of rate, velocity by the ten mass parameters, wrenches for a second, shape (6, n, 10)."""
     inverse = take_elements(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))

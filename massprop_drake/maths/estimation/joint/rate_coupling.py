@@ -75,7 +75,7 @@ def coupled_rate(
     momenta: Array,
     params: JointParams,
 ) -> tuple[bool, Coupling, Array, Array]:
-    """Solves for gyroscopic coupling and the rate at the end; returns if it counts, it, that rate, and bows.
+    """Solves for gyroscopic coupling and final rate; returns whether it counts, coupling, rate, rate curvature.
 
     Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
 

@@ -138,7 +138,7 @@ def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, pa
 
 @kernel
 def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
-    """Returns an estimate's ten parameters, moved to the propellant in the tanks of another mean, shape (10,)."""
+    """Returns an estimate's ten mass parameters, moved to the propellant in the tanks of another mean, shape (10,)."""
     places, result = params.places, about[:N_PROPERTIES].copy()
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)

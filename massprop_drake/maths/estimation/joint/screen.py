@@ -360,7 +360,7 @@ def find_contenders(
 
 
 def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
-    """Returns log likelihood ratios of a mass-property jump at the begin, nats, shape (len(JUMP_SHARES),)."""
+    """Returns log likelihood ratios of a mass-property jump at the test's start, nats, (len(JUMP_SHARES),)."""
     lead, _, _ = maximize_likelihood(screen.jump_information, screen.jump_projection, jump_variances(params))
     return lead
 

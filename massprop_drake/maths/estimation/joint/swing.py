@@ -115,7 +115,7 @@ def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array
 def _force_derivatives(
     swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float
 ) -> Array:
-    """Computes derivatives of modal forces by the ten parameters and thrust scale, shape (3, n, 11)."""
+    """Computes derivatives of modal forces by the ten mass parameters and thrust scale, shape (3, n, 11)."""
     _, accelerations = course
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, N_PROPERTIES + 1))

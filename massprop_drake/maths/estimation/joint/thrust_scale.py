@@ -47,7 +47,7 @@ def separate_scale(state: JointState, amount: Array, params: JointParams) -> Joi
 
 @kernel
 def parameters_with_scale(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Returns the ten parameters with the thrust scale applied, shape (10,), and root rows, shape (10, size)."""
+    """Returns the ten mass parameters with the thrust scale applied, shape (10,), and root rows, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
     if params.places.n_scale > 0:
         factor = 1.0 - params.thrust_sigma * state.mean[params.places.scale]

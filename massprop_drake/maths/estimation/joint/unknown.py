@@ -75,7 +75,7 @@ def reopening_covariance(anything: Directions) -> Array:
 
 @kernel
 def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
-    """Projects derivatives of rate and velocity onto directions that unknown jets leave, shape (3, size) each.
+    """Removes components along unknown jets' directions from derivatives of rate and velocity, (3, size) each.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
