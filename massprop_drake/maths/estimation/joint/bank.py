@@ -107,7 +107,7 @@ class OnsetTests(NamedTuple):
 
 
 def empty_bank(places: Places) -> Bank:
-    """Returns a bank without onsets."""
+    """Returns a bank of past onsets that has none: no states, and a recursion of zero length."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     since = Since(
         cycles=np.zeros(0),
@@ -124,7 +124,7 @@ def empty_bank(places: Places) -> Bank:
 
 @kernel
 def advance_recursion(since: Since, over: Link, places: Places) -> Since:
-    """Advances the recursion by one interval, before the filter learns from its readings."""
+    """Advances corrections, derivatives and noise since each onset by an interval, before its update."""
     learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
@@ -166,7 +166,7 @@ def advance_recursion(since: Since, over: Link, places: Places) -> Since:
 
 @kernel
 def _noise_since(noise: Array, over: Link, places: Places) -> Array:
-    """Computes covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
+    """Advances covariances of process noise since the onsets by one interval, shape (k, d, d)."""
     n, slow = places.n_slow, slice(places.slow, places.slow + places.n_slow)
     if n == 0:
         return noise + over.noise
@@ -182,7 +182,7 @@ def _noise_since(noise: Array, over: Link, places: Places) -> Array:
 
 @kernel
 def add_onset(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
-    """Adds a cycle as the youngest onset, and drops an old one if the bank is full; also returns which onsets stay.
+    """Adds a cycle as youngest onset, drops one if the bank is full; returns recursion and indices that stay.
 
     Args:
         correction: of the mean by the update of the cycle, shape (size,).
@@ -220,7 +220,7 @@ def _onset_to_drop(ages: Array) -> int:
 
 @kernel
 def averaging_matrix(read: Array, places: Places) -> tuple[Array, bool]:
-    """Computes the matrix that averages readings over packages, rate first, and whether every axis has a rate.
+    """Returns the matrix that averages readings over packages, and whether rates about all axes are read.
 
     Its shape is (6, m), or (3, m) where an axis has no velocity.
     """
@@ -243,7 +243,7 @@ def averaging_matrix(read: Array, places: Places) -> tuple[Array, bool]:
 
 @kernel
 def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[OnsetTests, bool]:
-    """Tests every onset after `advance_recursion`; also returns whether any can be tested.
+    """Computes the likelihood ratios of faults at every onset, and whether any onset could be tested.
 
     None can where a rate is missing, or nothing can reach a level.
 
@@ -286,7 +286,7 @@ def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: Jo
 
 @kernel
 def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
-    """Selects onsets whose predicted outputs are accurate enough for the readings to add something despite rounding.
+    """Returns indices and covariances of onsets whose predictions are accurate enough despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
     """
@@ -298,7 +298,7 @@ def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array)
 
 @kernel
 def rate_output_derivative(jacobian: Array, places: Places) -> Array:
-    """Computes the derivative of the averaged outputs by w and by the growth common to all c, shape (r, 6)."""
+    """Computes the derivative of averaged outputs by rate and by a common velocity change, shape (r, 6)."""
     result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
     for package in range(places.accelerometers):
@@ -308,7 +308,7 @@ def rate_output_derivative(jacobian: Array, places: Places) -> Array:
 
 @kernel
 def output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, params: JointParams) -> Array:
-    """Computes M: derivative of the averaged outputs now by the state at an onset, shape (r, size).
+    """Computes the derivative of the averaged outputs now by the filter's state at an onset, shape (r, size).
 
     Args:
         jacobian: derivative of the averaged outputs by the state now, shape (r, size).
@@ -377,7 +377,7 @@ class Followed(NamedTuple):
 
 @kernel
 def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
-    """Linearizes a cycle, advances the bank of onsets over it, and tests them on its readings before the update.
+    """Linearizes a cycle, advances the bank of past onsets over it, and tests them on its readings.
 
     Args:
         since, roots: of the bank before it.
@@ -394,7 +394,7 @@ def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: 
 def run_follow_cycle(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
-    """Runs `follow_cycle`, compiled where asked: link, test, whether every axis had a rate, and the bank.
+    """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
 
     Args:
         bank, seen, cycle, least: see `follow_cycle`.
@@ -416,7 +416,7 @@ def run_follow_cycle(
 
 @kernel
 def is_alarming(likelihood: float, total: float) -> bool:
-    """Tests whether the statistics reach the level at which a hypothesis does not explain its readings.
+    """Tests whether a jet's GLR or that of any fault exceeds the level at which it opens the search for faults.
 
     Args:
         likelihood, total: largest GLR of a jet, and of anything.

@@ -25,7 +25,7 @@ _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be 
 
 
 def initial_joint_state(params: JointParams) -> JointState:
-    """Returns the state before the first sample."""
+    """Returns the filter's state before the first sample: nominal mean, and root of the prior covariance."""
     places = params.places
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
@@ -66,7 +66,7 @@ def initial_joint_state(params: JointParams) -> JointState:
 
 
 def begin_from_readings(state: JointState, sample: JointSample, params: JointParams) -> JointState:
-    """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude as read.
+    """Resets rate, velocity and attitude of the filter's state to the readings of a first sample or after a gap.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
@@ -141,7 +141,7 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
 
 
 def _reopen_shaken_modes(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
-    """Resets modes in mean and root to rest, with the 1-sigma of a shaken vehicle, if estimated before."""
+    """Returns mean and root with the modes at rest, with 1-sigmas of a shaken vehicle, if estimated before."""
     places = params.places
     if places.n_swing == 0 or not state.started:
         return mean, root

@@ -62,7 +62,7 @@ class BoundStep(NamedTuple):
 def predict_interval_end(
     state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
-    """Predicts the truth and the covariance's root at the end of an interval, before its readings.
+    """Predicts truth, and root of the bound's covariance, at an interval's end before its readings are used.
 
     Args:
         state: before it; its mean is the truth then.
@@ -87,7 +87,7 @@ def predict_interval_end(
 def update_bound(
     state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
-    """Updates the bound by an interval's readings; also returns the propagation of errors to it.
+    """Updates the Cramér-Rao bound by an interval's readings; returns state, and propagation of errors to it.
 
     Args:
         state: before the interval.
@@ -121,7 +121,7 @@ def update_bound(
 def advance_force_effects(
     before: tuple[Array, Array], state: JointState, course: BoundStep, first: int, params: JointParams
 ) -> tuple[Array, Array]:
-    """Propagates effects B of constant forces and their information G over an interval and its readings.
+    """Propagates errors by constant leaks and losses of jets, and their information, over an interval.
 
     The forces are a leak of each jet, which gives as much more all the time, then a loss of each, as much less while
     it fires.
@@ -142,7 +142,7 @@ def advance_force_effects(
 
 
 def _unit_force_effects(state: JointState, end: IntervalEnd, params: JointParams) -> Array:
-    """Computes changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
+    """Computes changes of rate and velocities by a unit of each leak or loss over an interval, shape (size, f)."""
     prediction, places = end.prediction, params.places
     jets, extra = np.tile(np.arange(places.jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), places.jets)
     n = jets.size

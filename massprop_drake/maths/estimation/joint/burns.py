@@ -43,7 +43,7 @@ class Burn(NamedTuple):
 
 @kernel
 def shut_engine_burn(n: int) -> Burn:
-    """Returns the burn of engines that are off: zeros."""
+    """Returns the burn (levels and gimbal angles over an interval) of n engines that are off: zeros."""
     return Burn(np.zeros((n, 3, N_CHANNELS)), np.zeros((n, N_CHANNELS)))
 
 
@@ -65,7 +65,7 @@ class EngineSettings(NamedTuple):
 
 
 def shut_engine_settings(n: int) -> EngineSettings:
-    """Returns settings of engines that are shut, with gimbals at zero."""
+    """Returns settings of n engines that are shut: levels and gimbal angles of zero."""
     none = np.zeros((n, N_CHANNELS))
     return EngineSettings(none, none, none - 1.0)
 
@@ -73,7 +73,7 @@ def shut_engine_settings(n: int) -> EngineSettings:
 def make_burn(
     before: EngineSettings, read: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Burn, EngineSettings]:
-    """Computes levels and gimbal angles of the engines over an interval, and their settings after it.
+    """Returns levels and gimbal angles of the engines over an interval, and their settings after it.
 
     Args:
         before: at the start of the interval.
@@ -113,7 +113,7 @@ class EngineImpulse(NamedTuple):
 
 @kernel
 def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
-    """Returns a burn with assumed values in place of levels and angles that are not trusted.
+    """Returns a burn with assumed levels and gimbal angles in place of those whose readings are distrusted.
 
     Args:
         burn: as it is read.
@@ -131,7 +131,7 @@ def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
 
 @kernel
 def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) -> EngineImpulse:
-    """Computes the impulse of the engines over an interval.
+    """Computes the engines' impulse about the vehicle origin over an interval, with its derivatives.
 
     Args:
         burn: levels and angles.
@@ -156,7 +156,7 @@ def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: Engine
 def single_engine_impulses(
     which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Array, Array, Array, Array]:
-    """Computes impulses of one engine over several intervals, with derivatives.
+    """Computes impulses of one engine over m intervals, their derivatives, and the propellant used.
 
     Args:
         which: index of the engine.
@@ -191,5 +191,5 @@ def single_engine_impulses(
 
 @kernel
 def _simpson_integrals(values: Array, duration_s: float) -> Array:
-    """Integrates over intervals by Simpson's rule, from values at three points of each, shape (m, k)."""
+    """Integrates by Simpson's rule over m intervals, from values at three points of each, shape (m, k)."""
     return (values[0::3] + 4.0 * values[1::3] + values[2::3]) * (duration_s / 6.0)

@@ -41,20 +41,20 @@ class Update(NamedTuple):
 
 @kernel
 def empty_update(root: Array) -> Update:
-    """Returns the update where no component counts; the root is unchanged."""
+    """Returns the update by no reading: correction of zero, and the covariance's root unchanged."""
     n = root.shape[0]
     return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
 def order_root_rows(columns: Array, first: int) -> Array:
-    """Orders the rows of a root so that it becomes triangular, see `compress_root`."""
+    """Returns a covariance's root with its first rows moved to the end, the order of `compress_root`."""
     return np.vstack((columns[first:], columns[:first]))
 
 
 @kernel
 def compress_root(columns: Array, first: int) -> Array:
-    """Computes a root of the same covariance, shape (n, n), from one with n columns or more; triangular in its order.
+    """Returns a triangular root, shape (n, n), of the same covariance as a root of k >= n columns.
 
     Args:
         columns: any root, shape (n, k).
@@ -71,7 +71,7 @@ def compress_root(columns: Array, first: int) -> Array:
 
 @kernel
 def semidefinite_root(matrix: Array) -> Array:
-    """Computes a lower triangular root of a positive semidefinite matrix; directions lost in rounding count as zero."""
+    """Computes a lower triangular root of a positive semidefinite matrix, also of a singular one."""
     n = matrix.shape[0]
     root = np.zeros((n, n))
     for j in range(n):
@@ -84,7 +84,7 @@ def semidefinite_root(matrix: Array) -> Array:
 
 @kernel
 def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
-    """Updates by one measurement of several components, in Joseph's form.
+    """Updates a covariance's root by a measurement in Joseph's form; returns correction, new root and gain.
 
     Args:
         root: before, shape (n, k), k >= n or not.
@@ -99,7 +99,7 @@ def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Arr
 
 @kernel
 def joseph_update_uncompressed(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
-    """Runs `joseph_update`, but leaves the root uncompressed, shape (n, k + m)."""
+    """Updates a root as `joseph_update` does, but returns it with the noise as more columns, shape (n, k + m)."""
     m, k = outputs.shape
     stacked = np.zeros((k + m, m))
     stacked[:k] = outputs.T

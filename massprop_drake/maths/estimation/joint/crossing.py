@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 def update_by_crossings(
     state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
-    """Updates the state by readings that were the last in their cells, and have not been taken in.
+    """Updates the state by pending readings whose quantized value now changes; returns it, gain and likelihood.
 
     Args:
         state: after the last sample.
@@ -76,7 +76,7 @@ def update_by_crossings(
 
 @kernel
 def levels_at_estimates(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
-    """Corrects the jets' thrust levels to the new estimates of lag and ticks, to first order.
+    """Corrects the jets' thrust levels to new estimates of lag and ticks, to first order, shape (n_jets,).
 
     Args:
         levels: `level`, `slope` and `tick_slope` of a state.

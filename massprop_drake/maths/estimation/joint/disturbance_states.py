@@ -60,7 +60,7 @@ class Wander(NamedTuple):
 
 @kernel
 def integral_variance(x: float) -> float:
-    """Computes the variance of a disturbance's integral e_1, in units of T_d^2, over x time constants."""
+    """Computes the variance of a Gauss-Markov disturbance's integral over x time constants, units of T_d^2."""
     if x < _SHORT:
         return x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
     lost = -math.expm1(-x)
@@ -68,7 +68,7 @@ def integral_variance(x: float) -> float:
 
 
 def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
-    """Returns the unit of an unstated disturbance: acceleration about each axis, and along each if read, shape (6, n).
+    """Returns an unstated disturbance's unit: root sum square of all jets' accelerations, diagonal, shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
@@ -80,7 +80,7 @@ def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
 
 @kernel
 def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
-    """Computes the course of a disturbance over an interval.
+    """Computes decay, effects on rate and velocity, and noise of a disturbance over an interval.
 
     Args:
         duration_s: T, positive.
@@ -99,7 +99,7 @@ def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level:
 
 @kernel
 def join_courses(one: Wander, other: Wander) -> Wander:
-    """Joins the courses of two disturbances, the components of the other after those of the one."""
+    """Joins decay, effects and noise of two sets of slow states, components of the second after the first's."""
     return Wander(
         np.concatenate((one.kept, other.kept)),
         np.hstack((one.begun, other.begun)),
@@ -111,13 +111,13 @@ def join_courses(one: Wander, other: Wander) -> Wander:
 
 @kernel
 def append_constant_states(wander: Wander, n: int) -> Wander:
-    """Appends n components to the course of slow states, which stay as they are and act on nothing."""
+    """Appends n components to slow states that neither decay nor change nor act on rate and velocity."""
     return join_courses(wander, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
 
 
 @kernel
 def disturbance_effect(wander: Wander, value: Array) -> Array:
-    """Computes the change of w and c by a disturbance of some value at the beginning, shape (6,)."""
+    """Computes the change of rate and velocity by a disturbance of given value at an interval's start, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
         change += wander.begun[:, component] * value[component]
@@ -126,7 +126,7 @@ def disturbance_effect(wander: Wander, value: Array) -> Array:
 
 @kernel
 def disturbance_noise_root(wander: Wander) -> Array:
-    """Computes a root of the covariance of w, c, z by a disturbance's noise, shape (6 + n, 2 n_moving)."""
+    """Computes a root of a disturbance's noise covariance of rate, velocity, z, shape (6 + n, 2 n_moving)."""
     moving = np.flatnonzero(wander.along + wander.apart > 0.0)
     n = moving.shape[0]
     columns = np.zeros((6 + wander.drawn.shape[1], 2 * n))
@@ -140,7 +140,7 @@ def disturbance_noise_root(wander: Wander) -> Array:
 
 @kernel
 def disturbance_noise(wander: Wander) -> Array:
-    """Computes the covariance of w and c by a disturbance's noise in an interval, shape (6, 6)."""
+    """Computes the covariance that a disturbance's noise adds to rate and velocity in an interval, shape (6, 6)."""
     covariance = np.zeros((6, 6))
     for component in range(wander.drawn.shape[1]):
         column = wander.drawn[:, component]

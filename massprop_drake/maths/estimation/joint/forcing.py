@@ -58,7 +58,7 @@ class Drive(NamedTuple):
 
 @kernel
 def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes forces and impulses on the vehicle over a sample's interval, with lag, ticks and engines as estimated.
+    """Computes the jets' and engines' thrust and known impulses over a sample's interval, lag as estimated.
 
     Args:
         state: before.
@@ -88,7 +88,7 @@ def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
 
 @kernel
 def estimated_lags(mean: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes each jet's time constant at the present estimate, and its logarithm's derivative by its kind's error."""
+    """Returns each jet's time constant at the estimate, s, and its logarithm's derivative by lag error."""
     places = params.places
     errors = mean[places.lag : places.lag + places.n_lag]
     return time_constants(params.time_constants_s, params.kinds, params.lag_sigma, errors)
@@ -96,7 +96,7 @@ def estimated_lags(mean: Array, params: JointParams) -> tuple[Array, Array]:
 
 @kernel
 def thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Computes 1 + sigma_T b of each jet, and the factor of its lag, shape (n_jets,) each."""
+    """Computes each jet's thrust relative to nominal, and the same less forces of stuck jets, shape (n_jets,)."""
     places = params.places
     factor = np.ones(places.jets)
     if places.n_thrust > 0:
@@ -111,14 +111,14 @@ def thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array
 
 @kernel
 def wrenches_of(mean: Array, params: JointParams) -> Array:
-    """Computes torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
+    """Returns torque about the vehicle origin and force of each jet, mounting as estimated, shape (n_jets, 6)."""
     places = params.places
     return displace_wrenches(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
 
 
 @kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by the parameters: thrust and lag errors, s, ticks, and forces.
+    """Computes derivatives of changes of rate and velocity by errors of thrust, lag, ticks, failure forces.
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
@@ -168,7 +168,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
 
 @kernel
 def slot_weight(state: JointState, slot: int, firing: Firing) -> float:
-    """Computes the seconds for which a slot's force acts: T or T - L if the jet gives more than commanded, else -L."""
+    """Returns seconds for which a failed jet's force acts: T for a leak, T - L stuck on, -L for a loss."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
     if state.slot_on_top[slot] > 0.0:
         return firing.duration_s
@@ -177,7 +177,7 @@ def slot_weight(state: JointState, slot: int, firing: Firing) -> float:
 
 @kernel
 def effective_seconds(state: JointState, firing: Firing, params: JointParams) -> Array:
-    """Computes seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
+    """Computes each jet's seconds of full thrust, its thrust error and failure forces included, shape (n_jets,)."""
     factor, _ = thrust_factors(state, params)
     seconds = firing.amount * factor
     for slot in range(params.places.n_force):
@@ -192,7 +192,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 def impulse_rows(
     state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by impulses, shape (3, size) each.
+    """Computes derivatives of changes of rate and velocity under impulses by the state, shape (3, size) each.
 
     Args:
         state: before the interval.
@@ -209,14 +209,14 @@ def impulse_rows(
 
 @kernel
 def _known_impulse_scale(mean: Array, params: JointParams) -> float:
-    """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
+    """Returns 1 - sigma_T s, the factor of engines', wheels' and outside impulses under thrust scale error s."""
     places = params.places
     return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
 
 
 @kernel
 def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
-    """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
+    """Returns impulse of outside forces, engines and wheels, shape (6,); wheel momenta, (2, 3); thrust scale."""
     scale = _known_impulse_scale(mean, params)
     momenta = scale * wheel_momenta(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
@@ -226,7 +226,7 @@ def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams)
 
 @kernel
 def wheel_factors(mean: Array, params: JointParams) -> Array:
-    """Computes 1 + sigma p of each wheel's inertia, shape (n_wheels,)."""
+    """Returns the estimated inertia of each wheel relative to nominal, 1 + sigma p, shape (n_wheels,)."""
     places, factors = params.places, np.ones(params.places.wheels)
     if places.n_wheel > 0:
         factors = factors + params.wheels.sigma * mean[places.wheel : places.wheel + places.n_wheel]
@@ -235,7 +235,7 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def add_wheel_errors(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
-    """Adds derivatives of the change of w by errors of the wheels' inertias, and of s by the wheels' impulse.
+    """Adds to the derivative of the change of rate that by errors of wheel inertias and thrust scale.
 
     Args:
         rows: without that, shape (3, size).
@@ -255,6 +255,6 @@ def add_wheel_errors(rows: Array, mean: Array, exchange: Array, scale: float, pa
 
 @kernel
 def thrust_bow_impulses(state: JointState, acting: Drive, params: JointParams) -> Array:
-    """Computes angular impulses of bows as thrust builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
+    """Computes the jets' angular impulse beyond that of steady thrust: mean, first moment, RMS, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
     return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

@@ -17,7 +17,7 @@ _SECOND_ORDER = 0.1  # probability: sigmas by which products of errors may shift
 
 @kernel
 def is_converged(state: JointState, params: JointParams) -> bool:
-    """Tests whether each judged parameter is known to `JointParams.guard_relative` and `guard_center`."""
+    """Tests whether 1-sigmas of mass properties are below `JointParams.guard_relative` and `guard_center`."""
     properties, rows = parameters_with_scale(state, params)
     deviation = np.sqrt(np.sum(rows * rows, axis=1))
     for index, element in enumerate(_SCALED):
@@ -29,7 +29,7 @@ def is_converged(state: JointState, params: JointParams) -> bool:
 
 @kernel
 def update_guard(state: JointState, commanded: bool, params: JointParams) -> JointState:
-    """Sets the guard, which latches, once the estimates have converged, and counts firings from then on.
+    """Sets the convergence flag of the state once estimates have converged, then counts firing periods.
 
     Args:
         state: after the update.
@@ -43,7 +43,7 @@ def update_guard(state: JointState, commanded: bool, params: JointParams) -> Joi
 
 
 def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bool_] | None = None) -> bool:
-    """Tests whether the covariance of a state says by how much predicted rates may be off.
+    """Tests whether jets' effects on rates are known well enough for linear statistics of rates to hold.
 
     Rates are products of what is unknown: inverse inertia, and torque about the center of mass. With e the relative
     1-sigma of what the jets do to a rate, these products are off by e of the rate's own 1-sigma, in one sample as in a
@@ -61,5 +61,5 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
 
 
 def reset_guard(state: JointState) -> JointState:
-    """Returns the state with guard and count begun again: after a mass-property jump, and in a start under way."""
+    """Returns the state with the convergence flag cleared and its count of firing periods zero."""
     return state._replace(guarded=False, firing_count=0.0)

@@ -105,17 +105,17 @@ class Cause(NamedTuple):
 
     @property
     def failures(self) -> frozenset[tuple[int, int]]:
-        """Failed jets with their signs."""
+        """Failed jets as pairs (jet, sign), sign 1: gives more than commanded, -1: less."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
     @property
     def part(self) -> tuple[Kind, int]:
-        """Kind and component of a cause other than jets; of an unstated disturbance without its strength."""
+        """Kind and component of a cause other than jets; component -1 for an unstated disturbance."""
         return self.kind, -1 if self.kind == Kind.WANDER else self.component
 
     @property
     def key(self) -> frozenset[tuple[int, int]] | tuple[Kind, int]:
-        """Key that distinguishes causes: a jet that leaks and one that is stuck on have the same."""
+        """Key that distinguishes causes; a leaking jet and the same jet stuck on have the same."""
         return self.failures or self.part
 
 
@@ -135,21 +135,21 @@ class Score(NamedTuple):
     gyro_degrees: float = 0.0
 
     def plus(self, part: Score) -> Score:
-        """Returns the score with a further part."""
+        """Returns the sum of two scores: log likelihood, NIS and degrees of freedom."""
         return Score(*(whole + more for whole, more in zip(self, part, strict=True)))
 
     def without(self, part: Score) -> Score:
-        """Returns the score without a part."""
+        """Returns the difference of two scores: log likelihood, NIS and degrees of freedom."""
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
 
     @property
     def excess(self) -> float:
-        """Log-likelihood that its predictions expect of its readings, minus the one they have, nats."""
+        """Expected log likelihood of the readings less that found, (NIS - degrees) / 2, nats."""
         return 0.5 * (self.nis - self.degrees)
 
     @property
     def misfit(self) -> float:
-        """NIS above its expectation in its own standard deviations."""
+        """NIS less its expectation, in standard deviations of chi-square."""
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
 
 
@@ -186,12 +186,12 @@ class Runner(NamedTuple):
 
     @property
     def age(self) -> int:
-        """Number of cycles since its onset."""
+        """Number of cycles since the onset of the hypothesis."""
         return self.cycle - self.onset
 
 
 def false_reading_cost(component: int, params: JointParams, moved: float = np.inf) -> float:
-    """Computes the cost of a reading taken for false, nats: by its cell, or its density if not rounded.
+    """Computes the log likelihood lost by taking a reading for false, nats, relative to that of its cell.
 
     Args:
         component: index of it.
@@ -204,13 +204,13 @@ def false_reading_cost(component: int, params: JointParams, moved: float = np.in
 
 
 def stronger_disturbances(state: JointState, params: JointParams) -> list[int]:
-    """Returns indices in `STIRS` of disturbances as strong as the present one, or stronger, but not slower."""
+    """Returns indices in `STIRS` of disturbances stronger than the state's, or as strong and no slower."""
     now = (state.stir, -state.stir_s)
     return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
 
 
 def unstated_disturbance_sigmas(level: float, params: JointParams) -> tuple[float, float]:
-    """Computes 1-sigma of an unstated disturbance about and along an axis of the nominal vehicle, RMS of the three.
+    """Computes 1-sigma torque and force per axis of an unstated disturbance of given level, RMS over the axes.
 
     Returns:
         Torque and force, ft-lbf and lbf, or N-m and N; NaN in place of a force without an accelerometer.
@@ -223,14 +223,14 @@ def unstated_disturbance_sigmas(level: float, params: JointParams) -> tuple[floa
 
 
 def failure_slot(state: JointState, jet: int, sign: int) -> int:
-    """Returns the slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
+    """Returns the index of the state's slot for a jet's failure: its own, else the first free, -1: none."""
     own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
     free = np.flatnonzero(state.slot_jet < 0)
     return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
 
 
 def jump_sigma(params: JointParams, share: float) -> Array:
-    """Computes the 1-sigma that a jump of mass properties adds to the ten parameters, in quadrature, shape (10,).
+    """Computes the 1-sigma added to the ten mass parameters by a payload of a given mass share, shape (10,).
 
     A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
     uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction;
@@ -246,7 +246,7 @@ def jump_sigma(params: JointParams, share: float) -> Array:
 
 
 def jump_variances(params: JointParams) -> Array:
-    """Computes variances of a jump of each of `JUMP_SHARES`, in terms of the first, shape (len(JUMP_SHARES), 10)."""
+    """Computes variances of a jump of each of `JUMP_SHARES` relative to the first, shape (len(JUMP_SHARES), 10)."""
     sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
     result: Array = (sigmas / sigmas[0]) ** 2
     return result
@@ -259,7 +259,7 @@ def apply_cause(
     share: float = JUMP_SHARES[0],
     expected: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
-    """Adds the effects of a fault cause to the state at its onset.
+    """Adds a fault's prior uncertainty at its onset to the state: of jets, jump, attitude, engine or disturbance.
 
     Args:
         state: before the first interval that it bears on.
@@ -301,12 +301,12 @@ def apply_cause(
 
 
 def _add_uncertainty(state: JointState, columns: Array, params: JointParams) -> JointState:
-    """Adds independent errors to the state, a column each."""
+    """Returns the state with independent errors added to its covariance, one column of 1-sigmas each."""
     return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
 
 
 def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
-    """Adds the uncertain impulses that failed jets may have given besides over an interval.
+    """Adds to the state's covariance the uncertain impulses of failed jets in an interval at their onset.
 
     What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
 
@@ -334,7 +334,7 @@ def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Li
 
 
 def add_disturbance_drift(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
-    """Adds to the ten parameters the uncertainty of an unstated disturbance that has acted until now.
+    """Inflates the mass parameters' covariance for an unstated disturbance that acted before it was recognized.
 
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
 
@@ -350,7 +350,7 @@ def add_disturbance_drift(state: JointState, before: float, duration_s: float, p
 
 
 def _add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
-    """Adds the uncertainty of the jets' effects in the interval of a jump, whose time within it is unknown."""
+    """Adds to the state's covariance jets' effects in a mass jump's interval, whose time within is unknown."""
     fired = np.flatnonzero(over.amount > 0.0)
     if fired.shape[0] == 0:
         return state
@@ -359,7 +359,7 @@ def _add_jump_time_noise(state: JointState, share: float, over: Link, params: Jo
 
 
 def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) -> Array | None:
-    """Returns 1-sigma of each failed jet's extra impulse in the next interval, in intervals of force, or None.
+    """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, or None: no more.
 
     What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
     it is estimated.
@@ -378,9 +378,7 @@ def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) ->
 
 
 def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
-    """Draws the force of each intermittent jet again, N(f, T^2), and adds the walk of each drifting force.
-
-    The new force of an intermittent jet is independent of the one before.
+    """Returns the state with forces of intermittent jets redrawn from N(f, T^2), and drifting ones walked on.
 
     Args:
         state: before an interval.
@@ -398,7 +396,7 @@ def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams)
 
 
 def add_push_impulse(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
-    """Adds the uncertain impulse of an unknown push over an interval, independent of earlier ones.
+    """Returns the state with covariance of an unknown push over an interval, independent of earlier ones.
 
     Args:
         state: before the interval.
@@ -411,12 +409,12 @@ def add_push_impulse(state: JointState, push: float, over: Link, params: JointPa
 
 
 def without_increments(params: JointParams) -> JointParams:
-    """Returns parameters of a filter without covariance increments, which would blur the comparison."""
+    """Returns parameters with covariance increments disabled, whose timing would blur the comparison."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
 def _mask_component(sample: JointSample, component: int) -> JointSample:
-    """Returns a sample without one component."""
+    """Returns a sample with one component of its readings set to NaN, as missing."""
     parts = sample.rates, sample.velocities, sample.attitudes
     read = readings(*parts)
     if component < read.size:
@@ -427,7 +425,7 @@ def _mask_component(sample: JointSample, component: int) -> JointSample:
 
 
 def _is_inconsistent(report: Report, component: int, params: JointParams) -> bool:
-    """Tests whether a reading is too far off its prediction to fit, or is missing."""
+    """Tests whether a reading is missing or more than five standard deviations off its prediction."""
     course = report.course
     assert course is not None, "the first sample fits"
     half = course.expected.projected[component]
@@ -438,7 +436,7 @@ def _is_inconsistent(report: Report, component: int, params: JointParams) -> boo
 def prepare_cycle(
     run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
-    """Returns the filter's state at the beginning of a cycle, and the log likelihood of readings taken in before.
+    """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings.
 
     Args: as of `step_runner`.
     """
@@ -460,7 +458,7 @@ def prepare_cycle(
 
 
 def _hold_untrusted(assumed: Array, cause: Cause, sample: JointSample, params: JointParams) -> Array:
-    """Returns assumed speeds, levels and angles with the present value of the one that is not trusted any more."""
+    """Returns assumed speeds, levels and angles with the distrusted one held at its present reading."""
     assumed, places = assumed.copy(), params.places
     if cause.kind == Kind.SPEED:
         wheel = cause.component - places.outputs
@@ -473,14 +471,14 @@ def _hold_untrusted(assumed: Array, cause: Cause, sample: JointSample, params: J
 
 
 def first_engine_index(places: Places) -> int:
-    """Returns the index that stands for the level of the first engine in a `Cause`."""
+    """Returns the `Cause` component of the first engine's level, after readings, wheels and trackers."""
     return places.outputs + places.wheels + places.trackers
 
 
 def step_runner(
     run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> Runner:
-    """Advances a filter by one cycle.
+    """Advances a hypothesis by one cycle of its filter; returns it with new state and score.
 
     Args:
         run: before; it opens when its onset is the last cycle done.
@@ -505,13 +503,13 @@ def step_runner(
 
 
 def cycle_score(report: Report) -> Score:
-    """Returns the score that a cycle of a filter adds."""
+    """Returns log likelihood, NIS and degrees of freedom that a cycle adds to a hypothesis's score."""
     of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
     return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:
-    """Returns the force of each known failure, more and then less, shape (2 n_jets,)."""
+    """Returns the estimated force of each failure in a slot, else 0; gains, then losses, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
         column = int(state.slot_jet[slot]) + (params.places.jets if state.slot_sign[slot] < 0.0 else 0)

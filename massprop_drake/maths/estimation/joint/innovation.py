@@ -55,7 +55,7 @@ class Expected(NamedTuple):
 
 @kernel
 def predict_cycle(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
-    """Predicts the state and the readings at the end of an interval, and selects the readings that count."""
+    """Predicts state, covariance and readings at an interval's end, with the selection of readings used."""
     read = combine_gyros(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     root = propagate_root(state.root, prediction, params)
@@ -72,7 +72,7 @@ def predict_readings(
     sample: JointSample,
     params: JointParams,
 ) -> Expected:
-    """Predicts the readings of a sample; linearized at some mass properties and at the rate that gyros correct.
+    """Predicts a sample's readings, innovation and their variances, linearized at given mass properties.
 
     At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
     """
@@ -93,7 +93,7 @@ def predict_readings(
 
 @kernel
 def sum_by_sensor_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
-    """Sums over the gyros' components that count, and over the accelerometers'.
+    """Sums values over the gyros' components used, and over the accelerometers', one sum each.
 
     Args:
         values: of each that counts, shape (number,).
@@ -109,7 +109,7 @@ def sum_by_sensor_kind(values: Array, used: np.ndarray, nothing: float, params: 
 
 @kernel
 def prediction_floors(state: JointState, params: JointParams) -> Array:
-    """Computes each prediction's variance beyond the state's, shape (m,): before the guard holds, that of rounding.
+    """Returns variances added to those of predicted readings, that of rounding before convergence, shape (m,).
 
     Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
     linearized where its end knows the mass properties to be, and need no such floor.
@@ -119,7 +119,7 @@ def prediction_floors(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def make_sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
-    """Makes Gaussian measurements equivalent to the quantized readings that count, see `quantized`.
+    """Makes the Gaussian measurements equivalent to the quantized readings used, from their innovation.
 
     Args:
         used: which components count, shape (m,).
@@ -133,14 +133,14 @@ def make_sites(used: np.ndarray, projected: Array, innovation: Array, given: tup
 
 @kernel
 def make_expected_sites(expected: Expected, params: JointParams) -> Sites:
-    """Makes Gaussian measurements equivalent to a sample's quantized readings that count, at their prediction."""
+    """Makes the Gaussian measurements equivalent to a sample's quantized readings used, at their prediction."""
     projected = expected.projected[np.flatnonzero(expected.used)]
     return make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
 
 @kernel
 def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
-    """Updates a root by a sample's readings that count; also returns their equivalent Gaussian measurements."""
+    """Updates a covariance's root by a sample's readings used; returns update and equivalent measurements."""
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
     told = make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
     return joseph_update(root, projected, told.variance, told.innovation, params.places.thrust), told
@@ -150,7 +150,7 @@ def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[U
 def count_reopened_degrees(
     expected: Expected, acting: Drive, mean: Array, params: JointParams
 ) -> tuple[float, float, float]:
-    """Counts components whose readings only show how long jets of unknown command were open, see `unknown`.
+    """Counts degrees of freedom of readings that only show impulses of jets of unknown command.
 
     Args:
         mean: before the interval, where it is linearized, shape (size,).
@@ -178,14 +178,14 @@ def count_reopened_degrees(
 
 @kernel
 def _degrees_along(wide: Array) -> float:
-    """Computes the degrees of freedom that directions take from readings, by their effects in readings' 1-sigmas."""
+    """Computes the number of degrees of freedom that directions absorb, from their effects in sigmas of readings."""
     squares = np.linalg.svd(wide)[1] ** 2
     return float((squares / (1.0 + squares)).sum())
 
 
 @kernel
 def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float]:
-    """Returns a NIS and its expectation, or NaN and 0 where at most half a component or too few digits are left.
+    """Returns a NIS and its expectation, or NaN and 0: too few degrees of freedom, or digits lost by spread.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
     """
@@ -194,7 +194,7 @@ def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float
 
 @kernel
 def replace_counting(expected: Expected, used: np.ndarray) -> Expected:
-    """Replaces the selection of components that count among expected readings."""
+    """Returns expected readings with another mask of the components used, shape (m,)."""
     return Expected(
         expected.prediction,
         expected.root,

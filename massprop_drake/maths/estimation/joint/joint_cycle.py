@@ -129,7 +129,7 @@ class JointEvidence(NamedTuple):
 def step(
     state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray = OWN_CHOICE
 ) -> tuple[JointState, Report]:
-    """Runs a cycle of the joint filter on a sample: the first, or prediction and update.
+    """Advances the joint filter by one sample: initialization, or prediction and update; returns state and report.
 
     Args:
         state: after the last sample.
@@ -157,7 +157,7 @@ def step(
 
 
 def _step_first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
-    """Runs the first cycle: the state begins from the readings, and none of these is tested."""
+    """Initializes the state from the first sample's readings; returns it and a report without tests."""
     after = begin_from_readings(state, sample, params)
     n_outputs = after.read.shape[0]
     estimate, rows = parameters_with_scale(after, params)
@@ -168,7 +168,7 @@ def _step_first(state: JointState, sample: JointSample, params: JointParams) -> 
 
 
 def restart(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
-    """Runs a cycle over an interval of which nothing is known: rate and velocity are as read again.
+    """Advances over an interval of unknown motion: rate and velocity reset to readings; returns state, report.
 
     What else is known stays; thrust follows the commands as far as they are known.
 
@@ -186,7 +186,7 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 
 @kernel
 def make_drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes the drive of a sample's interval; jets of unknown command give in it what its readings show."""
+    """Computes forces and impulses over a sample's interval; jets of unknown command as readings show them."""
     acting = drive(state, sample, params)
     if acting.anything.number == 0.0:
         return acting
@@ -220,7 +220,7 @@ def make_drive(state: JointState, sample: JointSample, params: JointParams) -> D
 def run_cycle(
     state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
 ) -> tuple[JointState, Report]:
-    """Runs a cycle after the first: prediction, innovation, update and guard.
+    """Advances the joint filter by a sample after the first, convergence test included; returns state, report.
 
     Args:
         state: after the last sample.
@@ -299,7 +299,7 @@ def run_cycle(
 def update_state(
     state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
-    """Applies the update of a cycle to the state, before the guard.
+    """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
 
     Args:
         state: before it.
@@ -339,7 +339,7 @@ def update_state(
 
 @kernel
 def incremented_root(root: Array, params: JointParams) -> Array:
-    """Computes the root with the uncertainty of the start added to the ten parameters, not square."""
+    """Returns a root with the start's uncertainty of the ten mass parameters appended, shape (size, k + 10)."""
     columns = np.zeros((root.shape[0], N_PROPERTIES))
     for element in range(N_PROPERTIES):
         columns[element, element] = params.increment_sigma[element]

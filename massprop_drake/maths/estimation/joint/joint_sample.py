@@ -52,11 +52,11 @@ class JointSample(NamedTuple):
 
 @kernel
 def has_outside_impulse(sample: JointSample, params: JointParams) -> bool:
-    """Tests whether known outside forces, engines or wheels act on the vehicle."""
+    """Tests whether known outside forces, engines or wheels act on the vehicle in a sample's interval."""
     known = bool(np.any(sample.outside != 0.0)) or bool(np.any(sample.burn.points[:, :, 0] != 0.0))
     return known or is_any_wheel_driven(sample.speeds, params.wheels)
 
 
 def has_impulse(sample: JointSample, params: JointParams) -> bool:
-    """Tests whether anything pushes or turns the vehicle in a sample."""
+    """Tests whether jets, engines, wheels or known outside forces act in a sample's interval."""
     return bool((sample.commands > 0.0).any() or has_outside_impulse(sample, params))

@@ -23,7 +23,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one."""
+    """Returns mean and variance of a kind's lag error by the prior not used, and its log likelihood ratio, nats."""
     places = params.places
     row = places.lag + kind
     m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
@@ -43,7 +43,7 @@ def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[flo
 
 @kernel
 def log_odds(state: JointState, params: JointParams) -> Array:
-    """Computes log odds of the wide prior of each kind's lag, minus infinity where it is certain, shape (n_lag,)."""
+    """Returns log odds of the wide against the stated lag prior of each jet kind, shape (n_lag,); -inf: certain."""
     places = params.places
     found = np.full(places.n_lag, -np.inf)
     for kind in range(places.n_lag):
@@ -55,7 +55,7 @@ def log_odds(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def switch_lag_priors(state: JointState, params: JointParams, before: float = _ODDS) -> tuple[JointState, float]:
-    """Switches to the wide prior each uncertain lag for which it is the likelier one.
+    """Switches uncertain lags to the wide prior where likelier; returns state and log likelihood gained, nats.
 
     Args:
         before: log odds of that prior before any reading; infinity: every lag is switched.
@@ -75,7 +75,7 @@ def switch_lag_priors(state: JointState, params: JointParams, before: float = _O
 
 @kernel
 def _widen_lag(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
-    """Returns the state with another mean and larger variance of a lag's error, and everything correlated with it.
+    """Returns the state with the wide prior of a jet kind's lag: new mean and variance, correlated states moved.
 
     With s the row of the error, its root S becomes S + alpha (S s) s^T.
     """
@@ -90,7 +90,7 @@ def _widen_lag(state: JointState, kind: int, mean: float, variance: float, param
 
 
 def choose_lag_priors(entry: JointState, end: JointState, params: JointParams) -> JointState:
-    """Returns the state at the beginning of a pass, with each lag's prior that is the likelier one at an earlier end.
+    """Returns a smoothing pass's initial state with the lag priors that its last end state finds likelier.
 
     Args:
         entry: with the stated priors of lags of which it knows nothing.
@@ -104,7 +104,7 @@ def choose_lag_priors(entry: JointState, end: JointState, params: JointParams) -
 
 
 def log_mixture(state: JointState, params: JointParams) -> float:
-    """Computes the log likelihood ratio of the readings by both priors over the filter's own, nats."""
+    """Returns the log likelihood ratio of the mixture of lag priors over those the filter uses, nats."""
     total = 0.0
     for odds, is_open in zip(log_odds(state, params).tolist(), state.lag_open.tolist(), strict=True):
         chance, other = (FAR, -odds) if is_open else (1.0 - FAR, odds)

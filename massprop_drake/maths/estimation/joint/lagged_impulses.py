@@ -67,7 +67,7 @@ class Firing(NamedTuple):
 
 @kernel
 def replace_firing(firing: Firing, amount: Array, level: Array) -> Firing:
-    """Returns the firing with other amounts and levels at the end."""
+    """Returns the jets' thrust over an interval with other seconds of full thrust, and levels at its end."""
     return Firing(
         firing.duration_s,
         amount,
@@ -93,7 +93,7 @@ def moments_of(wrenches: Array, mean: Array) -> Array:
 
 @kernel
 def effects_of(wrenches: Array, mean: Array) -> Array:
-    """Computes the change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
+    """Computes the change of rate and velocity by each wrench about the vehicle origin over a second, shape (n, 6)."""
     return np.hstack((moments_of(wrenches, mean) @ take_elements(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
 
 
@@ -101,7 +101,7 @@ def effects_of(wrenches: Array, mean: Array) -> Array:
 def fire(
     levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
-    """Computes the jets' thrust over an interval of pieces with constant commands.
+    """Computes the jets' seconds of full thrust, levels and derivatives over an interval of constant-command pieces.
 
     Args:
         levels: at the start of the interval, their derivatives by ln tau, and their 1-sigma, shape (n_jets,) each.
@@ -170,6 +170,7 @@ def fire(
 
 @kernel
 def _rows_like(level: Array, count: int) -> Array:
+    """Returns an array of zeros with a given number of rows, each of the shape of a level."""
     return np.zeros((count,) + level.shape)  # noqa: RUF005 (for numba)
 
 
@@ -190,7 +191,7 @@ class Lingering(NamedTuple):
 
 
 def initial_level_decay(ratio: Array) -> Lingering:
-    """Computes the decay for time constants over the interval's length, shape (n_jets,); zero: no lag."""
+    """Computes the decay by lag of an initial thrust level, from time constants over the interval's length."""
     lagged = ratio > 0.0
     remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)
@@ -200,14 +201,14 @@ def initial_level_decay(ratio: Array) -> Lingering:
 
 @kernel
 def _decay_integrals(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
-    """Computes E0, E1 and E2 of each jet, from tau/h and k, shape (n_jets,) each."""
+    """Computes the integrals E0, E1, E2 of a jet's lag transient, from tau/h and mean k, shape (n_jets,) each."""
     rest = ratio * (1.0 - mean)
     return rest, ratio * (0.5 - mean + rest), ratio * (rest - 0.5 * mean * mean)
 
 
 @kernel
 def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
-    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets)."""
+    """Computes the departure of each jet's impulse from linear growth, command constant, shape (3, n_jets)."""
     plain, by_time, square = parts
     bow = np.empty((3,) + lacking.shape)  # noqa: RUF005 (for numba)
     bow[0] = lacking * (plain - 0.5 * mean)
@@ -220,7 +221,7 @@ def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array
 def _moments_of_piece(
     since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
 ) -> Array:
-    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets)."""
+    """Computes integrals over a piece of each jet's impulse p, of p t and of p^2, shape (3, n_jets)."""
     before, u, d = given
     plain, by_time, square = parts
     first = before + h * (0.5 * u + d * plain)
@@ -233,7 +234,7 @@ def _moments_of_piece(
 
 @kernel
 def _bow_of_interval(moments: Array, amount: Array, total: float) -> Array:
-    """Computes the bow of each jet, see `Firing`, from the integrals of p, p t and p^2, shape (3, n_jets)."""
+    """Computes the departure of each jet's impulse from linear growth, from its integrals, shape (3, n_jets)."""
     bow = np.empty_like(moments)
     bow[0] = moments[0] / total - 0.5 * amount
     bow[1] = (moments[1] / total - 0.5 * moments[0]) / total - amount / 12.0
@@ -244,7 +245,7 @@ def _bow_of_interval(moments: Array, amount: Array, total: float) -> Array:
 
 @kernel
 def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Array) -> tuple[Array, Array]:
-    """Computes each jet's time constant at its kind's estimated error, and its logarithm's derivative by that.
+    """Returns each jet's lag time constant, s, at its kind's error p, and its logarithm's derivative by p.
 
     The time constant is tau_0 max(1 + sigma p, `LEAST_LAG`), linear in p.
 

@@ -147,7 +147,7 @@ def make_places(
     forces: int,
     ticks: int = 0,
 ) -> Places:
-    """Computes the places of a vehicle's state.
+    """Returns the index and size of each quantity in a vehicle's filter state.
 
     Args:
         counts: see `PartCounts`; those left out at the end are zero.
@@ -222,7 +222,7 @@ EVERY_PERIOD = Rates(0.0, 1)
 
 @kernel
 def intervals_per_period(duration_s: float, rates: Rates) -> float:
-    """Computes how many intervals of a length, s, fit a control period; 1 where a step is taken every period."""
+    """Returns the number of filter steps in a control period, from the interval's length; 1 if one a period."""
     return max(rates.period_s / duration_s, 1.0) if rates.period_s > 0.0 else 1.0
 
 
@@ -406,56 +406,56 @@ _STATE = Layout(
 
 
 def n_assumed(places: Places) -> int:
-    """Returns the number of readings, beyond those of three-component sensors, that may not be trusted."""
+    """Returns the number of wheel speeds, engine levels and gimbal angles whose readings may be distrusted."""
     return places.wheels + N_CHANNELS * places.engines
 
 
 def state_layout(places: Places) -> Layout:
-    """Returns the layout of a state packed into one vector."""
+    """Returns the layout of a filter state packed into one flat vector: field names and shapes."""
     counts = {"jets": places.jets, "outputs": places.outputs, "assumed": n_assumed(places)}
     return _STATE.sized(size=places.size, forces=places.n_force, lags=places.n_lag, **counts)
 
 
 def pack(state: JointState, places: Places) -> Array:
-    """Packs a state into one vector, as a diagram holds it."""
+    """Packs a filter state into one flat vector, as a Drake diagram holds it."""
     return state_layout(places).pack(state)
 
 
 def unpack(vector: Array, places: Places) -> JointState:
-    """Unpacks a state: the inverse of `pack`; views of the vector."""
+    """Unpacks a filter state from a flat vector, the inverse of `pack`; its arrays are views of that."""
     return JointState(*state_layout(places).read(vector))
 
 
 @kernel
 def replace_estimate(state: JointState, mean: Array, root: Array) -> JointState:
-    """Returns the state with another mean and root."""
+    """Returns the filter state with another mean and covariance root."""
     return replace_levels(state, mean, root, state.level, state.tick_slope)
 
 
 @kernel
 def replace_levels(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
-    """Returns the state with another mean and root, and other levels, which depend otherwise on the ticks."""
+    """Returns the filter state with another mean, root, thrust levels and their derivatives by ticks."""
     learned, standing = (mean, root, level, tick_slope), (state.guarded, state.firing_count)
     return _replace_fields(state, learned, state.fresh, standing, state.lag_open)
 
 
 @kernel
 def clear_pending(state: JointState) -> JointState:
-    """Returns the state with no reading pending that the update has yet to use."""
+    """Returns the filter state with no reading marked as not yet used by an update."""
     learned, standing = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
     return _replace_fields(state, learned, np.zeros_like(state.fresh), standing, state.lag_open)
 
 
 @kernel
 def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
-    """Returns the state with another guard flag and another count of firings since."""
+    """Returns the filter state with another convergence flag, and count of firing periods since."""
     learned = state.mean, state.root, state.level, state.tick_slope
     return _replace_fields(state, learned, state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
 def widen_lag_prior(state: JointState, mean: Array, root: Array, lag_open: Array) -> JointState:
-    """Returns the state with another mean and root, and with the wide prior for the lags of other kinds of jets."""
+    """Returns the filter state with another mean and root, and other marks of jet kinds with wide lag prior."""
     learned, standing = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
     return _replace_fields(state, learned, state.fresh, standing, lag_open)
 
@@ -468,7 +468,7 @@ def _replace_fields(
     standing: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
-    """Replaces fields of the state; compiled code has no `_replace`."""
+    """Replaces fields of the filter state, for compiled code, which has no `_replace`."""
     mean, root, level, tick_slope = learned
     guarded, firing_count = standing
     return JointState(
@@ -498,5 +498,5 @@ def _replace_fields(
 
 @kernel
 def is_initialized(state: JointState, params: JointParams) -> bool:
-    """Tests whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
+    """Tests whether initialization is complete: thereafter covariance is inflated only on hypothesis tests."""
     return state.guarded and state.firing_count >= params.settled_after

@@ -27,7 +27,7 @@ _OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 @kernel
 def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
-    """Collects all components that are read, gyros first, shape (n_outputs,).
+    """Concatenates readings of gyros, accelerometers and trackers into one vector, shape (n_outputs,).
 
     Args:
         rates: of each gyro package, NaN where missing, rad/s, shape (n_gyros, 3).
@@ -39,7 +39,7 @@ def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
 
 @kernel
 def combine_gyros(rates: Array, mean: Array, params: JointParams) -> RateRead:
-    """Computes the rate that gyros show, weighted by their variances.
+    """Averages the gyros' rates weighted by inverse variance, biases removed; with derivatives and variance.
 
     Args:
         rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
@@ -69,7 +69,7 @@ def combine_gyros(rates: Array, mean: Array, params: JointParams) -> RateRead:
 
 @kernel
 def predict_outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
-    """Predicts outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
+    """Predicts readings from the state's mean, shape (m,), and their Jacobian H, shape (m, size)."""
     places = params.places
     values, jacobian = np.empty(places.outputs), np.zeros((places.outputs, places.size))
     for package in range(places.gyros):
@@ -101,7 +101,7 @@ def predict_outputs(mean: Array, reference: Array, spin: Array, params: JointPar
 
 @kernel
 def find_changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
-    """Tests which readings differ from those before, shape (m,); a first one does.
+    """Flags readings that differ from the last ones by half a cell or more, or are first ones, shape (m,).
 
     Args:
         read: readings, NaN where missing, shape (m,).
@@ -114,7 +114,7 @@ def find_changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
 def select_counting(
     read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
-    """Selects the readings that count, shape (m,), and computes the floors of their predictions, shape (m,).
+    """Flags readings used in the update: changed, or outside their cell; returns mask and floors, shape (m,).
 
     Args:
         read: readings, NaN where missing, shape (m,).
@@ -133,7 +133,7 @@ def select_counting(
 def add_tracker_variances(
     innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes variances of readings, and floors of their predictions, with those of trackers, shape (m,) each.
+    """Returns variances and floors of readings, trackers' stamp errors and outliers included, shape (m,) each.
 
     A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
     of these, has the variance of one.
@@ -161,12 +161,12 @@ def add_tracker_variances(
 
 @kernel
 def _log_density(error: Array, covariance: Array) -> float:
-    """Computes the Gaussian log density of three components but for its constant, nats."""
+    """Computes the log density of a zero-mean Gaussian in three components, its constant left out, nats."""
     return -0.5 * (np.log(np.linalg.det(covariance)) + error @ np.linalg.solve(covariance, error))
 
 
 def fix_velocity_reference(state: JointState, params: JointParams) -> JointState:
-    """Fixes the velocity that accelerometers have gathered so far, whatever the center of mass now becomes.
+    """Re-references accelerometer velocities to now, unaffected by a later jump of the center of mass.
 
     c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
     the old center of mass was wrong all along.

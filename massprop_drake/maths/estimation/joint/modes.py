@@ -111,7 +111,7 @@ class Swing(NamedTuple):
 
 @kernel
 def _matrix_exponential(matrix: Array) -> Array:
-    """Computes the exponential of a square matrix, by its series and squaring."""
+    """Computes the exponential of a square matrix, by Taylor series, scaling and squaring."""
     squarings = 0
     norm = np.abs(matrix).sum(axis=1).max()
     while norm > _SMALL:
@@ -129,7 +129,7 @@ def _matrix_exponential(matrix: Array) -> Array:
 
 @kernel
 def estimated_part_ratios(errors: Array, modes: ModeParams) -> Array:
-    """Computes ratios of each part's participation, frequency, damping to those stated; and shifts, shape (n_parts, 6).
+    """Returns moving parts' participation, frequency, damping over stated, and shifts, shape (n_parts, 6).
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
@@ -145,7 +145,7 @@ def estimated_part_ratios(errors: Array, modes: ModeParams) -> Array:
 
 @kernel
 def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
-    """Computes the motion of the modes over an interval.
+    """Computes transition matrices and coupling of the modes over an interval, at estimated parameters.
 
     Args:
         factors: see `estimated_part_ratios`.
@@ -181,7 +181,7 @@ def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModePara
 
 
 def mode_sigmas(displaced: Array, modes: ModeParams) -> Array:
-    """Computes 1-sigma of eta and eta' of modes that swing, from that of eta, shape (2 n,).
+    """Returns 1-sigmas of modal displacements and rates, shape (2 n,), from those of the displacements.
 
     Args:
         displaced: of eta, shape (n,).

@@ -37,7 +37,7 @@ STILL = np.stack((UNTURNED, UNTURNED))  # shared attitude before and after an in
 
 @kernel
 def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
-    """Computes the attitude after an interval, shape (3,), and B0 and B1, shape (2, 3, 3).
+    """Propagates the attitude error vector psi over an interval, shape (3,); returns its derivatives by rates too.
 
     Args:
         psi: before, rad, shape (3,).
@@ -58,7 +58,7 @@ def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_
 
 @kernel
 def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
-    """Computes the shared attitude after an interval, shape (4,), and trackers' readings relative to it, shape (n, 3).
+    """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers relative to it.
 
     Args:
         frame: the shared attitude before, shape (4,).

@@ -47,7 +47,7 @@ UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # whe
 
 
 def gained_payload(earlier: JointState, now: JointState, params: JointParams) -> Payload:
-    """Computes the mass gained since a state, with sigmas by first-order propagation.
+    """Computes mass and position of the payload gained since an earlier state, with 1-sigmas.
 
     Args:
         earlier: of the filter before the jump.
@@ -66,7 +66,7 @@ def gained_payload(earlier: JointState, now: JointState, params: JointParams) ->
 
 
 def _condition_on_present(earlier: JointState, now: JointState, params: JointParams) -> JointState:
-    """Conditions the earlier state on parameters as known now; root columns: the present ones, then the rest."""
+    """Returns the earlier state conditioned on thrust, lag and other shared errors as estimated now."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)
@@ -80,7 +80,7 @@ def _condition_on_present(earlier: JointState, now: JointState, params: JointPar
 
 
 def _mass_and_moment(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Computes mass m and moment m r, shape (4,), and the rows of their errors, shape (4, k)."""
+    """Computes mass m and first moment m r, shape (4,), and their rows of the covariance's root, shape (4, k)."""
     properties, rows = parameters_with_scale(state, params)
     mass, center = 1.0 / properties[MASS], properties[CENTER]
     of_mass = -(mass**2) * rows[MASS]

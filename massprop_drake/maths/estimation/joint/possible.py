@@ -15,7 +15,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def impossible_force_cost(force: Array, covariance: Array, most: Array) -> Array:
-    """Computes the nats by which the likeliest possible forces are less likely than those found, for many hypotheses.
+    """Computes log likelihood lost by bounding jet forces to 0 and their maximum, nats, shape (number,).
 
     Args:
         force: of one or two jets each, lbf or N, shape (number, jets).

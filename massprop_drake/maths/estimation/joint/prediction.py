@@ -120,7 +120,7 @@ class Prediction(NamedTuple):
 def predict(
     state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, around: tuple[Array, Spun] = ALONE
 ) -> Prediction:
-    """Predicts the state over an interval; readings enter only by the rate in the dynamic coupling.
+    """Predicts the filter's mean over an interval, with its derivatives and process noise; no update.
 
     Args:
         state: before.
@@ -213,7 +213,7 @@ def predict(
 def _draw_from_tanks(
     state: JointState, acting: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Computes the propellant used, slug or kg, the changes by drawing it from tanks, and their derivatives."""
+    """Computes propellant used, slug or kg; change of mass properties by its draw from tanks; derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
     flow = float(seconds @ params.flows) + acting.engines.used
@@ -251,7 +251,7 @@ def _draw_from_tanks(
 
 @kernel
 def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
-    """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,)."""
+    """Computes the change of the rate by inertia and center of mass of drawn propellant, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
     return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
@@ -259,7 +259,7 @@ def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, linear: A
 
 @kernel
 def _mean_after_draw(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
-    """Computes the predicted mean once propellant has been used, shape (size,)."""
+    """Returns the predicted mean with mass properties and tank fills after propellant use, shape (size,)."""
     n, places, result = change.shape[0] - N_PROPERTIES, params.places, after.copy()
     result[MASS] += lighter
     if n <= 0:
@@ -280,7 +280,7 @@ def _add_modes(
     about: tuple[float, float],
     params: JointParams,
 ) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
-    """Adds the modes' effects to the changes of w and c, their derivatives, noise and z; also returns the modes."""
+    """Adds modal motion to changes of rate and velocity, derivatives and noise; returns these and the modes."""
     (noise, wander), (scale, duration_s) = come_in, about
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
@@ -299,7 +299,7 @@ def _add_modes(
 def _add_velocity_gain(
     after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
 ) -> Array:
-    """Computes the predicted mean with the accelerometers' velocity gained over the interval, shape (size,)."""
+    """Returns the predicted mean with each accelerometer's velocity gain over the interval, shape (size,)."""
     places, result, (by_end, gap) = params.places, after.copy(), apart
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
@@ -314,7 +314,7 @@ def _add_velocity_gain(
 def _propagate_attitude(
     state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes the predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`."""
+    """Returns the predicted mean with the attitude propagated, shape (size,), and its derivatives by rates."""
     if params.places.n_attitude == 0:
         return after, np.zeros((2, 0, 3))
     mean, (frames, bow, coupled) = state.mean, over
@@ -328,7 +328,7 @@ def _propagate_attitude(
 
 @kernel
 def velocity_gain_rows(prediction: Prediction, package: int) -> Array:
-    """Computes the derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
+    """Computes the derivative of an accelerometer package's velocity gain by the state, shape (3, size)."""
     by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
     rows = prediction.velocity_rows + by_end @ prediction.rate_rows
     rows[:, RATE] += by_start + by_end
@@ -337,7 +337,7 @@ def velocity_gain_rows(prediction: Prediction, package: int) -> Array:
 
 @kernel
 def propagate_root(root: Array, prediction: Prediction, params: JointParams) -> Array:
-    """Propagates the covariance's root over the interval, with its noise as more columns, not compressed."""
+    """Propagates the covariance's root over an interval, process noise as more columns, shape (size, k + more)."""
     places = params.places
     after = root.copy()
     moved = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)

@@ -42,7 +42,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 @kernel
 def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Computes noise on w and c, shape (6, 6), and a disturbance's effects, turning of c included."""
+    """Adds the lever-arm effect of rate noise to velocity noise, shape (6, 6), and to disturbances' effects."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
@@ -53,7 +53,7 @@ def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[
 
 @kernel
 def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
-    """Computes covariance on w and c of walks, impulse scatter, ticks, and unknown commands, shape (6, 6)."""
+    """Computes covariance of rate and velocity by walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
     noise, firing = reopening_covariance(acting.anything), acting.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
@@ -74,7 +74,7 @@ def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
 
 @kernel
 def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
-    """Computes variances that used propellant adds to inertia and center of mass, shape (10,).
+    """Computes variances of the ten mass parameters by the unknown place of used propellant, shape (10,).
 
     Args:
         properties: the ten parameters, shape (10,) or more.
@@ -91,7 +91,7 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
 def combine_disturbances(
     state: JointState, speeds: Spun, inverse: Array, duration_s: float, params: JointParams
 ) -> Wander:
-    """Computes the course of disturbances, stated or not, and of errors of the wheels' readings.
+    """Computes decay, effects and noise of disturbances and of wheel speed reading errors over an interval.
 
     Args:
         state: before the interval.
@@ -107,7 +107,7 @@ def combine_disturbances(
 
 @kernel
 def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: float, params: JointParams) -> Array:
-    """Computes variances that an unstated disturbance adds to the ten parameters while jets fire, shape (10,).
+    """Computes variances added to the ten mass parameters by an unstated disturbance during firing, shape (10,).
 
     What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
     share that what is unstated has in what they give. That share comes anew once in its time constant.
@@ -132,7 +132,7 @@ def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: fl
 
 @kernel
 def _relative_drift(properties: Array, each: float, arm: float) -> Array:
-    """Computes variances of inertia and center of mass from a relative variance, shape (10,)."""
+    """Computes variances of inverse inertia and center of mass from one relative variance, shape (10,)."""
     drift = np.zeros(N_PROPERTIES)
     for k, (i, j) in enumerate(_PAIRS):
         drift[k] = each * abs(properties[i] * properties[j])
@@ -144,7 +144,7 @@ def _relative_drift(properties: Array, each: float, arm: float) -> Array:
 def second_order_moments(
     state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors.
+    """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
 
     Args:
         state: before the interval.
@@ -172,13 +172,13 @@ def second_order_moments(
 
 @kernel
 def _add_moments(bias: Array, noise: Array, further: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Adds mean and covariance of further products."""
+    """Returns the sums of two means and of two covariances, of independent products of errors."""
     return bias + further[0], noise + further[1]
 
 
 @kernel
 def _opening_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
-    """Computes covariance on w and c, shape (6, 6), of openings that readings show times the ten parameters' errors.
+    """Computes covariance of rate, velocity by unknown jets' on-time times parameter errors, shape (6, 6).
 
     An opening is as well shown as the inertia is known, and lies between none and all of the interval.
     """
@@ -192,7 +192,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 @kernel
 def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of wheel errors times errors of the ten parameters."""
+    """Computes mean and covariance of rate, velocity by wheel times mass parameter errors, (6,) and (6, 6)."""
     places, n = params.places, exchange.shape[0]
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n, :3] = exchange
@@ -207,7 +207,7 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 def _engine_products(
     state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of engine errors times errors of the ten parameters."""
+    """Computes mean and covariance of rate, velocity by engine times mass parameter errors, (6,) and (6, 6)."""
     places, n = params.places, params.places.n_engine
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n], wrenches[n] = pushed.by_errors, pushed.impulse
@@ -218,7 +218,7 @@ def _engine_products(
 
 @kernel
 def _scale_error_row(state: JointState, params: JointParams) -> Array:
-    """Returns the root's row by which known impulses are off in the scale of the jets' thrust, shape (k,)."""
+    """Returns the root's row of the relative error of known impulses by the thrust scale, shape (k,)."""
     if params.places.n_scale > 0:
         return -params.thrust_sigma * state.root[params.places.scale]
     return np.zeros(state.root.shape[1])
@@ -226,7 +226,7 @@ def _scale_error_row(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
+    """Computes mean and covariance of rate, velocity by thrust times mass parameter errors, (6,) and (6, 6)."""
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
@@ -236,7 +236,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
 
 @kernel
 def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of mounting errors times those of the parameters."""
+    """Computes mean and covariance of rate, velocity by mounting times mass parameter errors, (6,), (6, 6)."""
     seconds = acting.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
@@ -245,7 +245,7 @@ def _mounting_products(state: JointState, acting: Drive, covariance: Array, para
 
 @kernel
 def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of failure force errors times those of the parameters.
+    """Computes mean and covariance of rate, velocity by failure force times mass parameter errors, (6,), (6, 6).
 
     A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
     """
@@ -258,7 +258,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 @kernel
 def _jet_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters."""
+    """Computes mean and covariance of rate, velocity by impulse times mass parameter errors, (6,) and (6, 6)."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
@@ -272,13 +272,13 @@ def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled
 
 @idiom(_flat_times)
 def _each_times(effects: Array, covariance: Array) -> Array:
-    """Multiplies each matrix of a stack by another one."""
+    """Multiplies each matrix of a stack by one covariance, from the right."""
     return effects @ covariance
 
 
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
-    """Computes N_j, effect of the ten parameters' errors on w and c under wrenches for a second, shape (6, n, 10)."""
+    """Computes derivatives of rate, velocity by the ten mass parameters, wrenches for a second, shape (6, n, 10)."""
     inverse = take_elements(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))

@@ -61,7 +61,7 @@ class Sites(NamedTuple):
 
 @kernel
 def truncated_moments(lower: float, upper: float) -> Moments:
-    """Computes moments of N(0, 1) truncated to an interval.
+    """Returns log probability, mean and variance of a standard normal variable truncated to an interval.
 
     Args:
         lower, upper: bounds, lower < upper.
@@ -74,7 +74,7 @@ def truncated_moments(lower: float, upper: float) -> Moments:
 
 @kernel
 def _upper_moments(lower: float, upper: float) -> Moments:
-    """Computes moments over an interval whose middle is not negative."""
+    """Returns moments of N(0, 1) truncated to an interval whose middle is not negative."""
     width = upper - lower
     if not 0.0 < width < math.inf:  # of a filter that has overflowed, or is off by more than arithmetic resolves
         return Moments(math.nan, math.nan, math.nan)
@@ -93,7 +93,7 @@ def _upper_moments(lower: float, upper: float) -> Moments:
 
 @kernel
 def _moments_by_quadrature(lower: float, width: float) -> Moments:
-    """Computes moments over a narrow cell, or over the probable part of a wide one, from its lower bound on."""
+    """Returns moments of N(0, 1) truncated to a narrow cell, or a wide one's probable part, by quadrature."""
     if lower > 0.0:
         width = min(width, 2.0 * _SPENT / (lower + math.sqrt(lower * lower + 2.0 * _SPENT)))
     offset = width * (0.5 + _NODES)
@@ -108,7 +108,7 @@ def _moments_by_quadrature(lower: float, width: float) -> Moments:
 
 @kernel
 def match_moments(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sites:
-    """Takes in readings one after the other, each given those before it.
+    """Converts quantized readings, one after the other, to Gaussian measurements of equal moments, shape (m,).
 
     Args:
         errors: readings less their predictions, shape (m,).

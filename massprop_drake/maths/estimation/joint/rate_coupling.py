@@ -59,7 +59,7 @@ class Coupling(NamedTuple):
 
 @kernel
 def known_coupling_change(state: JointState, duration_s: float) -> Array:
-    """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
+    """Computes the rate's change by gyroscopic coupling, rad/s, shape (3,); zero if inertia is ill known."""
     if not _knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
     inverse, rate = take_elements(state.mean, ELEMENT), state.mean[RATE]
@@ -75,7 +75,7 @@ def coupled_rate(
     momenta: Array,
     params: JointParams,
 ) -> tuple[bool, Coupling, Array, Array]:
-    """Computes dynamic coupling with the rate as a reading corrects it, by its share; that rate; and its bows.
+    """Solves for gyroscopic coupling and final rate; returns whether it counts, coupling, rate, rate curvature.
 
     Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
 
@@ -110,7 +110,7 @@ def coupled_rate(
 
 @kernel
 def add_coupling_derivative(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
-    """Computes the derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
+    """Returns the derivative of the change of rate by the state, with gyroscopic coupling, shape (3, size)."""
     rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
     rows[:, RATE] += through.by_start
     rows[:, INERTIA] += through.by_inertia
@@ -121,7 +121,7 @@ def add_coupling_derivative(rate_rows: Array, through: Coupling, read: RateRead,
 
 @kernel
 def reading_share(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
-    """Computes the share by which a reading corrects the predicted rate, and the remaining variance, shape (3,) each.
+    """Computes the Kalman gain of a rate reading on the predicted rate and the variance left, shape (3,) each.
 
     Args:
         half: root of the covariance of the predicted rate but for the noise, shape (3, k).
@@ -139,7 +139,7 @@ def reading_share(half: Array, noise: Array, read: RateRead) -> tuple[Array, Arr
 
 @kernel
 def _correct_rate(rate: Array, read: RateRead, share: Array) -> Array:
-    """Computes the rate as a reading corrects it."""
+    """Returns the predicted rate corrected by the gyros' reading with given gains, rad/s, shape (3,)."""
     result = rate.copy()
     for axis in range(3):
         if share[axis] > 0.0:
@@ -149,7 +149,7 @@ def _correct_rate(rate: Array, read: RateRead, share: Array) -> Array:
 
 @kernel
 def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
-    """Computes D0 and D1 of each arm, shape (2, n, 3, 3).
+    """Computes derivatives of centripetal velocity gain of lever arms by rates w0 and w1, shape (2, n, 3, 3).
 
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
@@ -166,7 +166,7 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
 
 @kernel
 def _coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
-    """Computes angular impulses of the bow of the rate by coupling itself, from the inertia, and h at both ends."""
+    """Computes angular impulses by curvature of the rate under gyroscopic coupling, shape (3, 3)."""
     bows, (inertia, momenta) = np.zeros((3, 3)), turning
     at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
     bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
@@ -178,7 +178,7 @@ def _coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Arra
 def coupling(
     inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bows: Array, duration_s: float
 ) -> Coupling:
-    """Computes the change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
+    """Computes the change of the rate by gyroscopic coupling, and its derivatives by inertia and rates.
 
     Args:
         inertias: J and its inverse, shape (3, 3) each; zero in its place: h alone is turned.
@@ -204,7 +204,7 @@ def coupling(
 
 @kernel
 def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
-    """Bounds the change of the rate by dynamic coupling, whatever the inertia: |w|^2 T.
+    """Returns the largest change of the rate by gyroscopic coupling for any inertia, w^2 T, rad/s.
 
     No principal moment of a body exceeds the sum of the other two, so |J (w x J^-1 w)| <= |w|^2.
 
@@ -216,7 +216,7 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
 @kernel
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
-    """Computes the integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
+    """Computes the time integral of w w^T for a rate linear but for a bow, six elements, rad^2/s, shape (6,).
 
     Args:
         start, end: rates, rad/s, shape (3,).
@@ -233,7 +233,7 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
 
 @kernel
 def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
-    """Computes O = [(w - w_ref) x] + C, shape (3, 3).
+    """Returns the matrix O that maps a lever arm to its velocity gain by rotation, rad/s, shape (3, 3).
 
     Args:
         rate, reference: w and w_ref, rad/s, shape (3,).
@@ -246,7 +246,7 @@ def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
 
 @kernel
 def _knows_inertia(mean: Array, covariance: Array) -> bool:
-    """Tests whether J is positive definite and its diagonal known to half its size."""
+    """Tests whether J is positive definite and the 1-sigmas of its diagonal below half their values."""
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
             return False

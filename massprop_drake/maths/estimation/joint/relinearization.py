@@ -38,7 +38,7 @@ from massprop_drake.maths.linear_algebra import Array
 def repeat_start_cycle(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Repeats a cycle of the start, linearized at another estimate, and chooses the likelier prior of each lag.
+    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state and NIS.
 
     Args:
         state: after the last sample, not guarded.
@@ -56,7 +56,7 @@ def repeat_start_cycle(
 def run_relinearized(
     state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
-    """Runs a cycle linearized at other mass properties, lags, biases and forces than the state's.
+    """Advances the filter by a sample, linearized at another estimate; returns state, course and gyro NIS.
 
     Args:
         state: after the last sample, not guarded.
@@ -129,7 +129,7 @@ def run_relinearized(
 
 @kernel
 def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
-    """Computes levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
+    """Returns thrust levels after a cycle for lags as linearized and ticks as estimated, shape (n_jets,)."""
     places, mean = params.places, before.mean.copy()
     lags = slice(places.lag, places.lag + places.n_lag)
     mean[lags] = after.mean[lags]
@@ -138,7 +138,7 @@ def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, pa
 
 @kernel
 def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
-    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another mean has."""
+    """Returns an estimate's ten mass parameters, moved to the propellant in the tanks of another mean, shape (10,)."""
     places, result = params.places, about[:N_PROPERTIES].copy()
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)
@@ -150,7 +150,7 @@ def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) ->
 
 @kernel
 def _linearization_estimate(mean: Array, about: Array, params: JointParams) -> Array:
-    """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
+    """Returns a mean with another's mass properties, lags, forces and gyro biases, and rate to match."""
     places = params.places
     result = mean.copy()
     result[:N_PROPERTIES] = _parameters_at_propellant(about, mean, params)

@@ -100,16 +100,16 @@ class Screen(NamedTuple):
 
     @property
     def began(self) -> int:
-        """Number of the cycle after which the screen begins."""
+        """Number of the cycle after which the first-order fault test begins."""
         return self.cycle - len(self.scores) + 1
 
     @property
     def single(self) -> bool:
-        """True if the screen is about single jets alone."""
+        """True if only single-jet faults are tested, no pairs or false readings."""
         return self.information.ndim == _BLOCKS
 
     def information_of(self, index: int, sets: np.ndarray) -> Array:
-        """Selects A of sets of columns at an onset, shape (number, k, k); columns of each set, shape (number, k)."""
+        """Returns information matrices A of sets of columns at an onset, shape (number, k, k)."""
         if self.single:
             jets = self.information.shape[1]
             jet, kind = sets % jets, sets // jets
@@ -147,7 +147,7 @@ def begin_screen(
     *,
     single: bool = False,
 ) -> Screen:
-    """Returns the screen before its first cycle.
+    """Returns the first-order test of faults at given onsets, before its first cycle: all sums zero.
 
     Args:
         start: state where it begins, and the cycle after which that is.
@@ -181,7 +181,7 @@ def begin_screen(
 
 
 def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
-    """Advances the screen by one cycle."""
+    """Advances the first-order fault test by one cycle: fault effects, information, projections and scores."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
     h, begun = _KINDS * jets + m, sum(onset <= screen.cycle for onset in screen.onsets)
@@ -241,7 +241,7 @@ def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
 
 
 def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
-    """Conditions the screen on some known parameters of its filter, as if they had been read.
+    """Returns the fault test conditioned on some parameters of its filter being known from elsewhere.
 
     Args:
         screen: of a filter that estimates them.
@@ -264,14 +264,14 @@ def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: 
 
 
 def _jet_information(of_onsets: Array, jets: int) -> Array:
-    """Selects A of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all, shape (n_onsets, m, h)."""
+    """Computes information of each jet's columns, shape (n_onsets, n_jets, 5, 5), from whitened innovations."""
     of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
     result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
     return result
 
 
 def _update_acting(screen: Screen, over: Link) -> Array:
-    """Updates `Screen.acting` with one more cycle.
+    """Returns the shares of the first intervals in which each fault can have acted, with a cycle added.
 
     A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
     where an onset stands for several intervals, what may have acted in those before it is not known.
@@ -287,7 +287,7 @@ def _update_acting(screen: Screen, over: Link) -> Array:
 
 
 def maximize_likelihood(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Computes log likelihood ratios L against no failure, amplitudes, and their covariances, for sets of columns.
+    """Computes log likelihood ratios, amplitudes and covariances of sets of columns with Gaussian priors.
 
     Args:
         information: A of each set, shape (..., k, k).
@@ -303,13 +303,13 @@ def maximize_likelihood(information: Array, projection: Array, variances: Array)
 
 
 def largest_jet_forces(params: JointParams) -> Array:
-    """Computes the largest forces that jets can give, lbf or N, shape (n_jets,)."""
+    """Returns the largest force that each jet can give, lbf or N, shape (n_jets,)."""
     most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     return most
 
 
 def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
-    """Computes the cost of forces below zero or above the jets' thrust, nats.
+    """Computes log likelihood lost by forces below zero or above full thrust, nats, shape (number,).
 
     They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
     second failure, and costs no more up to what jets give at most.
@@ -325,7 +325,7 @@ def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params:
 
 
 def _log_force_prior(params: JointParams) -> Array:
-    """Computes the log prior that makes small jets as likely as large ones: N(0, T^2) favors the weaker ones."""
+    """Returns the log prior that offsets preference of N(0, T^2) for weak jets, nats, shape (n_jets,)."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
     return result
 
@@ -333,7 +333,7 @@ def _log_force_prior(params: JointParams) -> Array:
 def find_contenders(
     screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, least: float = 0.0
 ) -> list[Contender]:
-    """Returns all possible hypotheses, each at its likeliest onset, likeliest first; false readings too, jumps not.
+    """Returns fault hypotheses, jumps excepted, at their likeliest onsets, sorted by log likelihood.
 
     Of a screen about single jets alone neither pairs nor lies.
 
@@ -360,13 +360,13 @@ def find_contenders(
 
 
 def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
-    """Computes L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
+    """Returns log likelihood ratios of a mass-property jump at the test's start, nats, (len(JUMP_SHARES),)."""
     lead, _, _ = maximize_likelihood(screen.jump_information, screen.jump_projection, jump_variances(params))
     return lead
 
 
 def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> float:
-    """Computes the nats by which a later onset has to explain more than an earlier one.
+    """Returns nats by which a later onset must beat a given one: 1 for a loss of jets idle there, else 0.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
     impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
@@ -379,18 +379,18 @@ def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> 
 
 
 def _cause_of_columns(columns: list[int], jets: int) -> Cause:
-    """Returns the failures of some columns."""
+    """Converts column indices to the cause with their failed jets, signs and leak flags."""
     signs = tuple(-1 if jets <= column < 2 * jets else 1 for column in columns)
     return Cause(Kind.JETS, tuple(column % jets for column in columns), signs, tuple(int(c < jets) for c in columns))
 
 
 def _failure_indices(columns: np.ndarray, jets: int) -> np.ndarray:
-    """Returns the index of each column's failure among those that give more and then those that give less."""
+    """Converts column indices to failure indices, shape as columns: jets that give more, then less."""
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
 def columns_matching_forces(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
-    """Selects the columns that go with the forces: less than half of full thrust is a leak, on top of the command."""
+    """Returns columns of failures by force found: below half thrust a leak, above stuck on; losses as before."""
     jets = params.places.jets
     jet = columns % jets
     more = np.where(force < LEAK * params.thrusts[jet], jet, jet + 4 * jets)
@@ -407,13 +407,13 @@ class _Fitted(NamedTuple):
 
     @property
     def sigma(self) -> Array:
-        """1-sigma of each force."""
+        """1-sigma of each estimated force, lbf or N, shape (number, n)."""
         result: Array = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         return result
 
 
 def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
-    """Fits sets of failures; first with forces of any size at the onset, then with the forces found."""
+    """Fits forces of sets of failures at one onset, twice, the second time with onset impulses bounded by force."""
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
@@ -434,7 +434,7 @@ def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointPa
 def _make_contenders(
     screen: Screen, index: int, steps: np.ndarray, known: Array, params: JointParams, least: float = 0.0
 ) -> list[Contender]:
-    """Fits sets of failures at an onset, and makes a contender of each that is possible.
+    """Fits sets of failures at one onset, and returns the hypotheses whose forces are possible.
 
     Args:
         steps: columns of each set, one or two, shape (number, n).
@@ -460,13 +460,13 @@ def _make_contenders(
 
 
 def _single_columns(screen: Screen, index: int, allowed: np.ndarray, jets: int) -> np.ndarray:
-    """Selects the columns of single failures that may have happened and that readings show, shape (number, 1)."""
+    """Returns the columns of allowed single failures with information in the readings, shape (number, 1)."""
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets))).reshape(-1, 1)
     return steps[allowed[_failure_indices(steps, jets)[:, 0]] & (screen.information_of(index, steps)[:, 0, 0] > 0.0)]
 
 
 def _pair_columns(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> np.ndarray:
-    """Selects the columns of likely pairs of failures, of the kinds that match the forces found, shape (number, 2)."""
+    """Returns the columns of likely pairs of failures, leak or stuck on by force found, shape (number, 2)."""
     jets = params.places.jets
     chosen = [
         _likely_pairs(screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (allowed, known), params)
@@ -483,7 +483,7 @@ def _pair_columns(screen: Screen, index: int, allowed: np.ndarray, known: Array,
 def _likely_pairs(
     screen: Screen, index: int, columns: np.ndarray, given: tuple[np.ndarray, Array], params: JointParams
 ) -> np.ndarray:
-    """Finds the likeliest pairs of columns with their onsets taken as known, shape (number, 2).
+    """Returns the likeliest pairs of columns for a known onset, shape (number, 2).
 
     One of two that explains no less alone is no pair: with whatever else, it would take the places of all others.
     """
@@ -521,7 +521,7 @@ def _likely_pairs(
 
 
 def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
-    """Computes L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
+    """Computes log likelihood ratios of single columns for a known onset, at least zero, nats, shape (h,)."""
     jets = params.places.jets
     thrusts, had = params.thrusts[columns % jets], known[_failure_indices(columns, jets)]
     projection = screen.projection[index][columns]
@@ -535,7 +535,7 @@ def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: 
 
 
 def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
-    """Pairs the likeliest single column with those most like it, which explain the same part, shape (number, 2)."""
+    """Returns all pairs among the likeliest single column and the three most like it, shape (number, 2)."""
     if steps.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)
     energy = np.diagonal(information)[steps]
@@ -547,7 +547,7 @@ def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np
 
 
 def _false_reading_contenders(screen: Screen, index: int, params: JointParams) -> list[Contender]:
-    """Returns hypotheses of a false reading at an onset that are likelier than none."""
+    """Returns false-reading hypotheses at one onset, those likelier than no fault, one per component."""
     jets = params.places.jets
     m = screen.projection.shape[1] - 5 * jets
     result = []

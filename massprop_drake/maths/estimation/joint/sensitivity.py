@@ -161,7 +161,7 @@ class Traces(NamedTuple):
 
 @kernel
 def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
-    """Collects the quantities from which a cycle is linearized, from its course.
+    """Collects a cycle's derivatives, noise, gain and readings from which it is linearized.
 
     Args:
         mean: of the state before the cycle, shape (size,).
@@ -197,14 +197,14 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
 
 
 def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
-    """Linearizes a cycle after the first, from the state before it, its report and its sample."""
+    """Returns a cycle linearized for error propagation, from the state before it, its report and sample."""
     assert report.course is not None, "the first sample is no cycle"
     return link_from_traces(traces_of_course(before.mean, report.course, sample), params)
 
 
 @kernel
 def link_from_traces(seen: Traces, params: JointParams) -> Link:
-    """Makes a linearized cycle from its quantities."""
+    """Returns a cycle linearized for error propagation, from its derivatives, noise, gain and readings."""
     gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
     counts = np.flatnonzero(seen.used)
     if counts.shape[0] > 0:
@@ -246,14 +246,14 @@ def link_from_traces(seen: Traces, params: JointParams) -> Link:
 
 @kernel
 def _jet_effects(seen: Traces, params: JointParams) -> Array:
-    """Computes the change of w and c per second of each jet's full thrust, modes included, shape (n_jets, 6)."""
+    """Computes rate and velocity change per second of each jet at full thrust, with modes, shape (n_jets, 6)."""
     effects = effects_of(params.wrenches, seen.mean)
     return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
 def _interval_noise(seen: Traces, places: Places) -> Array:
-    """Computes the covariance added to w, c and z over an interval."""
+    """Computes process noise covariance of rate, velocity, slow states z over an interval, shape (d, d)."""
     if places.n_slow == 0:
         return seen.noise
     columns = disturbance_noise_root(seen.wander)
@@ -263,7 +263,7 @@ def _interval_noise(seen: Traces, places: Places) -> Array:
 
 
 def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
-    """Propagates errors before an interval through its crossings and the stamp at its end, shape (size, h).
+    """Propagates errors through updates before prediction, by pending readings and stamp, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
@@ -280,7 +280,7 @@ def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
 
 @kernel
 def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
-    """Propagates errors to before the update, shape (size, h).
+    """Propagates errors over an interval under forcing, up to the update by its readings, shape (size, h).
 
     Args:
         columns: errors before the interval, shape (size, h).
@@ -308,7 +308,7 @@ def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Plac
 
 
 def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
-    """Propagates errors through the update, shape (size, h).
+    """Propagates errors through the update by an interval's readings, shape (size, h).
 
     Args:
         columns: errors before it, shape (size, h).
@@ -319,12 +319,12 @@ def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
 
 
 def unit_force_errors(over: Link, places: Places) -> Array:
-    """Computes the error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
+    """Computes state errors by each jet's unit force acting for an interval, shape (size, n_jets)."""
     return impulse_columns(over.duration_s * over.effects.T, over, places)
 
 
 def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
-    """Computes the error at the end of an interval by changes of w and c from its beginning on, shape (size, n).
+    """Computes state errors at an interval's end by changes of rate and velocity at its start, shape (size, n).
 
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).

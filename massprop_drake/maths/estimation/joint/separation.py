@@ -41,7 +41,7 @@ class Separation(NamedTuple):
 def find_separation(
     screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
 ) -> Separation:
-    """Finds the soonest way to tell the first member from all others.
+    """Finds whether firing one jet or coasting separates the first jet from a group soonest; returns which.
 
     Args:
         screen: at the present.
@@ -60,7 +60,7 @@ def find_separation(
     force = members[0][2]
 
     def separations(alone: int) -> Array:
-        """Computes the separation of the first member from the nearest other after each cycle, shape (cycles,)."""
+        """Computes log-likelihood separation of the first jet from the nearest other per cycle, shape (cycles,)."""
         return _least_separation(information, _predicted_information(columns, steps, over, alone, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
@@ -73,7 +73,7 @@ def find_separation(
 
 
 def _predicted_information(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
-    """Computes the information of each cycle to come with one jet firing alone, or none, shape (cycles, k, k)."""
+    """Predicts information gained per future cycle with one jet firing alone, or none, shape (cycles, k, k)."""
     jets = params.places.jets
     jet = steps % jets
     less, stuck = (jets <= steps) & (steps < 2 * jets), steps >= 4 * jets
@@ -92,7 +92,7 @@ def _predicted_information(columns: Array, steps: np.ndarray, over: Link, alone:
 
 
 def _least_separation(information: Array, gained: Array, force: float) -> Array:
-    """Computes the least separation of the first from any other after each cycle, shape (cycles,)."""
+    """Computes the least separation of the first jet from any other after each cycle, shape (cycles,)."""
     total = information + np.cumsum(gained, axis=0)
     others = np.diagonal(total, axis1=1, axis2=2)[:, 1:]
     shared = np.divide(total[:, 0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
@@ -101,7 +101,7 @@ def _least_separation(information: Array, gained: Array, force: float) -> Array:
 
 
 def _coasting_s(separation: Array, least: float, period_s: float) -> float:
-    """Computes the seconds until the separation is large enough, if it grows as in the later half."""
+    """Returns seconds until a separation exceeds its threshold, extrapolated linearly; NaN: too long."""
     enough = np.flatnonzero(separation >= least)
     if enough.shape[0] > 0:
         return float(enough[0] + 1) * period_s

@@ -86,7 +86,7 @@ BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 def advance_start(
     start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
-    """Stores a cycle's sample, advances the smoothing pass, and returns the start and the filter's state after it.
+    """Stores a sample of the start, advances its smoothing; returns the start and the filter's state.
 
     Args:
         start: before the cycle.
@@ -129,7 +129,7 @@ def advance_start(
 
 
 def _begin_pass(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
-    """Begins a smoothing pass over the start, linearized at the end of the pass before."""
+    """Begins a smoothing pass over the start's samples, linearized at the last pass's final mean."""
     entry = start.entry
     assert entry is not None, "something is kept"
     root = (
@@ -140,7 +140,7 @@ def _begin_pass(start: Start, end: JointState, number: int, params: JointParams)
 
 
 def _advance_pass(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
-    """Advances a pass by a cycle's steps; returns it, and whether it is the last and has arrived."""
+    """Advances a smoothing pass by some cycles; returns the pass, and whether smoothing has finished."""
     made = params.compiled
     for _ in range(STEPS):
         sample, anew = start.kept[under_pass.done]
@@ -167,12 +167,12 @@ def _advance_pass(start: Start, under_pass: Pass, params: JointParams) -> tuple[
 
 
 def is_pass_converged(state: JointState, about: Array, places: Places, near: float = _NEAR) -> bool:
-    """Tests whether a pass ends, with a state, where it began, to some sigmas of mass properties and lags."""
+    """Tests whether a smoothing pass ends within some sigmas of the mass properties and lags it started at."""
     which = np.concatenate((np.arange(N_PROPERTIES), np.arange(places.lag, places.lag + places.n_lag)))
     rows = state.root[which]
     return bool((np.abs(state.mean[which] - about[which]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
 def _is_consistent(under_pass: Pass) -> bool:
-    """Tests whether a pass explains the readings."""
+    """Tests whether a smoothing pass's NIS exceeds its expectation by less than a threshold of sigmas."""
     return under_pass.nis - under_pass.components < _MISFIT * np.sqrt(2.0 * under_pass.components)

@@ -80,7 +80,7 @@ class Swung(NamedTuple):
 
 @kernel
 def modes_at_rest(n: int, size: int) -> Swung:
-    """Returns the result for modes at rest that nothing drives.
+    """Returns modes at rest without excitation: zero state and derivatives, identity effect on the vehicle.
 
     Args:
         n: elements of eta and eta'.
@@ -91,7 +91,7 @@ def modes_at_rest(n: int, size: int) -> Swung:
 
 @kernel
 def _expected_motion(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
-    """Computes eta and eta' at the start, the middle and the end, shape (3, 2 n), and eta'', shape (3, n)."""
+    """Computes modal displacements and rates at start, middle, end, shape (3, 2 n), and accelerations, (3, n)."""
     n = driving.shape[0]
     course = np.stack(
         (begun, swing.half @ begun + swing.half_driven @ driving, swing.over @ begun + swing.driven @ driving)
@@ -102,7 +102,7 @@ def _expected_motion(swing: Swing, begun: Array, driving: Array) -> tuple[Array,
 
 @kernel
 def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array:
-    """Computes changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k)."""
+    """Integrates changes of modal displacements and rates by modal forces, Simpson's rule, shape (2 n, k)."""
     n = swing.stiffness.shape[0]
     at_start = swing.over[:, n:].copy() @ (swing.lightness @ residuals[0])
     middle = swing.half[:, n:].copy() @ (swing.lightness @ residuals[1])
@@ -115,7 +115,7 @@ def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array
 def _force_derivatives(
     swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float
 ) -> Array:
-    """Computes derivatives of the modal forces by the ten parameters and the common scale, shape (3, n, 11)."""
+    """Computes derivatives of modal forces by the ten mass parameters and thrust scale, shape (3, n, 11)."""
     _, accelerations = course
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, N_PROPERTIES + 1))
@@ -136,7 +136,7 @@ def _force_derivatives(
 def _part_error_forces(
     swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams
 ) -> Array:
-    """Computes forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts)."""
+    """Computes derivatives of modal forces by the errors of moving parts, shape (3, n, 6 n_parts)."""
     along, accelerations = course
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, factors.size))
@@ -164,7 +164,7 @@ def _part_error_forces(
 
 @kernel
 def _second_order_momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
-    """Computes second-order angular momentum, by changed inertia and by masses that move on arcs, shape (3,)."""
+    """Computes the modes' angular momentum of second order in displacement, shape (3,)."""
     n, result = modes.frequencies.shape[0], np.zeros(3)
     for mode in range(n):
         result += state[mode] * (modes.swelling[mode] @ rate) + (state[mode] * state[n + mode]) * modes.bow_turn[mode]
@@ -205,7 +205,7 @@ class _Along(NamedTuple):
 def _mode_course(
     mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> _Along:
-    """Computes the motion of the modes along an interval, arguments as `swing_modes`."""
+    """Computes displacements, rates and forces of the modes along an interval, arguments as `swing_modes`."""
     modes, (scale, by_coupling) = params.modes, about
     n = modes.frequencies.shape[0]
     rate, turned = mean[RATE], moved.rate + by_coupling
@@ -229,7 +229,7 @@ def _mode_course(
 
 @kernel
 def _mode_derivatives(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
-    """Computes the derivative of eta and eta' at the end by the state, shape (2 n, size)."""
+    """Computes derivatives of final modal displacements and rates by the state, shape (2 n, size)."""
     swing, modes = course.swing, params.modes
     n = modes.frequencies.shape[0]
     own, turned = slice(params.swing, params.swing + 2 * n), course.rates[1] - course.rates[0]
@@ -265,14 +265,14 @@ def _mode_derivatives(course: _Along, moved: Moved, scale: float, duration_s: fl
 
 @kernel
 def _participation_error(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
-    """Computes the relative derivative of a mode's participation by the error of its part, and the column of that."""
+    """Returns the relative derivative of a mode's participation by its part's error, and that error's index."""
     part = params.modes.parts[mode]
     return params.modes.sigmas[part, SIZE] / factors[part, SIZE], params.moving + ERRORS * part + SIZE
 
 
 @kernel
 def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
-    """Returns columns of the errors of a mode's part's position, and the unit of each, ft or m, shape (3,)."""
+    """Returns the state columns of the position errors of a mode's part, and their units, ft or m, shape (3,)."""
     part = params.modes.parts[mode]
     begin = params.moving + ERRORS * part
     return slice(begin + POSITION, begin + ERRORS), params.modes.sigmas[part, POSITION:]
@@ -282,7 +282,7 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 def _vehicle_derivatives(
     course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by the state, shape (3, size) each."""
+    """Computes derivatives of changes of rate and velocity by the state, modes included, shape (3, size)."""
     swing, rigid, (scale, duration_s) = course.swing, course.rigid, about
     n = course.driving.shape[0]
     inverse, middle = rigid.inverse / scale, course.along[1]
@@ -321,7 +321,7 @@ def _vehicle_derivatives(
 
 @kernel
 def _off_center_impulse(course: _Along, linear: Array) -> Array:
-    """Computes the angular impulse by thrust beside the center of mass as the modes move it, shape (3,)."""
+    """Computes the angular impulse of thrust by center-of-mass displacement of the modes, shape (3,)."""
     n = course.driving.shape[0]
     return cross(linear, course.rigid.lightness * (course.along[1, :n] @ course.swing.push))
 
@@ -330,7 +330,7 @@ def _off_center_impulse(course: _Along, linear: Array) -> Array:
 def swing_modes(
     mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> tuple[Moved, Swung]:
-    """Computes the modes after an interval, and their effects on the vehicle.
+    """Advances the modes over an interval; returns changes of rate and velocity with them, and the modes.
 
     Args:
         mean: before it, shape (size,).

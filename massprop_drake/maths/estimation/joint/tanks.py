@@ -77,7 +77,7 @@ class TankChange(NamedTuple):
 
 @kernel
 def draw_propellant(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
-    """Computes the change by propellant drawn.
+    """Computes changes of mass properties and tank fills by drawn propellant, with derivatives.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -126,6 +126,6 @@ def draw_propellant(properties: Array, fill: Array, used: Array, scale: float, t
 
 @kernel
 def _arm_derivative(inverse: Array, arm: Array, way: Array) -> Array:
-    """Computes the derivative of J N J by the arm in some direction, shape (3, 3)."""
+    """Computes the derivative of J N J, N the parallel-axis matrix, along a direction of the arm, shape (3, 3)."""
     crossed = np.outer(arm, way)
     return inverse @ ((2.0 * (arm @ way)) * _IDENTITY - crossed - crossed.T) @ inverse

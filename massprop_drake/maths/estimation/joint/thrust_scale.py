@@ -24,7 +24,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def separate_scale(state: JointState, amount: Array, params: JointParams) -> JointState:
-    """Returns the state in the variables b', J', mu', f' and s, from the first interval in which jets fire on.
+    """Returns the state with the thrusts' common scale as own variable s, once jets first fire.
 
     Args:
         state: before an interval.
@@ -47,7 +47,7 @@ def separate_scale(state: JointState, amount: Array, params: JointParams) -> Joi
 
 @kernel
 def parameters_with_scale(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Computes the ten parameters with the scale in them, shape (10,), and their errors' rows, shape (10, size)."""
+    """Returns the ten mass parameters with the thrust scale applied, shape (10,), and root rows, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
     if params.places.n_scale > 0:
         factor = 1.0 - params.thrust_sigma * state.mean[params.places.scale]
@@ -60,7 +60,7 @@ def parameters_with_scale(state: JointState, params: JointParams) -> tuple[Array
 
 
 def force_with_scale(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Computes the force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
+    """Returns a failed jet's force with the thrust scale applied, and its 1-sigma, lbf or N.
 
     Args:
         slot: of the force.

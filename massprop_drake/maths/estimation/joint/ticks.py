@@ -141,14 +141,14 @@ class Elapsed(NamedTuple):
 
 @kernel
 def timing_on_ticks() -> Timing:
-    """Returns the timing of an interval whose stamps are ticks."""
+    """Returns the timing of an interval whose stamps coincide with command ticks: no offsets."""
     none = np.zeros(2)
     return Timing(False, False, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
 
 
 @kernel
 def start_clock(stamp_s: float, command: Array, onset_s: Array) -> Clock:
-    """Starts the clock at the first reading, or after a gap.
+    """Returns a clock that begins at the first reading's stamp, or after a gap: no tick line yet.
 
     Args:
         stamp_s: of the reading.
@@ -180,7 +180,7 @@ class Commanded(NamedTuple):
 
 
 def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """Returns the last row's command, unknown ones filled in where both neighbors are equal, shape (n_jets,).
+    """Returns the last row's command with unknown jets filled in where both neighbors agree, shape (n_jets,).
 
     Args:
         clock, stamp_s, commands, pace: see `measure_interval`.
@@ -195,7 +195,7 @@ def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Ar
 def measure_interval(
     clock: Clock, stamp_s: float, commands: tuple[Commanded, Commanded | None], pace: Pace
 ) -> tuple[Clock, Elapsed]:
-    """Computes the interval from the last reading to this one, and the clock after it.
+    """Computes pieces of constant command between two readings, and the updated clock.
 
     Args:
         clock: after the last reading.
@@ -228,7 +228,7 @@ def measure_interval(
 
 
 def _update_clock(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """Updates the clock with one more stamp, before it is known what acted by then; as `update_by_stamp` has it."""
+    """Updates the clock's tick offset and period by one stamp; the command acting by then is left out."""
     line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
@@ -254,7 +254,7 @@ def _update_clock(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_
 
 
 def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, float]:
-    """Computes how long a tick's command had acted by a reading so much later, s: mean, share, spread, see `Clock`."""
+    """Computes mean seconds a command acted before a late reading, its derivative, and its variance, s^2."""
     if abs(late_s) >= _FAR * sigma_s:
         return max(late_s, 0.0), float(late_s > 0.0), 0.0
     z = late_s / sigma_s
@@ -267,7 +267,7 @@ def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, f
 def _divide_interval(
     before: Clock, now: Clock, coming: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
-    """Computes the pieces of an interval whose ticks are off its readings, and their timing relative to these."""
+    """Divides an interval at command ticks off its stamps; returns durations, commands and their timing."""
     about_s = now.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
@@ -317,7 +317,7 @@ def _divide_interval(
 
 @kernel
 def is_on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Tests whether a stamp is a sample period after the last one, both at their ticks; see `measure_interval`."""
+    """Tests whether stamps coincide with ticks and this one is a sample period after the last."""
     return not clock.off and abs(stamp_s - clock.stamp_s - period_s) <= _EXACT * period_s
 
 
@@ -339,7 +339,7 @@ class Stamped(NamedTuple):
 
 @kernel
 def update_by_stamp(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
-    """Updates the state before an interval by the stamp at its end, which measures the ticks.
+    """Updates the state's tick offset and period by an interval's final stamp; returns it and the gain.
 
     Args:
         state: before.

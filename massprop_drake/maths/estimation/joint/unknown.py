@@ -41,7 +41,7 @@ class Directions(NamedTuple):
 
 @kernel
 def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
-    """Computes the directions that jets of unknown command span.
+    """Computes directions of rate and velocity that jets of unknown command can change by any amount.
 
     Args:
         mean: state's estimate, shape (size,).
@@ -62,20 +62,20 @@ def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Dire
 
 
 def is_untestable(firing: Firing, anything: Directions) -> bool:
-    """Tests whether nothing that jets do can be tested over an interval."""
+    """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test over an interval."""
     return bool(anything.number == anything.basis.shape[0] or firing.unknown.all())
 
 
 @kernel
 def reopening_covariance(anything: Directions) -> Array:
-    """Computes the covariance by which w and c are reopened, shape (6, 6)."""
+    """Computes the near-infinite covariance along directions of unknown jets in rate and velocity, shape (6, 6)."""
     wide = anything.spread * anything.basis
     return wide @ wide.T
 
 
 @kernel
 def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
-    """Removes the components along the directions from derivatives of the changes of w and c by parameters.
+    """Removes components along unknown jets' directions from derivatives of rate and velocity, (3, size) each.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
@@ -91,7 +91,7 @@ def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directio
 def firing_shown_by_readings(
     error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams
 ) -> Firing:
-    """Returns the firing with the openings of jets of unknown command as readings show them.
+    """Returns the firing with seconds of unknown jets solved from readings, within 0 and the interval.
 
     Args:
         error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).
@@ -111,7 +111,7 @@ def firing_shown_by_readings(
 
 @kernel
 def reading_sigmas(params: JointParams) -> Array:
-    """Computes 1-sigma of the mean of all packages' readings, of w and of c, shape (6,)."""
+    """Returns 1-sigmas of the mean over packages of rate and velocity readings, shape (6,)."""
     places, sigmas = params.places, np.ones(6)
     for begin, first, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):

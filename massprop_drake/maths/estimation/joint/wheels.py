@@ -66,7 +66,7 @@ UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 @kernel
 def interval_wheel_speeds(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
-    """Returns speeds over an interval, and the last that are read of each wheel.
+    """Returns wheel speeds at both ends of an interval with their noise, and the last speeds read.
 
     Args:
         before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
@@ -81,13 +81,13 @@ def interval_wheel_speeds(before: Array, read: Array, duration_s: float, wheels:
 
 
 def initial_speed_sigmas(missing: Array, wheels: WheelParams) -> Array:
-    """Returns 1-sigma of z_k where readings begin: 1, or where none is read as fast as wheels turn, shape (n,)."""
+    """Returns 1-sigmas of wheel speed errors at the start, in units of reading noise, shape (n,)."""
     return np.where(missing > 0.0, _FASTEST / wheels.speed_std, 1.0)
 
 
 @kernel
 def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
-    """Returns speeds without those that are not trusted, which count as missing.
+    """Returns wheel speeds with distrusted readings replaced by assumed speeds of larger noise.
 
     Args:
         speeds: as they are read.
@@ -104,14 +104,14 @@ def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, whe
 
 
 def largest_wheel_turn(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) -> float:
-    """Computes the most by which the motor of a wheel turns the vehicle in an interval, rad/s."""
+    """Returns the largest change of the vehicle's rate by a wheel's motor in an interval, rad/s."""
     turned = inverse @ wheels.axes[wheel] * wheels.inertias[wheel] * wheels.most[wheel]
     return float(np.linalg.norm(turned)) * duration_s
 
 
 @kernel
 def is_any_wheel_driven(speeds: Spun, wheels: WheelParams) -> bool:
-    """Tests whether the speed of any wheel changes by more than the errors of readings."""
+    """Tests whether any wheel's speed changes by more than the errors of two readings explain."""
     for k in range(speeds.end.shape[0]):
         if abs(speeds.end[k] - speeds.start[k]) > _ACTS * math.sqrt(2.0) * wheels.speed_std[k]:
             return True
@@ -120,7 +120,7 @@ def is_any_wheel_driven(speeds: Spun, wheels: WheelParams) -> bool:
 
 @kernel
 def wheel_momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
-    """Computes angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
+    """Computes the wheels' total angular momentum at an interval's start and end, body axes, shape (2, 3).
 
     Args:
         factors: 1 + sigma p_k, shape (n,).
@@ -135,7 +135,7 @@ def wheel_momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
 
 @kernel
 def wheel_impulses(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
-    """Computes angular impulse E_k by each wheel, shape (n, 3).
+    """Computes each wheel's angular impulse on the vehicle over an interval, body axes, shape (n, 3).
 
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
@@ -151,7 +151,7 @@ def wheel_impulses(speeds: Spun, start: Array, end: Array, duration_s: float, wh
 
 @kernel
 def append_reading_errors(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
-    """Appends the errors of the wheels' readings to the course of a disturbance.
+    """Appends wheel speed reading errors, as slow states with decay and noise, to a disturbance.
 
     Args:
         wander: of the disturbance alone.
