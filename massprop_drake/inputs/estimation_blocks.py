@@ -278,12 +278,12 @@ class JetFaults(Model):
 
     @property
     def gives_more(self) -> bool:
-        """True if some mode lets the jet give more thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give more thrust than commanded; where none are named, all are meant."""
         return not _MORE.isdisjoint(self.modes or _MODES)
 
     @property
     def gives_less(self) -> bool:
-        """True if some mode lets the jet give less thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give less thrust than commanded; where none are named, all are meant."""
         return not _LESS.isdisjoint(self.modes or _MODES)
 
 
@@ -339,7 +339,7 @@ class FaultsBlock(Model):
         return self
 
     def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:
-        """Returns the priors with an entry for each jet, in the order given, in which nothing is left out."""
+        """Returns the priors with rate and fault modes of each jet filled in, in the order of the designations."""
         usual, found = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
         for name in designations:
             own = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)

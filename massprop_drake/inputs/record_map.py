@@ -36,7 +36,7 @@ Three = tuple[Column | None, Column | None, Column | None]
 
 
 def _unit_validator(*kinds: str) -> AfterValidator:
-    """Checks that a text is a unit of one of some kinds of quantities."""
+    """Makes a validator that refuses a text that is no unit of one of some kinds of quantities."""
 
     def check(value: str) -> str:
         si_factor(value, *kinds)
@@ -129,7 +129,7 @@ class RecordTime(Model):
 
 
 def rotation_of(axes: Axes) -> np.ndarray:
-    """Computes the matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
+    """Computes the rotation matrix from the recorder's axes to the wanted ones, named such as -y, shape (3, 3)."""
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
@@ -354,7 +354,7 @@ class CommandMap(_Sampled):
 
     @property
     def jets(self) -> list[str] | None:
-        """Designations that are named; None: those of the vehicle."""
+        """Designations of the jets that the map names; None: those of the vehicle."""
         if self.columns is not None:
             return list(self.columns)
         if self.mask is not None:
@@ -363,7 +363,7 @@ class CommandMap(_Sampled):
 
 
 def _column_names(data: Any, within: str = "") -> Iterator[str]:
-    """Yields the column names in the data of a part of a map."""
+    """Yields the column names in the data, mappings and lists, of a block of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
             if key == "columns" and isinstance(value, dict):
@@ -424,12 +424,12 @@ class RecordMap(Model):
         return self.rows or [*gyros, *self.sensors][0]
 
     def topic_of(self, part: _Sampled) -> str:
-        """Returns the topic of a part."""
+        """Returns the log topic of a sensor or of the commands: its own, else the map's."""
         return part.topic or self.topic
 
     @property
     def parts(self) -> list[_Sampled]:
-        """All sensors and commands that are read."""
+        """All blocks that are read: sensors, commands, known force and torque."""
         parts = [*self.sensors.values(), self.commands, self.known_force, self.known_torque]
         return [part for part in parts if part is not None]
 
@@ -445,12 +445,12 @@ class RecordMap(Model):
 
 
 def map_keys() -> list[Key]:
-    """Lists the keys of a map; those of the clocks that parts may have of their own are those of `time`."""
+    """Lists the keys of a map for documentation, without those of own clocks, which are those of `time`."""
     return [key for key in list_keys(RecordMap) if ".time." not in key.name]
 
 
 def load_map(path: str | Path) -> RecordMap:
-    """Reads a map.
+    """Reads a map of a record's columns from a YAML file and validates it.
 
     Raises:
         InputError: when there is no such file, or it is wrong; the message says where.

@@ -184,7 +184,7 @@ class MultibodyBlock(_Plant):
         return self
 
     def _find_fast_joints(self) -> Iterator[tuple[FieldPath, str]]:
-        """Finds joints that start, or are moved, faster than anything turns."""
+        """Yields path and problem of joints that start, or are moved, faster than the largest plausible rate."""
         most = plausible.RATE.most
         where = {start.joint: start.position for start in self.joints}
         for index, start in enumerate(self.joints):

@@ -40,7 +40,7 @@ class Vehicle(VehicleFields):
 
 
 def bundled_vehicles() -> list[str]:
-    """Lists the vehicles that come with the package."""
+    """Lists the names of the bundled vehicles."""
     return bundled_files("vehicle")
 
 
