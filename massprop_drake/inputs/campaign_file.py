@@ -115,6 +115,7 @@ class CampaignFile(Model):
 
     @model_validator(mode="after")
     def _require_cases_and_distinct_keys(self) -> CampaignFile:
+        """Raises ValueError without a number of cases, or for keys set twice or not allowed in a campaign."""
         if self.cases is None and self.method != "grid" and self.records is None:
             raise ValueError("cases: missing; say how many")
         if self.method == "grid" and self.records is not None:

@@ -28,13 +28,10 @@ class Distribution(Model):
     """Distribution of one quantity that is drawn."""
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles at probabilities u, a list of n values.
+        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among.
 
         Args:
             u: in [0, 1), shape (n,).
-
-        Returns:
-            n plain values: floats, integers or whatever is chosen among.
         """
         raise NotImplementedError
 
@@ -140,6 +137,7 @@ class Normal(Distribution):
 
     @model_validator(mode="after")
     def _require_usable_bounds(self) -> Normal:
+        """Raises ValueError where low is not below high, or both lie beyond 8 std on one side of the mean."""
         low, high = self._bounds()
         if not high > low:
             raise ValueError(f"high must be above low, got {low:g} to {high:g}")

@@ -58,6 +58,7 @@ class GivenStart(Model):
 
     @model_validator(mode="after")
     def _require_one_uncertainty(self) -> GivenStart:
+        """Raises ValueError unless standard deviation or a valid covariance, block-diagonal in 1/m, is given."""
         if (self.standard_deviation is None) == (self.covariance is None):
             raise ValueError("give either standard_deviation or covariance")
         if self.covariance is not None:
@@ -324,6 +325,7 @@ class FaultsBlock(Model):
 
     @model_validator(mode="after")
     def _require_consistent_rates(self) -> FaultsBlock:
+        """Raises ValidationError for shares that sum above 1, or false declarations as frequent as failures."""
         problems: list[tuple[FieldPath, str]] = []
         if (both := self.full_thrust + self.drifting) > 1.0 + 1e-12:
             problem = f"is with drifting {both:g} of all failures; both are shares, and sum to at most 1"

@@ -91,7 +91,7 @@ def time_factors() -> tuple[Factor, ...]:
 
 
 def factors_near(size: float, among: Sequence[Factor]) -> list[Factor]:
-    """Returns the factors within 1.5 times of a measured one, nearest first; empty where there is none."""
+    """Returns the factors within a ratio of 1.5 of a measured one, nearest first; empty where there is none."""
     if not (size > 0.0 and math.isfinite(size)):
         return []
     found = [one for one in among if _log_distance(one.size, size) < math.log(_NEAR)]

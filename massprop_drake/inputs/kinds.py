@@ -27,11 +27,7 @@ _USES: dict[Kind, str] = {
 
 
 def bundled_files(kind: Kind) -> list[str]:
-    """Lists the names of the bundled files of a kind, without suffix, sorted.
-
-    Raises:
-        InputError: when the package lacks them.
-    """
+    """Lists the sorted names, without suffix, of the bundled files of a kind; raises InputError for no folder."""
     every = _bundled_folder(kind).iterdir()
     return sorted(item.name.removesuffix(".yaml") for item in every if item.name.endswith(".yaml"))
 

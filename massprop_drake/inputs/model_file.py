@@ -80,11 +80,7 @@ class ModelJoint(NamedTuple):
 
 
 def model_joints(text: str) -> tuple[ModelJoint, ...]:
-    """Lists the joints in a model's text that can move, in its order, without those whose name is not unique.
-
-    Args:
-        text: of the model, SDF or URDF.
-    """
+    """Lists the movable joints in a model's SDF or URDF text, in its order, without those of the same name."""
     found = [
         ModelJoint(str(joint.get("name")), *_POSITIONS[kind])
         for joint in ElementTree.fromstring(text.strip()).iter("joint")

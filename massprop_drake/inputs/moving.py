@@ -149,6 +149,7 @@ class HingedPanel(_MovingPart):
 
     @model_validator(mode="after")
     def _require_possible_inertia(self) -> HingedPanel:
+        """Raises ValueError where the inertia about the hinge is less than that of the panel's mass at its center."""
         least = self.mass * float(np.sum(np.cross(self._unit_axis, self._arm) ** 2))
         if self.inertia < (1.0 - _SQUARE_TOLERANCE) * least:
             raise ValueError(

@@ -99,7 +99,7 @@ def filter_setup(scenario: Scenario) -> Setup:
 
 
 def filter_step_rates(scenario: Scenario) -> Rates:
-    """Returns the sample period and the number of joint-filter steps in it, one unless it steps by readings."""
+    """Returns the most steps of the joint filter in a sample period, and that period, zero where it is one step."""
     vehicle = scenario.vehicle_data
     if not steps_by_readings(scenario):
         return EVERY_PERIOD
@@ -127,7 +127,7 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
 
 
 def modes(vehicle: Vehicle) -> ModeParams:
-    """Makes the joint filter's parameters of the modes of sloshing masses and panels in a vehicle."""
+    """Makes the joint filter's parameters of the modes of sloshing masses, panels and the like in a vehicle."""
     nominal = vehicle.nominal
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     return mode_params(vehicle.moving, known, vehicle.wrenches, vehicle.rms_arm)

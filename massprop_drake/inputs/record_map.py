@@ -161,6 +161,7 @@ class _Vector(_Sampled):
 
     @model_validator(mode="after")
     def _require_columns_and_rotation(self) -> _Vector:
+        """Raises ValueError without any column, or for axes besides a rotation that must be orthonormal."""
         if all(column is None for column in self.columns):
             raise ValueError("columns: none is named; leave the sensor out")
         if self.rotation is not None:
@@ -237,6 +238,7 @@ class _Attitude(_Read):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> _Attitude:
+        """Raises ValueError for an attitude in two forms, left-handed axes, or a quaternion without its order."""
         if len(self.forms) > 1:
             raise ValueError(f"give one of {' and '.join(self.forms)}")
         for name in ("axes", "world_axes"):
@@ -338,6 +340,7 @@ class CommandMap(_Sampled):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> CommandMap:
+        """Raises ValueError unless one of columns, mask and listed is given, with on and off that differ."""
         given = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
@@ -409,6 +412,7 @@ class RecordMap(Model):
 
     @model_validator(mode="after")
     def _require_known_rows_and_units(self) -> RecordMap:
+        """Raises ValueError where rows names no sensor, or a known force or torque has another unit."""
         if self.rows is not None and self.rows not in self.sensors:
             raise ValueError(f"rows: {self.rows!r} is not one of sensors ({', '.join(self.sensors)})")
         for name, kind in (("known_force", "force"), ("known_torque", "torque")):

@@ -45,9 +45,6 @@ def update_detector_terms(data: dict[str, Any], usual: str) -> tuple[dict[str, A
     Args:
         data: of a scenario, not validated; unchanged.
         usual: kind of detector that is meant where none is named.
-
-    Returns:
-        The data in present terms, and what to tell of each replacement.
     """
     block, faults = data.get("detector"), data.get("faults", {})
     if not isinstance(block, dict) or block.get("kind", usual) not in (FORMER_KIND, PRESENT_KIND):

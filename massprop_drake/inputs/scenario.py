@@ -79,6 +79,7 @@ class Scenario(ScenarioFields):
 
     @model_validator(mode="after")
     def _require_consistent_scenario(self) -> Scenario:
+        """Raises ValidationError for foreign keys of a filter, overlapping schedules, or a misfit to the vehicle."""
         problems = list(_foreign_to_filter(self)) or list(schedule_problems(self))
         if not problems and isinstance(self.vehicle, Vehicle):  # an `Estimator` has its own beside the usual one
             problems = check_against_vehicle(self, self.vehicle)

@@ -172,6 +172,7 @@ class MultibodyBlock(_Plant):
 
     @model_validator(mode="after")
     def _require_feasible_moves(self) -> MultibodyBlock:
+        """Raises ValidationError for overlapping moves, joints stated twice, or joints that move too fast."""
         problems = list(find_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
         named = [start.joint for start in self.joints]
         problems += [

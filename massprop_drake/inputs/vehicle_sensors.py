@@ -275,6 +275,7 @@ class RocketEngine(Model):
 
     @model_validator(mode="after")
     def _require_possible_levels_and_axes(self) -> RocketEngine:
+        """Raises ValidationError where throttle levels do not rise, or a gimbal axis lies along the force."""
         if isinstance(self.specific_impulse_s, tuple):
             levels = [each.level for each in self.specific_impulse_s]
             if not levels or any(low >= high for low, high in pairwise(levels)):
