@@ -60,7 +60,7 @@ class Target(NamedTuple):
 
 
 def parse_targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
-    """Parses 1-sigma targets such as ``{"mass": "1%", "center": "2 mm"}``, with one target per quantity of a group.
+    """Parses 1-sigmas by quantity, such as ``{"mass": "1%"}``, to a list of targets, one per quantity of a group.
 
     Args:
         asked: 1-sigma by name, a share or with a unit.
@@ -82,7 +82,7 @@ def parse_targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle)
 
 
 def derivative_and_value(name: str, properties: Array) -> tuple[Array, float]:
-    """Computes the derivative of a quantity by the ten parameters, shape (10,), and its value.
+    """Computes the derivative of a mass property by the ten parameters, shape (10,), and its value.
 
     Args:
         name: one of `TARGETS` but for groups.
@@ -105,7 +105,7 @@ def derivative_and_value(name: str, properties: Array) -> tuple[Array, float]:
 
 
 def _parse_target(group: str, name: str, text: str, properties: Array, vehicle: Vehicle) -> Target:
-    """Parses the 1-sigma of one quantity, and adds its derivative by the ten parameters."""
+    """Makes the target of one quantity from the text of its 1-sigma, with its derivative by the ten parameters."""
     combination, value = derivative_and_value(name, properties)
     names = vehicle.unit_names
     if name == "mass":
@@ -122,7 +122,7 @@ def _parse_target(group: str, name: str, text: str, properties: Array, vehicle: 
 
 
 def _parse_deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
-    """Reads a 1-sigma in the vehicle's units, given as a share or with a unit of length and mass to these powers."""
+    """Parses a 1-sigma, a percentage or in a unit of length and mass to these powers, to the vehicle's units."""
     number, unit = _split_quantity(text, where)
     example = "1%" if share else f"5 mm, or in {vehicle.unit_names['length']}"
     if not unit:
@@ -140,7 +140,7 @@ def _parse_deviation(text: str, share: float, powers: tuple[int, int], vehicle: 
 
 
 def _split_quantity(text: str, where: str) -> tuple[float, str]:
-    """Splits a text such as `0.5deg/s` into number and unit."""
+    """Splits a text such as `0.5deg/s` into number and unit; raises InputError for any other text."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise InputError(f"{where}: is no number with a unit, such as 0.5 deg/s or 1%")
@@ -148,14 +148,14 @@ def _split_quantity(text: str, where: str) -> tuple[float, str]:
 
 
 def _si_factor(powers: tuple[int, int], vehicle: Vehicle) -> float:
-    """Returns the SI value of the vehicle's unit of length and mass to these powers."""
+    """Returns the SI value of the vehicle's unit of length and mass to two powers, such as (1, 0) for a length."""
     if vehicle.unit_names["mass"] == "kg":
         return 1.0
     return float(FOOT ** powers[0] * SLUG ** powers[1])
 
 
 def parse_limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
-    """Reads limits such as ``{"rate": "0.5 deg/s", "propellant": "0.2 kg"}``; a bare number is in the vehicle's units.
+    """Parses maneuver limits such as ``{"rate": "0.5 deg/s"}``; a bare number is in the vehicle's units.
 
     Raises:
         InputError: for a name or a limit that is none.
@@ -196,7 +196,7 @@ class Suspicion(NamedTuple):
 
 
 def parse_suspects(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
-    """Parses suspected jets: one is to be separated from every other jet, several from each other.
+    """Makes the pairs of failed jets to be separated: one suspect from all other jets, several from each other.
 
     Args:
         suspects: designations.
@@ -276,7 +276,7 @@ class AimSettings(NamedTuple):
 
 
 def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, settings: AimSettings) -> Aims:
-    """Makes the aims of the maneuver search, with a margin since it plans on the nominal vehicle.
+    """Makes the aims of the maneuver search: 1-sigmas to reach and failures to separate, each with a margin.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
 
@@ -311,6 +311,6 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
 
 
 def declaration_log_odds(faults: FaultsBlock) -> float:
-    """Computes the log odds at which a failed jet is declared; at least 3 to 1."""
+    """Computes the posterior log odds above which a failed jet is declared, nats, log 3 at least."""
     error = Priors.stated(faults).doubt(faults.jet_per_hour)  # probability with which one may be declared falsely
     return math.log(1.0 / min(error, 0.25) - 1.0)

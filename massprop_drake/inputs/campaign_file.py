@@ -115,6 +115,7 @@ class CampaignFile(Model):
 
     @model_validator(mode="after")
     def _require_cases_and_distinct_keys(self) -> CampaignFile:
+        """Raises ValueError without a number of cases, or for keys set twice or not allowed in a campaign."""
         if self.cases is None and self.method != "grid" and self.records is None:
             raise ValueError("cases: missing; say how many")
         if self.method == "grid" and self.records is not None:
@@ -161,7 +162,7 @@ class CampaignSpec(NamedTuple):
 
     @property
     def doubts(self) -> list[str]:
-        """Advice on entries that are valid, but could be better."""
+        """Advice on valid entries that could be better: Sobol cases whose number is no power of two."""
         count = self.file.cases or 0
         if self.file.method == "sobol" and count & (count - 1):
             better = 1 << count.bit_length()
@@ -175,13 +176,13 @@ def bundled_campaigns() -> list[str]:
 
 
 def campaign_description(name: str) -> str:
-    """Returns the line by which a bundled campaign describes itself."""
+    """Returns the one-line description from a bundled campaign's file."""
     document, _ = open_document(name, "campaign")
     return validate_data(CampaignFile, document.data, document).description
 
 
 def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> CampaignSpec:
-    """Loads a bundled campaign by name, or one from a YAML file.
+    """Loads a bundled campaign by name, or one from a YAML file, with its base scenario and drawn quantities.
 
     Args:
         campaign: a name that `massprop list` shows, or the path of a file.
@@ -197,7 +198,7 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Campai
 
 
 def _set_in_file(data: dict[str, Any], override: str) -> None:
-    """Sets one of the campaign's own keys; those of the scenario are themselves keys with dots."""
+    """Sets one key of a campaign's data in place from KEY=VALUE; keys within set, draw and sweep have dots."""
     key, separator, text = override.partition("=")
     if not separator or not key:
         raise InputError(f"--set {override}: expected KEY=VALUE, such as --set cases=200")
@@ -210,7 +211,7 @@ def _set_in_file(data: dict[str, Any], override: str) -> None:
 
 
 def campaign_from(document: Document, folder: Path) -> CampaignSpec:
-    """Makes a campaign from its document.
+    """Makes a validated campaign from its document: loads the base scenario and finds the drawn quantities.
 
     Raises:
         InputError: naming each field that is wrong.
@@ -237,7 +238,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
 
 
 def _require_fields(campaign: CampaignSpec, document: Document) -> None:
-    """Checks that drawn and swept quantities are fields of the scenario, by a case with the median of everything."""
+    """Checks that drawn and swept keys are fields of the scenario, by a case with the median of every draw."""
     middle = campaign.base
     medians = {quantity.label: quantity.distribution.quantiles(np.array([0.5]))[0] for quantity in campaign.quantities}
     for key, value in settings_of(campaign, medians).items():
@@ -248,7 +249,7 @@ def _require_fields(campaign: CampaignSpec, document: Document) -> None:
 
 
 def _apply_settings(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
-    """Applies settings to a scenario; errors begin with the block of the campaign that they stand in."""
+    """Returns a scenario with settings applied; errors begin with where they stand in the campaign's file."""
     try:
         return with_settings(base, settings)
     except InputError as error:
@@ -256,7 +257,7 @@ def _apply_settings(base: Scenario, settings: Mapping[str, Any], where: str) -> 
 
 
 def campaign_keys() -> list[Key]:
-    """Lists every key of a campaign's file, and of what may stand in it for a value that is drawn."""
+    """Lists every key of a campaign's file, and of the distributions in it, for documentation."""
     found = list_keys(CampaignFile)
     drawn: dict[str, type[Model]] = {f"draw{{}} ({MASS_PROPERTIES})": Dispersion}
     drawn |= {f"draw{{}}.{tag}": kind for tag, kind in KINDS.items()}
@@ -271,7 +272,7 @@ def campaign_keys() -> list[Key]:
 
 
 def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
-    """Yields the drawn quantities in a value of the block `draw`, in its order."""
+    """Yields label and distribution of every quantity drawn in a value of the block `draw`, in its order."""
     where = document.where(("draw", *path))
     label = dotted(path)
     if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
@@ -296,12 +297,12 @@ def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, do
 
 
 def _is_dispersion(value: Any) -> bool:
-    """Tests whether mass properties are a dispersion, and not written out with drawn parts."""
+    """Tests whether drawn mass properties are a dispersion block, not mass and inertia with draws in them."""
     return isinstance(value, dict) and not {"mass", "inertia"} & set(value)
 
 
 def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
-    """Validates a distribution; a choice among `all` jets, or a kind of them, becomes one of designations."""
+    """Makes a distribution from tag and parameters; a choice of a kind of jets becomes one of designations."""
     distribution = validate_data(KINDS[tag], parameters, None, f"{where}: {tag}")
     if isinstance(distribution, Choice) and isinstance(distribution.values, str):
         return distribution.model_copy(update={"values": _expand_jets(distribution.values, vehicle, where)})
@@ -309,7 +310,7 @@ def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, where: s
 
 
 def _expand_jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
-    """Returns designations of all jets, or of those of a kind."""
+    """Returns the designations of all jets, for `all`, or of the jets of a kind; raises InputError for no kind."""
     if which == "all":
         return vehicle.designations
     if which not in vehicle.jet_kinds:
@@ -321,7 +322,7 @@ def _expand_jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
 
 
 def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the scenario settings of one draw, by dotted key.
+    """Maps each drawn field of the scenario, by dotted key, to its value in the case with these draws.
 
     Args:
         campaign: with what is drawn.
@@ -341,7 +342,7 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
 
 
 def _fill_in_draws(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
-    """Replaces each distribution in a value of the block `draw` by its drawn value."""
+    """Returns a value of the block `draw` with each distribution replaced by its drawn value."""
     label = dotted(path)
     if label in drawn:
         return drawn[label]
@@ -364,7 +365,7 @@ _SIZES = set[str]().union(*_OF_KIND.values())
 
 
 def _adjust_failures(campaign: CampaignSpec, failures: Any) -> Any:
-    """Adjusts a case's drawn failures: each keeps the sizes of its own kind alone, and gets a jet of its own.
+    """Returns a case's drawn failures, each with its own kind's sizes alone and a jet of its own.
 
     Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
     what it has lost. A force that is drawn is at most the jet's thrust. A jet that an earlier failure of the case has
@@ -396,7 +397,7 @@ def _adjust_failures(campaign: CampaignSpec, failures: Any) -> Any:
 
 
 def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """Returns a scenario with some fields replaced; only the blocks that they stand in are validated again.
+    """Returns a scenario with the fields at dotted keys replaced; only their blocks are validated again.
 
     Args:
         base: with its vehicle.

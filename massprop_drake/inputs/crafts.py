@@ -18,7 +18,7 @@ SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a prefer
 
 
 def make_craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
-    """Makes the craft that a maneuver commands: the vehicle at rest, as its file states it.
+    """Makes the vehicle that a maneuver is designed for, at rest, with the jets that may be fired and the wheels.
 
     Args:
         scenario: with the joint filter.
@@ -42,7 +42,7 @@ def make_craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Cra
 
 
 def firing_test(scenario: Scenario) -> FiringTest | None:
-    """Returns settings of test firings in flight; None: there are none.
+    """Makes the settings of test firings that the autopilot flies; None: the scenario has no such block.
 
     Raises:
         InputError: when what is asked for is none.
@@ -77,7 +77,7 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
 
 
 def _samples_per_reading(scenario: Scenario) -> NDArray[np.int_]:
-    """Returns the number of samples between two readings of each component that the joint filter reads."""
+    """Returns samples per reading of each sensor component that the joint filter reads, shape (3 n_sensors,)."""
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     own_hz = [one.rate_hz for one in packages] + [one.rate_hz for one in params.trackers(scenario)]

@@ -28,18 +28,15 @@ class Distribution(Model):
     """Distribution of one quantity that is drawn."""
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles at some probabilities.
+        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among.
 
         Args:
             u: in [0, 1), shape (n,).
-
-        Returns:
-            n plain values: floats, integers or whatever is chosen among.
         """
         raise NotImplementedError
 
     def grid(self) -> list[Any] | None:
-        """Lists all values of a full-factorial plan; None where the block does not say how many."""
+        """Lists the values that a full-factorial plan takes; None where the block does not say how many."""
         return None
 
 
@@ -61,11 +58,11 @@ class _Between(Distribution):
         return self
 
     def _clip_to_bounds(self, values: Array) -> list[Any]:
-        """Limits values to the bounds, which rounding may have passed."""
+        """Returns values, which rounding may have moved out of bounds, clipped to low and high, as a list."""
         return np.clip(values, self.low, self.high).tolist()
 
     def grid(self) -> list[Any] | None:
-        """Lists all values."""
+        """Lists as many values as points says, evenly spaced in probability; None where points is not set."""
         return None if self.points is None else self.quantiles(np.linspace(0.0, 1.0, self.points))
 
 
@@ -73,7 +70,7 @@ class Uniform(_Between):
     """Uniform distribution between two bounds."""
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the quantiles at probabilities u, shape (n,), as a list of numbers."""
         return self._clip_to_bounds(self.low * (1.0 - u) + self.high * u)
 
 
@@ -83,7 +80,7 @@ class LogUniform(_Between):
     low: Positive = described(..., "lower bound, above zero")
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the quantiles at probabilities u, shape (n,), as a list of numbers."""
         return self._clip_to_bounds(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
 
 
@@ -99,7 +96,7 @@ class Triangular(_Between):
         return self
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the quantiles at probabilities u, shape (n,), as a list of numbers."""
         width, rise, fall = self.high - self.low, self.mode - self.low, self.high - self.mode
         rising = self.low + np.sqrt(u) * (math.sqrt(width) * math.sqrt(rise))
         falling = self.high - np.sqrt(1.0 - u) * (math.sqrt(width) * math.sqrt(fall))
@@ -119,12 +116,12 @@ class Integers(_Between):
         return self
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the whole number at each of the probabilities u, shape (n,), as a list."""
         count = self.high - self.low + 1
         return [self.low + min(int(part * count), count - 1) for part in u.tolist()]
 
     def grid(self) -> list[Any] | None:
-        """Lists all values."""
+        """Lists all whole numbers, or evenly spaced ones where points is set; None where they are too many."""
         if self.points is None and self.high - self.low >= _MOST_POINTS:
             return None
         return list(range(self.low, self.high + 1)) if self.points is None else super().grid()
@@ -140,6 +137,7 @@ class Normal(Distribution):
 
     @model_validator(mode="after")
     def _require_usable_bounds(self) -> Normal:
+        """Raises ValueError where low is not below high, or both lie beyond 8 std on one side of the mean."""
         low, high = self._bounds()
         if not high > low:
             raise ValueError(f"high must be above low, got {low:g} to {high:g}")
@@ -151,7 +149,7 @@ class Normal(Distribution):
         return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the quantiles at probabilities u, shape (n,), as a list of numbers."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to load)
 
         low, high = self._bounds()
@@ -172,7 +170,7 @@ class LogNormal(Distribution):
     factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Computes the quantiles at probabilities u, shape (n,), as a list of numbers."""
         with np.errstate(over="ignore"):  # likewise
             return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).quantiles(u))).tolist()
 
@@ -203,13 +201,13 @@ class Choice(Distribution):
         return self
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles."""
+        """Returns the value chosen at each of the probabilities u, by the cumulative weights, as a list."""
         assert not isinstance(self.values, str), "jets are named by the vehicle"
         edges = np.cumsum(np.ones(len(self.values)) if self.weights is None else np.array(self.weights))
         return [self.values[place] for place in np.searchsorted(edges / edges[-1], u, side="right")]
 
     def grid(self) -> list[Any] | None:
-        """Lists all values."""
+        """Lists all values that are chosen among."""
         return list(self.values)
 
 
@@ -225,7 +223,7 @@ KINDS: Mapping[str, type[Distribution]] = {
 
 
 def distribution_in(value: Any) -> tuple[str, Any] | None:
-    """Recognizes a distribution in other data: its tag and its parameters, or None.
+    """Recognizes a distribution in data: returns its tag and parameters, or None where the data are none.
 
     Raises:
         ValueError: when it looks like a distribution and has a tag that is none.

@@ -58,6 +58,7 @@ class GivenStart(Model):
 
     @model_validator(mode="after")
     def _require_one_uncertainty(self) -> GivenStart:
+        """Raises ValueError unless standard deviation or a valid covariance, block-diagonal in 1/m, is given."""
         if (self.standard_deviation is None) == (self.covariance is None):
             raise ValueError("give either standard_deviation or covariance")
         if self.covariance is not None:
@@ -278,12 +279,12 @@ class JetFaults(Model):
 
     @property
     def gives_more(self) -> bool:
-        """True if some mode lets the jet give more thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give more thrust than commanded; where none are named, all are meant."""
         return not _MORE.isdisjoint(self.modes or _MODES)
 
     @property
     def gives_less(self) -> bool:
-        """True if some mode lets the jet give less thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give less thrust than commanded; where none are named, all are meant."""
         return not _LESS.isdisjoint(self.modes or _MODES)
 
 
@@ -324,6 +325,7 @@ class FaultsBlock(Model):
 
     @model_validator(mode="after")
     def _require_consistent_rates(self) -> FaultsBlock:
+        """Raises ValidationError for shares that sum above 1, or false declarations as frequent as failures."""
         problems: list[tuple[FieldPath, str]] = []
         if (both := self.full_thrust + self.drifting) > 1.0 + 1e-12:
             problem = f"is with drifting {both:g} of all failures; both are shares, and sum to at most 1"
@@ -339,7 +341,7 @@ class FaultsBlock(Model):
         return self
 
     def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:
-        """Returns the priors with an entry for each jet, in the order given, in which nothing is left out."""
+        """Returns the priors with rate and fault modes of each jet filled in, in the order of the designations."""
         usual, found = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
         for name in designations:
             own = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)

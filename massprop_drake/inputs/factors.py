@@ -35,12 +35,12 @@ class Factor(NamedTuple):
 
 
 def format_factor(size: float) -> str:
-    """Formats a factor, one below 1 as a fraction: 57.3, 1/57.3."""
+    """Formats a factor as text, one below 1 as a fraction: 57.3, 1/57.3."""
     return f"{size:.4g}" if size >= 1.0 else f"1/{1.0 / size:.4g}"
 
 
 def rate_factors(period_s: float) -> tuple[Factor, ...]:
-    """Returns common unit-error factors of rates in rad/s, at a sample period in s."""
+    """Lists the factors by which common mistakes of unit distort rates in rad/s, at a sample period in s."""
     return (
         Factor(1.0 / _DEGREE, "degrees in place of radians"),
         Factor(_DEGREE, "radians in place of degrees"),
@@ -54,7 +54,7 @@ def rate_factors(period_s: float) -> tuple[Factor, ...]:
 
 
 def velocity_factors(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Returns common unit-error factors of integrated acceleration, of a vehicle in `units`, "us" or "si"."""
+    """Lists the factors by which common mistakes of unit distort integrated acceleration; units: "us" or "si"."""
     own, other, feet = ("meters", "feet", 1.0 / FOOT) if units == "si" else ("feet", "meters", FOOT)
     weight, gravity = ("m/s^2", GRAVITY) if units == "si" else ("ft/s^2", GRAVITY / FOOT)
     return (
@@ -69,7 +69,7 @@ def velocity_factors(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def impulse_factors(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Returns common unit-error factors of impulses computed from commands and thrusts."""
+    """Lists the factors by which common mistakes of unit distort impulses computed from commands and thrusts."""
     own, other, force = ("N", "lbf", 1.0 / _FORCES) if units == "si" else ("lbf", "N", _FORCES)
     return (
         Factor(period_s, "on-times in s in place of fractions of the sample period"),
@@ -82,7 +82,7 @@ def impulse_factors(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def time_factors() -> tuple[Factor, ...]:
-    """Returns common unit-error factors of time stamps in s."""
+    """Lists the factors by which common mistakes of unit distort time stamps in s."""
     return (
         *(Factor(10.0**n, f"{unit} in place of s") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
         *(Factor(10.0**-n, f"s in place of {unit}") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
@@ -91,7 +91,7 @@ def time_factors() -> tuple[Factor, ...]:
 
 
 def factors_near(size: float, among: Sequence[Factor]) -> list[Factor]:
-    """Returns the common factors near a measured one, the nearest first."""
+    """Returns the factors within a ratio of 1.5 of a measured one, nearest first; empty where there is none."""
     if not (size > 0.0 and math.isfinite(size)):
         return []
     found = [one for one in among if _log_distance(one.size, size) < math.log(_NEAR)]

@@ -27,22 +27,18 @@ _USES: dict[Kind, str] = {
 
 
 def bundled_files(kind: Kind) -> list[str]:
-    """Lists the names of the bundled files of a kind.
-
-    Raises:
-        InputError: when the package lacks them.
-    """
+    """Lists the sorted names, without suffix, of the bundled files of a kind; raises InputError for no folder."""
     every = _bundled_folder(kind).iterdir()
     return sorted(item.name.removesuffix(".yaml") for item in every if item.name.endswith(".yaml"))
 
 
 def bundled_text(kind: Kind, name: str) -> str:
-    """Reads the text of a bundled file."""
+    """Returns the YAML text of a bundled file."""
     return _bundled_folder(kind).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def _bundled_folder(kind: Kind) -> Traversable:
-    """Finds the folder of the bundled files of a kind; raises InputError where the package lacks it."""
+    """Returns the folder of the bundled files of a kind; raises InputError where the package lacks it."""
     package, *below = _PLACES[kind]
     try:
         return resources.files(f"massprop_drake.{package}").joinpath(*below)
@@ -54,14 +50,14 @@ def _bundled_folder(kind: Kind) -> Traversable:
 
 
 def file_kind(data: Mapping[str, Any]) -> Kind:
-    """Finds the kind of a file by its keys."""
+    """Returns the kind of an input file, vehicle, scenario or campaign, by the keys of its data."""
     if "jets" in data or "jet_kinds" in data:
         return "vehicle"
     return "campaign" if "base" in data else "scenario"
 
 
 def describe_folder(path: Path) -> str | None:
-    """Describes a folder of a run or a campaign and the commands that take it; None: it is neither."""
+    """Writes which commands take the folder of a run or campaign, as the end of a message; None: it is neither."""
     if (path / "plan.parquet").is_file():
         return f"is a campaign's folder; 'massprop campaign report {path}' and the like take it"
     if (path / "scenario.yaml").is_file():
@@ -70,18 +66,14 @@ def describe_folder(path: Path) -> str | None:
 
 
 def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
-    """Checks that a file is of a kind.
-
-    Raises:
-        InputError: when it is plainly of another, which the message names, with what it is for.
-    """
+    """Raises InputError where a file's data are plainly of another kind than the wanted one."""
     found = file_kind(data)
     if found != wanted and (found != "scenario" or data.keys() & _OF_A_SCENARIO):
         raise InputError(f"{source}: is a {found}, not a {wanted}: {_USES[found]}")
 
 
 def require_known_name(name: str, wanted: Kind) -> None:
-    """Raises InputError for a name that is neither bundled nor can be that of a file."""
+    """Raises InputError for a name that is not bundled and, without suffix or folder, is no path of a file."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path():
         return

@@ -84,7 +84,7 @@ class Span(typing.NamedTuple):
 def described(
     default: Any, meaning: str, unit: str = "-", *, reason: str = "", span: Span | None = None, **constraints: Any
 ) -> Any:
-    """Declares a field with default, meaning and unit.
+    """Declares a pydantic field with default, meaning, unit, span of plausible sizes, and constraints.
 
     Args:
         default: `...` makes the field required.
@@ -99,7 +99,7 @@ def described(
 
 
 def span_of(field: FieldInfo) -> tuple[Span | None, str]:
-    """Returns the span of a field, None where it has none, and the SI unit that it is in."""
+    """Returns the span of plausible sizes of a field, None where it has none, and the name of its SI unit."""
     extra = field.json_schema_extra
     if not isinstance(extra, dict):
         return None, "-"
@@ -110,7 +110,7 @@ def span_of(field: FieldInfo) -> tuple[Span | None, str]:
 
 
 def field_validation_error(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
-    """Makes an error for a model's validator to raise that names the fields, and so their lines, with problems."""
+    """Makes the error that a validator raises from problems, pairs of the path of a field and a sentence."""
     details = [
         InitErrorDetails(
             type=PydanticCustomError("value_error", "{problem}", {"problem": problem}), loc=path, input=None
@@ -121,7 +121,7 @@ def field_validation_error(problems: Iterable[tuple[FieldPath, str]]) -> Validat
 
 
 def validate_data(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
-    """Validates data against a model, with one message per problem.
+    """Makes a model from data; raises InputError with one message per problem.
 
     Args:
         model: the pydantic model.
@@ -141,7 +141,7 @@ def validate_data(model: type[M], data: Any, document: Document | None = None, s
 def _describe_problems(
     model: type[Model], data: Any, error: ValidationError, document: Document | None, source: str
 ) -> list[str]:
-    """Describes the errors of a validation: file, line and field of each, and a sentence; unknown keys first."""
+    """Writes a message for each error of a validation: file, line, field and sentence; unknown keys first."""
     problems = []
     # unknown keys first: a misspelled one is often the cause of a missing one
     items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
@@ -160,7 +160,7 @@ def _describe_problems(
 
 
 def _drop_echoes(items: list[Any]) -> list[Any]:
-    """Drops validation errors that only follow from another error.
+    """Returns pydantic's validation errors without those that only follow from another one.
 
     Pydantic also reports a list with a bad item as too short, and each value that a short list lacks as missing.
     """
@@ -182,7 +182,7 @@ def _drop_echoes(items: list[Any]) -> list[Any]:
 
 
 def _drop_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
-    """Removes the union members that pydantic puts into a path; the file has no such keys."""
+    """Returns the path of a pydantic error without the names of union members, which are no keys of the file."""
     path: list[str | int] = []
     for part in location:
         within = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
@@ -195,13 +195,13 @@ def _drop_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
 
 
 def _shorten_value(given: Any) -> str:
-    """Shortens a value for a message: of a long text its beginning."""
+    """Returns a value as text for a message, cut off after 80 characters."""
     text = repr(given)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(given))} characters)"
 
 
 def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
-    """Writes one of pydantic's errors as a sentence in the file's terms."""
+    """Writes the sentence of one of pydantic's errors, without file and field, in the file's terms."""
     kind, given = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
         reason = _required_reason(model, path, data)
@@ -230,7 +230,7 @@ def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath)
 
 
 def _explain_unknown_key(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | int, ...]) -> str:
-    """Explains a key that its mapping does not have: the other kind that has it, or a similar key."""
+    """Writes the sentence of an unknown key: the other kind of block that has it, or a similar key."""
     members = _models_at(model, path[:-1], data)
     chosen = _choose_member(members, _value_at(data, path[:-1]), tags)
     for member in members:
@@ -257,7 +257,7 @@ def _value_at(data: Any, path: FieldPath) -> Any:
 
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
-    """Returns the models that may describe the data at a path: more than one where there is a union."""
+    """Returns the model classes that may describe the data at a path: more than one where there is a union."""
     here: list[type[Model]] = [model]
     for part in path:
         holder, data = _choose_member(here, data), data[part]
@@ -267,7 +267,7 @@ def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Mode
 
 
 def _choose_member(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
-    """Returns the member of a union that the `kind` of the data selects, or else the tags."""
+    """Returns the model class of a union that the `kind` of the data selects, else the tags, else the first."""
     if len(members) > 1 and isinstance(data, dict):
         named = (data["kind"],) if "kind" in data else tags
         return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
@@ -278,7 +278,7 @@ _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "mi
 
 
 def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: Any) -> list[str]:
-    """Finds keys of a block that its new kind lacks, or that mean something else there than in the former one.
+    """Lists keys of a block that its new kind lacks, or that mean something else there than in the former kind.
 
     Args:
         model: of the data.
@@ -300,14 +300,14 @@ def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: 
 
 
 def _means_same(key: str, *models: type[Model]) -> bool:
-    """Tests whether a key has the same meaning and default in all of several models."""
+    """Tests whether a key has the same meaning and default in all of several model classes."""
     fields = [model.model_fields.get(key) for model in models]
     meanings = {None if field is None else (field.description, repr(field.default)) for field in fields}
     return None not in meanings and len(meanings) == 1
 
 
 def _bounds_text(field: FieldInfo) -> str:
-    """Returns the bounds of a field's value as text; "-" if it has none."""
+    """Returns the bounds of a field's value as text, such as "> 0, <= 10 s"; "-" if it has none."""
     constraints = [*field.metadata]
     if typing.get_origin(field.annotation) in (typing.Union, types.UnionType):  # as of `Positive | None`
         parts = (part for member in typing.get_args(field.annotation) for part in getattr(member, "__metadata__", ()))
@@ -331,14 +331,14 @@ def _bounds_text(field: FieldInfo) -> str:
 
 
 def _models_in(annotation: Any) -> list[type[Model]]:
-    """Returns the models inside an annotation such as list[Model], Model | None or a union of models."""
+    """Returns the model classes inside an annotation such as list[Model], Model | None or a union of models."""
     if isinstance(annotation, type) and issubclass(annotation, Model):
         return [annotation]
     return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
 
 
 def _tags_of(model: type[Model]) -> tuple[str, ...]:
-    """Returns the values of `kind` that select this member of a union."""
+    """Returns the values of `kind` that select this model class in a union."""
     return tuple(map(str, typing.get_args(model.model_fields["kind"].annotation)))
 
 
@@ -346,7 +346,7 @@ def _tags_of(model: type[Model]) -> tuple[str, ...]:
 
 
 def yaml_text(model: Model) -> str:
-    """Writes a model as YAML in full, with every default; reading it back gives an equal model."""
+    """Returns a model as YAML text with every default; reading it back gives an equal model."""
     return _yaml_of(json.dumps(model.model_dump(mode="json")))
 
 
@@ -359,7 +359,7 @@ _digests: dict[int, tuple[weakref.ref[Model], str]] = {}  # of models that there
 
 
 def digest(model: Model) -> str:
-    """Computes SHA-256 of a model's full content, hexadecimal; kept for models that are asked for again."""
+    """Computes SHA-256 of a model's full content, hexadecimal; cached while the model exists."""
     place = id(model)
     there = _digests.get(place)
     if there is not None and there[0]() is model:
@@ -385,7 +385,7 @@ class Key(typing.NamedTuple):
 
 
 def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
-    """Lists every key of a model and of the models nested in it, in order."""
+    """Lists every key of a model class, and of models nested in it, in order, for documentation."""
     found = []
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra

@@ -25,13 +25,13 @@ _ELSEWHERE = {"mesh": "draw it with boxes, cylinders and the like", "include": "
 
 
 def bundled_models() -> list[str]:
-    """Lists the models that come with the package."""
+    """Lists the file names of the bundled multibody models, SDF and URDF, sorted."""
     folder = resources.files("massprop_drake.scenarios").joinpath("models")
     return sorted(item.name for item in folder.iterdir() if item.name.endswith(_SUFFIXES))
 
 
 def model_text(model: str, folder: Path) -> str:
-    """Reads the text of a model.
+    """Returns the checked SDF or URDF text of a multibody model.
 
     Args:
         model: the text itself, the name of a bundled one, or a file.
@@ -56,7 +56,7 @@ def model_text(model: str, folder: Path) -> str:
 
 
 def model_kind(text: str) -> Literal["sdf", "urdf"]:
-    """Returns the format of a model's text."""
+    """Returns the format of a model's text, "sdf" or "urdf", by its first element."""
     return "urdf" if ElementTree.fromstring(text.strip()).tag == "robot" else "sdf"
 
 
@@ -80,11 +80,7 @@ class ModelJoint(NamedTuple):
 
 
 def model_joints(text: str) -> tuple[ModelJoint, ...]:
-    """Lists the joints of a model that move, in its order, but for those whose name is not unique.
-
-    Args:
-        text: of the model, SDF or URDF.
-    """
+    """Lists the movable joints in a model's SDF or URDF text, in its order, without those of the same name."""
     found = [
         ModelJoint(str(joint.get("name")), *_POSITIONS[kind])
         for joint in ElementTree.fromstring(text.strip()).iter("joint")
@@ -95,20 +91,17 @@ def model_joints(text: str) -> tuple[ModelJoint, ...]:
 
 
 def _parent_link(joint: ElementTree.Element) -> str:
-    """Returns the name of a joint's parent link: an attribute in URDF, a text in SDF."""
+    """Returns the name of a joint's parent link, an attribute in URDF, a text in SDF; empty if there is none."""
     parent = joint.find("parent")
     return "" if parent is None else parent.get("link", (parent.text or "").strip())
 
 
 def require_model(text: str, where: str) -> None:
-    """Checks that a text is complete SDF or URDF whose links all have mass and inertia.
+    """Raises InputError unless a text is complete SDF or URDF whose links all have mass and inertia.
 
     Args:
         text: of the model.
         where: begins the message.
-
-    Raises:
-        InputError: when it is not.
     """
     if len(text) > _MOST_LETTERS:
         raise InputError(f"{where}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
@@ -143,6 +136,7 @@ def require_model(text: str, where: str) -> None:
 
 
 def _is_positive(number: str) -> bool:
+    """Tests whether a text is a finite number above zero."""
     try:
         return 0.0 < float(number) < math.inf
     except ValueError:
@@ -151,7 +145,7 @@ def _is_positive(number: str) -> bool:
 
 @contextlib.contextmanager
 def attribute_errors_to(field: str) -> Iterator[None]:
-    """Converts an error of a system to one that names the field of the scenario at fault."""
+    """Converts a ValueError within the context to an InputError that names a field of the scenario."""
     try:
         yield
     except ValueError as error:

@@ -121,7 +121,7 @@ class Slosh(_MovingPart):
         return [(root * axis, root * np.cross(self.position, axis)) for axis in axes]
 
     def swelling(self, center: Array) -> list[Array]:
-        """Computes the inertia's derivative I_1 by each modal coordinate, about a center of mass, shape (3, 3) each."""
+        """Computes the inertia's derivative I_1 by each modal coordinate, about a center of mass, matrices (3, 3)."""
         return _inertia_derivatives(self.modes, np.array(self.position) - center)
 
     @property
@@ -149,6 +149,7 @@ class HingedPanel(_MovingPart):
 
     @model_validator(mode="after")
     def _require_possible_inertia(self) -> HingedPanel:
+        """Raises ValueError where the inertia about the hinge is less than that of the panel's mass at its center."""
         least = self.mass * float(np.sum(np.cross(self._unit_axis, self._arm) ** 2))
         if self.inertia < (1.0 - _SQUARE_TOLERANCE) * least:
             raise ValueError(
@@ -230,7 +231,7 @@ MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="ki
 
 
 def _inertia_derivatives(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
-    """Computes the derivative I_1 of a point mass's inertia by each modal coordinate, shape (3, 3) each."""
+    """Computes the derivative I_1 of a point mass's inertia by each modal coordinate, a list of (3, 3) matrices."""
     return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in modes]
 
 
@@ -241,7 +242,7 @@ def _directions(axes: Sequence[str | Vector3]) -> Array:
 def moving_parts_problem(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
 ) -> str | None:
-    """Describes the problem that keeps a filter from estimating parts that move; None: there is none.
+    """Describes why a filter cannot estimate parts that move, such as a frequency too high; None: it can.
 
     Args:
         parts: as they are stated.
@@ -264,7 +265,7 @@ def moving_parts_problem(
 def _leaves_mass_and_inertia(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]
 ) -> bool:
-    """Tests whether a vehicle has mass and inertia besides its parts that move, arguments as `mode_params`."""
+    """Tests whether a vehicle without its parts that move has mass and inertia left, arguments as `mode_params`."""
     mass, center, inertia = nominal
     pairs = [pair for part in parts for pair in part.modes]
     push, turn = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
@@ -274,7 +275,7 @@ def _leaves_mass_and_inertia(
 
 
 def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
-    """Computes the coupling of the modes of a mass that sloshes along several axes, else zero, shape (n, n, 3)."""
+    """Computes cross products of the mode shapes of one sloshing mass, over its mass, else zero, shape (n, n, 3)."""
     result = np.zeros((owners.size, owners.size, 3))
     for one, owner in enumerate(owners):
         part = parts[owner]
@@ -286,7 +287,7 @@ def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, ow
 def mode_params(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
 ) -> ModeParams:
-    """Makes the joint filter's parameters of modes from the parts that the vehicle states.
+    """Makes the joint filter's parameters of vibration modes from sloshing masses, panels and stated modes.
 
     Args:
         parts: as they are stated.

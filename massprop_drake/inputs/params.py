@@ -68,7 +68,7 @@ def initial_covariance(scenario: Scenario) -> Array:
 
 
 def filter_setup(scenario: Scenario) -> Setup:
-    """Collects the data from which a filter makes its parameters."""
+    """Collects the sensors, start, thrust model and wheels, engines, tanks that a filter is set up from."""
     packages, vehicle = accelerometers(scenario), scenario.vehicle_data
     return Setup(
         period_s=vehicle.sample_period_s,
@@ -99,7 +99,7 @@ def filter_setup(scenario: Scenario) -> Setup:
 
 
 def filter_step_rates(scenario: Scenario) -> Rates:
-    """Returns how many steps the joint filter takes in a sample period."""
+    """Returns the most steps of the joint filter in a sample period, and that period, zero where it is one step."""
     vehicle = scenario.vehicle_data
     if not steps_by_readings(scenario):
         return EVERY_PERIOD
@@ -108,13 +108,13 @@ def filter_step_rates(scenario: Scenario) -> Rates:
 
 
 def steps_by_readings(scenario: Scenario) -> bool:
-    """Tests whether the filter takes a step whenever anything is read, and not once a sample period."""
+    """Tests whether the joint filter takes a step whenever anything is read, and not once a sample period."""
     stated = scenario.estimation.readings_per_s is not None or scenario.vehicle_data.has_own_rates
     return stated and scenario.estimation.filter == "joint"
 
 
 def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
-    """Returns a vehicle's stated disturbance, torque and force as accelerations of the nominal vehicle."""
+    """Makes the Gauss-Markov model of the disturbance that a vehicle states, as accelerations at nominal mass."""
     vehicle = scenario.vehicle_data
     if vehicle.disturbance is None:
         return NO_DISTURBANCE
@@ -127,14 +127,14 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
 
 
 def modes(vehicle: Vehicle) -> ModeParams:
-    """Makes the joint filter's modes of the parts that move inside a vehicle."""
+    """Makes the joint filter's parameters of the modes of sloshing masses, panels and the like in a vehicle."""
     nominal = vehicle.nominal
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     return mode_params(vehicle.moving, known, vehicle.wrenches, vehicle.rms_arm)
 
 
 def disturbance_sigmas(vehicle: Vehicle) -> Array:
-    """Returns 1-sigma of a disturbance's torque and force, zero where none acts or none is shown, shape (6,)."""
+    """Returns 1-sigma of a disturbance's torque and force, zero where none acts or no sensor shows it, shape (6,)."""
     stated = vehicle.disturbance
     if stated is None:
         return np.zeros(6)
@@ -143,7 +143,7 @@ def disturbance_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tracking(scenario: Scenario) -> Tracking:
-    """Collects the pose filter's data of a vehicle that is tracked in a fixed frame."""
+    """Collects the pose filter's data of a vehicle tracked in a fixed frame: valves, surroundings, pose sensors."""
     vehicle = scenario.vehicle_data
     kinds, around = list(vehicle.jet_kinds.values()), vehicle.surroundings
     poses, speeds = vehicle.poses, vehicle.velocities
@@ -188,19 +188,20 @@ def tracking(scenario: Scenario) -> Tracking:
 
 
 def known_parameters(scenario: Scenario) -> NDArray[np.bool_]:
-    """Selects parameters that are not estimated: they are fixed, or play no part in a plane, shape (10,)."""
+    """Flags mass properties that are not estimated, as fixed or of no effect in a plane, shape (10,)."""
     if scenario.estimation.filter != "pose":
         return np.zeros(10, dtype=bool)
     return pose_setting.known_parameters(tracking(scenario))
 
 
 def _instruments(packages: Sequence[SensorPackage]) -> Instruments:
+    """Collects quantum, noise and bias 1-sigma of sensor packages, each of shape (n,)."""
     quanta, noise, biases = ([getattr(p, key) for p in packages] for key in ("quantum", "noise_std", "bias_std"))
     return Instruments(np.array(quanta), np.array(noise), np.array(biases))
 
 
 def thrust_model(scenario: Scenario) -> ThrustModel:
-    """Makes the thrust model of a filter."""
+    """Makes a filter's thrust model: jet wrenches, flows and lags, with the 1-sigma of their errors."""
     vehicle = scenario.vehicle_data
     kinds, of_jets = list(vehicle.jet_kinds.values()), vehicle.kind_indices
     return ThrustModel(
@@ -218,19 +219,19 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
 
 
 def thesis_params(scenario: Scenario) -> ThesisParams:
-    """Makes the parameters of the thesis's two filters."""
+    """Makes the parameters of the thesis's two filters, for rotation and for mass."""
     return thesis.make_params(filter_setup(scenario), scenario)
 
 
 def mass_params(scenario: Scenario) -> MassParams:
-    """Makes the parameters of the mass filter of a vehicle with an accelerometer."""
+    """Makes the parameters of the thesis's mass filter, for a vehicle with an accelerometer."""
     found = thesis_params(scenario).mass
     assert found is not None
     return found
 
 
 def estimation_params(scenario: Scenario) -> EstimationParams:
-    """Makes the parameters of a cycle: those of the filter and the detector that the scenario names."""
+    """Makes the parameters of an estimation cycle: those of the filter and the detector that the scenario names."""
     vehicle = scenario.vehicle_data
     filter_ = FILTERS[scenario.estimation.filter]
     return EstimationParams(
@@ -246,7 +247,7 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
 
 
 def convergence_limits(scenario: Scenario) -> Array:
-    """Returns the 1-sigmas below which estimates are converged, see `mass_properties.is_converged`, shape (3,)."""
+    """Returns 1-sigmas of convergence, shape (3,): inverse inertia (relative), center of mass, 1/m (relative)."""
     limits = scenario.estimation.convergence
     center = limits.center_of_mass or 0.03 * scenario.vehicle_data.rms_arm
     return np.array([limits.diagonal, center, limits.mass_reciprocal])
@@ -285,12 +286,12 @@ def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
 
 
 def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
-    """Returns the sensors of attitude that the joint filter reads."""
+    """Returns the attitude sensors that the joint filter reads; empty with the pose filter."""
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
 def non_inertial_sensors(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
-    """Returns sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
+    """Returns the pose and velocity sensors, wheels and engines that the filter reads."""
     vehicle = scenario.vehicle_data
     return (
         vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels, *vehicle.engines)
@@ -298,7 +299,7 @@ def non_inertial_sensors(scenario: Scenario) -> tuple[PoseSensor | VelocitySenso
 
 
 def _make_attitude_sensors(scenario: Scenario) -> AttitudeSensors:
-    """Makes the joint filter's parameters of the trackers: variances and share of outliers."""
+    """Makes the joint filter's parameters of attitude sensors: variances of attitude and stamp, outlier share."""
     found = trackers(scenario)
     each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
     attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
@@ -338,21 +339,21 @@ def main_sensor(scenario: Scenario) -> str:
 
 
 def thrust_errors(scenario: Scenario) -> Array | None:
-    """Computes impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None where thrust is known.
+    """Computes the impulse of a 1-sigma thrust error of each jet, shape (n_jets, 6); None where thrust is known.
 
-    They are those of full level over a sample, about the vehicle origin.
+    It is that of full level over a sample, about the vehicle origin.
     """
     uncertainty, vehicle = scenario.estimation.thrust_uncertainty, scenario.vehicle_data
     return uncertainty * vehicle.wrenches * vehicle.sample_period_s if uncertainty > 0.0 else None
 
 
 def thrust_factors(scenario: Scenario) -> Array:
-    """Returns true over nominal thrust of each jet, shape (n_jets,)."""
+    """Returns the drawn ratio of true to nominal thrust of each jet, shape (n_jets,)."""
     return draw_thrust_factors(scenario.seed, scenario.plant.thrust_dispersion, len(scenario.vehicle_data.jets))
 
 
 def selectable_jets(scenario: Scenario) -> NDArray[np.bool_]:
-    """Selects the jets that the autopilot may use, by their kind, shape (n_jets,)."""
+    """Flags the jets that the autopilot may use, by their kind, shape (n_jets,)."""
     kinds, vehicle = scenario.autopilot.jet_kinds, scenario.vehicle_data
     if kinds is None:
         kinds = ("primary",) if "primary" in vehicle.jet_kinds else tuple(vehicle.jet_kinds)
@@ -360,7 +361,7 @@ def selectable_jets(scenario: Scenario) -> NDArray[np.bool_]:
 
 
 def scheduled_jet_commands(scenario: Scenario) -> tuple[Array, Array | None]:
-    """Makes the prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
+    """Makes the prescribed commands of each jet at each sample and their onsets, see `maths.vehicle.on_times`.
 
     Of a vehicle without on-times a pulse is on at t_k with start <= t_k < end, to within a billionth of the sample
     period. There are no onsets (None) where all jets switch with samples. Both tables are of shape (n_samples, n_jets).
@@ -391,7 +392,7 @@ def unit_wrenches(vehicle: Vehicle) -> Array:
 
 
 def known_jets(scenario: Scenario) -> KnownJets:
-    """Makes the jet parameters that a detector knows."""
+    """Makes the jet parameters that a detector uses: clusters, manifolds, thrusts and unit wrenches."""
     vehicle = scenario.vehicle_data
     manifolds = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
     return KnownJets(
@@ -405,7 +406,7 @@ def known_jets(scenario: Scenario) -> KnownJets:
 
 
 def detector(scenario: Scenario) -> Detector | None:
-    """Returns the detector that a scenario names; None: off, or one of the thesis without accelerometer."""
+    """Returns the detector that a scenario names; None: it is off, or of the thesis without accelerometer."""
     if scenario.detector.kind == "off":
         return None
     if scenario.estimation.filter == "thesis" and not scenario.vehicle_data.accelerometers:
@@ -429,7 +430,7 @@ def detector_params(scenario: Scenario) -> Any:
 
 
 def wheels(vehicle: Vehicle) -> WheelParams:
-    """Makes the parameters of the reaction wheels, of exact inertia."""
+    """Makes the parameters of the reaction wheels as the vehicle states them, with exact inertia."""
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
     return WheelParams(
         axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
@@ -441,7 +442,7 @@ def wheels(vehicle: Vehicle) -> WheelParams:
 
 
 def engines(vehicle: Vehicle) -> EngineParams:
-    """Makes the parameters of the engines, without errors."""
+    """Makes the parameters of the rocket engines as the vehicle states them, without errors."""
     stated = vehicle.engines
     if not stated:
         return NO_ENGINES
@@ -479,7 +480,7 @@ def engines(vehicle: Vehicle) -> EngineParams:
 
 
 def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
-    """Computes an engine's propellant flow at some throttle levels, shape (k,)."""
+    """Computes an engine's propellant flow at some throttle levels, slug/s or kg/s, shape (k,)."""
     given, impulses = np.array(engine.impulses).T
     return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
 
@@ -497,7 +498,7 @@ def engine_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tanks(vehicle: Vehicle) -> TankParams:
-    """Makes the parameters of the tanks that jets empty, as they are stated."""
+    """Makes the parameters of the tanks that jets empty: geometry, capacity, propellant and 1-sigmas."""
     stated, geometry = vehicle.tanks, vehicle.tank_geometry
 
     def each(key: str) -> Array:

@@ -50,7 +50,7 @@ def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
 
 
 def controller_windows(scenario: Scenario) -> tuple[Window, ...]:
-    """Lists the windows in which hand controllers are out of detent."""
+    """Lists the windows in which hand controllers are out of detent: channel 0 to 5, sign, start and end in s."""
     return tuple(
         Window(
             channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
@@ -63,7 +63,7 @@ def controller_windows(scenario: Scenario) -> tuple[Window, ...]:
 
 
 def jet_selection_arguments(scenario: Scenario) -> dict[str, Any]:
-    """Makes the arguments of jet selection, see `systems.autopilot.selector.Selector`."""
+    """Makes the keyword arguments of the system of jet selection, see `systems.autopilot.selector.Selector`."""
     vehicle = scenario.vehicle_data
     return {
         "wrenches": vehicle.wrenches,
@@ -77,7 +77,7 @@ def jet_selection_arguments(scenario: Scenario) -> dict[str, Any]:
 
 
 def pulses(scenario: Scenario) -> Pulses:
-    """Returns the pulses that the autopilot flies; whole cycles unless the scenario asks for pulses."""
+    """Makes the parameters of pulses that the autopilot commands: whole cycles, or on-times where asked for."""
     vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
     if scenario.open_loop or selected.output == "cycles":
         return whole_cycle_pulses(len(vehicle.jets))
@@ -88,7 +88,7 @@ def pulses(scenario: Scenario) -> Pulses:
 
 
 def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
-    """Makes the parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
+    """Makes the parameters of the true vehicle and its autopilot at a sample; ``true``: see `vehicle_params`."""
     vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
     flies = not scenario.open_loop
     pilot = PilotParams(
@@ -132,7 +132,7 @@ def wheel_control(scenario: Scenario) -> WheelControlParams | None:
 
 
 def wheel_torques(scenario: Scenario) -> Array:
-    """Makes the prescribed torques of wheels, a row per sample, shape (n_samples, n_wheels)."""
+    """Makes the prescribed torque of each wheel at each sample, ft-lbf or N-m, shape (n_samples, n_wheels)."""
     vehicle = scenario.vehicle_data
     names, period = [wheel.name for wheel in vehicle.wheels], vehicle.sample_period_s
     table = np.zeros((sample_count(scenario), len(names)))
@@ -143,13 +143,13 @@ def wheel_torques(scenario: Scenario) -> Array:
 
 
 def gimbal_control(scenario: Scenario) -> GimbalControl:
-    """Makes the control of the rate by the engines' gimbals."""
+    """Makes the controller that holds zero rate in burns by the engines' gimbals."""
     vehicle, bandwidth = scenario.vehicle_data, scenario.autopilot.gimbal_bandwidth
     return GimbalControl(engines(vehicle), vehicle.nominal, bandwidth, vehicle.sample_period_s)
 
 
 def engine_commands(scenario: Scenario) -> Array:
-    """Makes the engines' prescribed levels and angles, a row per sample, shape (n_samples, 3 n_engines)."""
+    """Makes the prescribed level and two gimbal angles, rad, of engines by sample, shape (n_samples, 3 n_engines)."""
     vehicle = scenario.vehicle_data
     names, period = [engine.name for engine in vehicle.engines], vehicle.sample_period_s
     table = np.zeros((sample_count(scenario), len(names), N_CHANNELS))
@@ -168,5 +168,5 @@ def max_pieces_per_sample(scenario: Scenario) -> int:
 
 
 def closes_manifolds(scenario: Scenario) -> bool:
-    """Tests whether a declared failure closes the jet's manifold; a matter of the detector's block."""
+    """Tests whether a declared failure closes the jet's manifold, as the detector's block says."""
     return bool(getattr(scenario.detector, "close_manifold", False))

@@ -77,7 +77,7 @@ class Finding(NamedTuple):
 
 
 def finding_above(value: float, doubt: float, limit: float, path: FieldPath, problem: str) -> Iterator[Finding]:
-    """Yields a finding where a value is above the usual limit, impossible where above the possible one."""
+    """Yields a finding where a value is above the doubt; it is impossible where above the limit, too."""
     if not value <= doubt:  # nor a number
         yield Finding(path, problem, not value <= limit)
 
@@ -86,7 +86,7 @@ def finding_above(value: float, doubt: float, limit: float, path: FieldPath, pro
 
 
 def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[str, ...] = ()) -> Iterator[Finding]:
-    """Finds the numbers of a model, and of all models in it, that lie outside their `Span`.
+    """Yields a finding for each number of a model, and of all models in it, that lies outside its `Span`.
 
     Args:
         model: a vehicle, a scenario, or a part of one.
@@ -107,12 +107,12 @@ def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[s
 
 @cache
 def _spans(model: type[Model]) -> list[tuple[str, Span | None, str]]:
-    """Returns the fields of a model with their spans and units."""
+    """Lists name, span (None: none) and SI unit of each field of a model class."""
     return [(name, *span_of(field)) for name, field in model.model_fields.items()]
 
 
 def compare_with_span(value: Any, span: Span, unit: str, units: str, path: FieldPath) -> Iterator[Finding]:
-    """Finds the numbers in a value that lie outside a span."""
+    """Yields an impossible finding for each number of a value, or of a nested tuple, outside a span."""
     if isinstance(value, tuple):
         for index, part in enumerate(value):
             yield from compare_with_span(part, span, unit, units, (*path, index))
@@ -127,12 +127,12 @@ def compare_with_span(value: Any, span: Span, unit: str, units: str, path: Field
 
 
 def unit_in_si(unit: str, units: str) -> float:
-    """Returns the SI value of one unit of a unit system, given the SI unit's name."""
+    """Returns the SI value of one unit in the unit system "us" or "si", by the name of the SI unit."""
     return _US.get(unit, 1.0) if units == "us" else 1.0
 
 
 def _nested_models(value: Any, path: FieldPath) -> Iterator[tuple[FieldPath, Model]]:
-    """Yields a model and the models nested in it, each with its path."""
+    """Yields path and model for a value that is a model, or for each model in its mappings and tuples."""
     if isinstance(value, Model):
         yield path, value
     elif isinstance(value, (dict, tuple)):

@@ -36,7 +36,7 @@ Three = tuple[Column | None, Column | None, Column | None]
 
 
 def _unit_validator(*kinds: str) -> AfterValidator:
-    """Checks that a text is a unit of one of some kinds of quantities."""
+    """Makes a validator that refuses a text that is no unit of one of some kinds of quantities."""
 
     def check(value: str) -> str:
         si_factor(value, *kinds)
@@ -129,7 +129,7 @@ class RecordTime(Model):
 
 
 def rotation_of(axes: Axes) -> np.ndarray:
-    """Computes the matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
+    """Computes the rotation matrix from the recorder's axes to the wanted ones, named such as -y, shape (3, 3)."""
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
@@ -161,6 +161,7 @@ class _Vector(_Sampled):
 
     @model_validator(mode="after")
     def _require_columns_and_rotation(self) -> _Vector:
+        """Raises ValueError without any column, or for axes besides a rotation that must be orthonormal."""
         if all(column is None for column in self.columns):
             raise ValueError("columns: none is named; leave the sensor out")
         if self.rotation is not None:
@@ -237,6 +238,7 @@ class _Attitude(_Read):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> _Attitude:
+        """Raises ValueError for an attitude in two forms, left-handed axes, or a quaternion without its order."""
         if len(self.forms) > 1:
             raise ValueError(f"give one of {' and '.join(self.forms)}")
         for name in ("axes", "world_axes"):
@@ -338,6 +340,7 @@ class CommandMap(_Sampled):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> CommandMap:
+        """Raises ValueError unless one of columns, mask and listed is given, with on and off that differ."""
         given = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
@@ -354,7 +357,7 @@ class CommandMap(_Sampled):
 
     @property
     def jets(self) -> list[str] | None:
-        """Designations that are named; None: those of the vehicle."""
+        """Designations of the jets that the map names; None: those of the vehicle."""
         if self.columns is not None:
             return list(self.columns)
         if self.mask is not None:
@@ -363,7 +366,7 @@ class CommandMap(_Sampled):
 
 
 def _column_names(data: Any, within: str = "") -> Iterator[str]:
-    """Yields the column names in the data of a part of a map."""
+    """Yields the column names in the data, mappings and lists, of a block of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
             if key == "columns" and isinstance(value, dict):
@@ -409,6 +412,7 @@ class RecordMap(Model):
 
     @model_validator(mode="after")
     def _require_known_rows_and_units(self) -> RecordMap:
+        """Raises ValueError where rows names no sensor, or a known force or torque has another unit."""
         if self.rows is not None and self.rows not in self.sensors:
             raise ValueError(f"rows: {self.rows!r} is not one of sensors ({', '.join(self.sensors)})")
         for name, kind in (("known_force", "force"), ("known_torque", "torque")):
@@ -424,12 +428,12 @@ class RecordMap(Model):
         return self.rows or [*gyros, *self.sensors][0]
 
     def topic_of(self, part: _Sampled) -> str:
-        """Returns the topic of a part."""
+        """Returns the log topic of a sensor or of the commands: its own, else the map's."""
         return part.topic or self.topic
 
     @property
     def parts(self) -> list[_Sampled]:
-        """All sensors and commands that are read."""
+        """All blocks that are read: sensors, commands, known force and torque."""
         parts = [*self.sensors.values(), self.commands, self.known_force, self.known_torque]
         return [part for part in parts if part is not None]
 
@@ -445,12 +449,12 @@ class RecordMap(Model):
 
 
 def map_keys() -> list[Key]:
-    """Lists the keys of a map; those of the clocks that parts may have of their own are those of `time`."""
+    """Lists the keys of a map for documentation, without those of own clocks, which are those of `time`."""
     return [key for key in list_keys(RecordMap) if ".time." not in key.name]
 
 
 def load_map(path: str | Path) -> RecordMap:
-    """Reads a map.
+    """Reads a map of a record's columns from a YAML file and validates it.
 
     Raises:
         InputError: when there is no such file, or it is wrong; the message says where.

@@ -28,7 +28,7 @@ class RenamedWarning(FutureWarning):
 
 
 def warn(message: str, stacklevel: int = 2) -> None:
-    """Warns of an old name; `stacklevel` as of `warnings.warn`, counted from the caller."""
+    """Issues a warning of an old name; `stacklevel` as of `warnings.warn`, counted from the caller."""
     warnings.warn(f"{message}; version 0.4 will know the new name alone", RenamedWarning, stacklevel + 1)
 
 
@@ -40,14 +40,11 @@ def present_key_name(path: Sequence[str | int]) -> str | None:
 
 
 def update_detector_terms(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
-    """Replaces former terms of the joint filter's detector in a scenario's data.
+    """Returns a scenario's data with former terms of the joint filter's detector replaced, and texts on each.
 
     Args:
         data: of a scenario, not validated; unchanged.
         usual: kind of detector that is meant where none is named.
-
-    Returns:
-        The data in present terms, and what to tell of each replacement.
     """
     block, faults = data.get("detector"), data.get("faults", {})
     if not isinstance(block, dict) or block.get("kind", usual) not in (FORMER_KIND, PRESENT_KIND):
@@ -67,7 +64,7 @@ def update_detector_terms(data: dict[str, Any], usual: str) -> tuple[dict[str, A
 
 
 def obsolete_detector_keys(former: Any, kind: Any) -> tuple[str, ...]:
-    """Returns the keys to drop where another kind replaces the joint filter's detector.
+    """Returns the keys of the joint filter's detector to drop where another kind of detector replaces it.
 
     Args:
         former: kind that the block had; None: it was not written out.

@@ -55,7 +55,7 @@ class Scenario(ScenarioFields):
     @model_validator(mode="wrap")
     @classmethod
     def _fill_in_defaults(cls, data: Any, validate: ModelWrapValidatorHandler[Scenario]) -> Scenario:
-        """Loads a vehicle that is named, and fills in defaults that depend on the filter, and the filter itself."""
+        """Validates a scenario after loading a vehicle that is named, and setting filter and dependent defaults."""
         if not isinstance(data, dict):
             return validate(data)
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
@@ -79,6 +79,7 @@ class Scenario(ScenarioFields):
 
     @model_validator(mode="after")
     def _require_consistent_scenario(self) -> Scenario:
+        """Raises ValidationError for foreign keys of a filter, overlapping schedules, or a misfit to the vehicle."""
         problems = list(_foreign_to_filter(self)) or list(schedule_problems(self))
         if not problems and isinstance(self.vehicle, Vehicle):  # an `Estimator` has its own beside the usual one
             problems = check_against_vehicle(self, self.vehicle)
@@ -107,7 +108,7 @@ class Scenario(ScenarioFields):
 
 
 def filter_of(data: Mapping[str, Any]) -> str:
-    """Returns the filter that a scenario's data name, before they are validated.
+    """Returns the filter, thesis, joint or pose, that a scenario's unvalidated data name or imply by their keys.
 
     Where none is named it is the usual one, unless there are keys of another and none of the usual one's: so it is in
     files of before there was a choice.
@@ -133,12 +134,12 @@ def _needs_pose_filter(vehicle: Any) -> bool:
 
 
 def _block_value(block: Any, key: str, otherwise: str | None) -> Any:
-    """Returns the value of a key of a block, validated or not."""
+    """Returns the value of a key of a block, a mapping or a model; the default where it lacks the key."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 
 
 def _foreign_to_filter(scenario: Scenario) -> Iterator[Problem]:
-    """Finds keys and a detector that belong to another filter than the scenario's."""
+    """Yields a problem for each key, and for the detector, of another filter than the scenario's."""
     named, detector = scenario.estimation.filter, scenario.detector.kind
     for other, path in [(other, path) for other, paths in _KEYS_OF.items() if other != named for path in paths]:
         here: Any = scenario
@@ -160,7 +161,7 @@ def _foreign_to_filter(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _filter_chosen_by_keys(scenario: Scenario) -> Iterator[Finding]:
-    """Finds a filter that keys of its own choose, in place of the usual one, without being named."""
+    """Yields a doubt where the filter is not named but chosen, against the usual one, by keys of its own."""
     chosen = scenario.estimation.filter
     if chosen not in _KEYS_OF or chosen == USUAL_FILTER or "filter" in scenario.estimation.model_fields_set:
         return
@@ -174,13 +175,13 @@ def _filter_chosen_by_keys(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _is_given(model: Any, path: FieldPath) -> bool:
-    """Tests whether a key was set, not left at its default."""
+    """Tests whether the key at a path in a model was set, not left at its default."""
     first, *rest = path
     return first in model.model_fields_set and (not rest or _is_given(getattr(model, str(first)), tuple(rest)))
 
 
 def bundled_scenarios() -> list[str]:
-    """Lists the scenarios that come with the package."""
+    """Lists the names of the bundled scenarios."""
     return bundled_files("scenario")
 
 
@@ -204,14 +205,14 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
 
 def _spell_out_vehicle(document: Document, folder: Path) -> None:
-    """Puts the data of a vehicle into a scenario that names it, so that a field of it can be set."""
+    """Replaces a vehicle's name in a scenario's document by the vehicle's data, so that its fields can be set."""
     named = document.data.get("vehicle", USUAL_VEHICLE)
     if isinstance(named, str):
         document.data["vehicle"] = _load_named_vehicle(named, folder, document).model_dump(mode="json")
 
 
 def resolve_scenario(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
-    """Makes a scenario from data, loads its vehicle and checks one against the other.
+    """Makes a validated scenario from data, loads its vehicle and checks one against the other.
 
     Args:
         data: a mapping of a scenario's fields.
@@ -233,7 +234,7 @@ def resolve_scenario(data: Any, document: Document | None = None, folder: Path |
 
 
 def _inline_model_text(data: Any, document: Document | None, folder: Path) -> Any:
-    """Returns data in which the text of a multibody model stands in place of its file."""
+    """Returns a scenario's data with the text of a multibody model in place of its file name."""
     plant = data.get("plant")
     model = plant.get("model") if isinstance(plant, dict) else None
     if not isinstance(model, str) or plant.get("kind") != "multibody":
@@ -246,7 +247,7 @@ def _inline_model_text(data: Any, document: Document | None, folder: Path) -> An
 
 
 def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
-    """Replaces former terms of the detector in data, with one warning."""
+    """Returns a scenario's data with former terms of the detector replaced, with one warning of all."""
     if not isinstance(data, dict):
         return data
     faults, usual = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
@@ -261,7 +262,7 @@ def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
 
 
 def _load_named_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
-    """Loads the vehicle of a scenario: a file beside it, or else a bundled one."""
+    """Loads the vehicle that a scenario names: a file beside the scenario, or else a bundled one."""
     beside = Path(os.path.normpath(folder / name))
     try:
         return load_vehicle(beside if exists(beside) else name)
@@ -272,7 +273,7 @@ def _load_named_vehicle(name: str, folder: Path, document: Document | None) -> V
 
 
 def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> None:
-    """Sets one field of a scenario's data from KEY=VALUE.
+    """Sets one field of a scenario's data, in place, from a text KEY=VALUE.
 
     Args:
         data: of the scenario.
@@ -300,7 +301,7 @@ def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> 
 
 
 def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: set[FieldPath]) -> None:
-    """Sets one field of a scenario's data; with the kind of a block, keys that meant something to the former one go.
+    """Sets a field of a scenario's data in place; a block's new kind drops keys that mattered to the former kind.
 
     Args:
         data, path, value, where: as `set_at` takes them.
@@ -340,7 +341,7 @@ def value_at(data: Any, path: Sequence[str | int]) -> Any:
 
 
 def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
-    """Sets one field of nested data; missing blocks are made.
+    """Sets one field of nested data in place, and makes the blocks that are missing.
 
     Args:
         data: mappings and lists.
@@ -370,7 +371,7 @@ def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
 
 
 def split_key(key: str, override: str) -> list[str | int]:
-    """Splits a dotted key such as sensors.errors[0].noise_std into its parts.
+    """Splits a dotted key such as sensors.errors[0].noise_std into a list of names and indices.
 
     Raises:
         InputError: when it is none; the message begins with --set and the override.

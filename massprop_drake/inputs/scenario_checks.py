@@ -26,7 +26,7 @@ _MOST_SAMPLES = 1e8
 
 
 def schedule_problems(scenario: ScenarioFields) -> Iterator[Problem]:
-    """Finds commands and failures that overlap, and those that nobody flies."""
+    """Yields problems of commands and failures that overlap, and of a maneuver without an autopilot."""
     if scenario.maneuver and scenario.open_loop:
         problem = (
             "a maneuver is flown by the autopilot, which does not fly: leave out either maneuver or jet_schedule, "
@@ -46,7 +46,7 @@ def schedule_problems(scenario: ScenarioFields) -> Iterator[Problem]:
 
 
 def check_against_vehicle(scenario: ScenarioFields, vehicle: Vehicle) -> list[Problem]:
-    """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
+    """Lists the problems of a scenario that only show against its vehicle, pairs of field path and sentence."""
     outside = out_of_span(scenario, vehicle.units, skipped=("vehicle",))
     if problems := [(finding.path, finding.problem) for finding in outside]:
         return problems  # nothing can be reckoned with such numbers
@@ -62,11 +62,12 @@ def check_against_vehicle(scenario: ScenarioFields, vehicle: Vehicle) -> list[Pr
 
 
 def _impossible_runs(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
+    """Yields the impossible findings of a scenario as problems, pairs of field path and sentence."""
     return ((found.path, found.problem) for found in scenario_findings(scenario, vehicle) if found.impossible)
 
 
 def _unknown_names(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds components that the vehicle lacks, and a sensor whose errors are stated twice."""
+    """Yields problems of named components that the vehicle lacks, and of a sensor with two entries of errors."""
     known = {
         "jet": vehicle.designations,
         "jet kind": vehicle.jet_kinds,
@@ -86,7 +87,7 @@ def _unknown_names(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Probl
 
 
 def _named_components(scenario: ScenarioFields) -> Iterator[tuple[str, str, FieldPath]]:
-    """Yields the components that a scenario names: kind, name, and where."""
+    """Yields kind, name and field path of each component that a scenario names."""
     for field, kind in (
         ("jet_schedule", "jet"),
         ("failures", "jet"),
@@ -115,7 +116,7 @@ def _named_components(scenario: ScenarioFields) -> Iterator[tuple[str, str, Fiel
 
 
 def _fault_rate_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds rates by which more than one event is expected in a sample period."""
+    """Yields problems of fault rates by which more than one event is expected in a sample period."""
     faults = scenario.faults
     period, components = vehicle.sample_period_s, 3 * (len(vehicle.gyros) + len(vehicle.accelerometers))
     own = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
@@ -136,7 +137,7 @@ def _fault_rate_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator
 
 
 def _on_time_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds on-times to be flown with jets that do not take them, or whose clock is too coarse."""
+    """Yields problems of on-times for jets commanded by levels, or whose on-time quantum exceeds a sample."""
     if scenario.open_loop or scenario.autopilot.jet_selection.output != "on_time":
         return
     path: FieldPath = ("autopilot", "jet_selection", "output")
@@ -156,7 +157,7 @@ def _on_time_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pr
 
 
 def _test_firing_problems(scenario: ScenarioFields, _vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds reasons for which an autopilot cannot fly test firings."""
+    """Yields the problem that keeps the autopilot from flying test firings, if any."""
     path: FieldPath = ("autopilot", "test_firing")
     if scenario.autopilot.test_firing is None:
         return
@@ -167,7 +168,7 @@ def _test_firing_problems(scenario: ScenarioFields, _vehicle: Vehicle) -> Iterat
 
 
 def _wheel_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds reasons for which wheels cannot turn the vehicle, and wheels that start faster than they can turn."""
+    """Yields problems of wheels that cannot turn the vehicle, or start faster than their speed limit."""
     speeds = scenario.plant.wheel_speeds
     for wheel in vehicle.wheels:
         if abs(speeds.get(wheel.name, 0.0)) > wheel.fastest:
@@ -190,7 +191,7 @@ def _wheel_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Prob
 
 
 def _plant_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds a run shorter than a sample, and entries that do not go with the plant's kind or step, or the vehicle."""
+    """Yields problems of a run shorter than a sample, and of entries that misfit the plant's kind or step."""
     period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
     if scenario.duration_s < period:
         yield ("duration_s",), f"must be at least one sample period, {period:g} s"
@@ -226,7 +227,7 @@ def _plant_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Prob
 
 
 def _filter_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds a filter that does not go with the vehicle's moving parts, wheels, engines, tanks or pose sensors."""
+    """Yields problems of a filter that cannot handle the vehicle's wheels, engines, tanks or pose sensors."""
     named = scenario.estimation.filter
     if scenario.moving and named != "joint":
         yield ("moving",), f"plays no part in estimation.filter: {named}; use joint, or leave it out"
@@ -242,7 +243,7 @@ def _filter_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pro
 
 
 def _gimbal_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds angles that the gimbal of an engine does not reach."""
+    """Yields a problem for each burn whose gimbal angles are beyond the engine's stop."""
     stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
     for index, burn in enumerate(scenario.engine_schedule):
         most = stops.get(burn.engine, math.inf)
@@ -252,7 +253,7 @@ def _gimbal_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pro
 
 
 def _double_opening_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds pulses that open a jet a second time in a sample: a command holds one opening."""
+    """Yields a problem for each pulse that opens a jet a second time in a sample: a command holds one opening."""
     if not vehicle.has_on_times:
         return
     period_s, before = vehicle.sample_period_s, dict[tuple[str, int], int]()
@@ -271,7 +272,7 @@ def _double_opening_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iter
 
 
 def _moving_part_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Yields problems of parts that move inside, with those of the vehicle."""
+    """Yields the problem of sloshing masses and panels that a filter cannot estimate with the vehicle's own."""
     nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     if scenario.moving and (problem := moving_parts_problem(every, known, vehicle.sample_period_s)):
@@ -279,7 +280,7 @@ def _moving_part_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterato
 
 
 def _payload_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
-    """Finds the first payload whose arrival or departure would leave an impossible body."""
+    """Yields the problem of the first payload whose arrival or departure leaves an impossible body."""
     if not isinstance(scenario.plant, PlantBlock):
         return
     properties = scenario.plant.mass_properties
@@ -300,7 +301,7 @@ def _payload_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pr
 
 
 def scenario_findings(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds what is impossible or doubtful in a scenario; its vehicle is plausible, and each key within its span."""
+    """Yields findings of impossible or doubtful entries of a scenario, whose keys are each within their span."""
     alone = list(_errors_out_of_bounds(scenario, vehicle))
     yield from alone
     if not alone:
@@ -326,7 +327,7 @@ def scenario_findings(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Fi
 
 
 def _errors_out_of_bounds(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds true errors of a sensor outside the bounds that hold for those of the vehicle's file."""
+    """Yields findings of true sensor errors outside the spans that hold for the vehicle file's."""
     sensors = {sensor.name: sensor for sensor in vehicle.sensors}
     for index, errors in enumerate(scenario.sensors.errors):
         span, unit = span_of(type(sensors[errors.sensor]).model_fields["noise_std"])
@@ -341,7 +342,7 @@ def _errors_out_of_bounds(scenario: ScenarioFields, vehicle: Vehicle) -> Iterato
 
 
 def _fast_rates(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds rates that turn the vehicle too far in a sample: beyond half a turn it seems to turn the other way."""
+    """Yields findings of rates that turn the vehicle further in a sample than a filter can use."""
     usable, period = scenario.rotation.largest_turn, vehicle.sample_period_s
     for path, rate in (
         (("plant", "initial_rate"), float(np.linalg.norm(scenario.plant.initial_rate))),
@@ -356,7 +357,7 @@ def _fast_rates(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]
 
 
 def _strong_disturbances(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds disturbances that are stronger than the vehicle's strongest jet."""
+    """Yields findings of disturbance torques and forces above those of the vehicle's strongest jet."""
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
     of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
@@ -369,7 +370,7 @@ def _strong_disturbances(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator
 
 
 def _strong_leaks(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds leaks above the jet's thrust: a leak is flow past a closed valve."""
+    """Yields findings of leak forces above the jet's thrust: a leak is flow past a closed valve."""
     for index, failure in enumerate(scenario.failures):
         force = getattr(failure, "force", 0.0)
         thrust = vehicle.jets[vehicle.jet_index(failure.jet)].thrust
@@ -380,7 +381,7 @@ def _strong_leaks(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Findin
 
 
 def _late_events(scenario: ScenarioFields) -> Iterator[Finding]:
-    """Finds commands and events after the end of the run, which do nothing."""
+    """Yields doubts of commands and events that start after the end of the run, which do nothing."""
     end = scenario.duration_s
     for field, key in (
         ("maneuver", "start_s"),
@@ -399,7 +400,7 @@ def _late_events(scenario: ScenarioFields) -> Iterator[Finding]:
 
 
 def _short_pulses(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds pulses below a sample where jets switch with samples: they last for a whole one, or for none."""
+    """Yields a doubt of pulses below a sample where jets switch with samples: they last for a whole one or none."""
     period_s = vehicle.sample_period_s
     short = [
         index
@@ -416,7 +417,7 @@ def _short_pulses(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Findin
 
 
 def _large_process_noise(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds process noise that is not small beside the quantity that it is added to."""
+    """Yields findings of process noise per sample that exceeds the parameter that it is added to."""
     sizes = initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor)
     for index, (std, size) in enumerate(zip(scenario.process_noise_std, sizes, strict=True)):
         path: FieldPath = ("rotation", "process_noise_std", index) if index < 9 else ("mass", "process_noise_std")

@@ -147,7 +147,7 @@ class MassJump(Model):
 
 
 def find_overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
-    """Finds windows of the same axis, jet or joint that overlap, each with the first one before it that it overlaps."""
+    """Yields path and problem of each window that overlaps an earlier one of the same axis, jet or joint."""
     for index, (what, start, end) in enumerate(windows):
         for other in range(index):
             if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
@@ -160,7 +160,7 @@ def find_overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterat
 
 
 def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
-    """Returns mass, position and inertia of a payload; mass and inertia are negative if it leaves."""
+    """Returns mass, position (3,) and inertia (3, 3) of a payload; mass and inertia are negative if it leaves."""
     sign = -1.0 if jump.kind == "release" else 1.0
     inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
     return sign * jump.mass, np.array(jump.position), sign * inertia

@@ -172,6 +172,7 @@ class MultibodyBlock(_Plant):
 
     @model_validator(mode="after")
     def _require_feasible_moves(self) -> MultibodyBlock:
+        """Raises ValidationError for overlapping moves, joints stated twice, or joints that move too fast."""
         problems = list(find_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
         named = [start.joint for start in self.joints]
         problems += [
@@ -184,7 +185,7 @@ class MultibodyBlock(_Plant):
         return self
 
     def _find_fast_joints(self) -> Iterator[tuple[FieldPath, str]]:
-        """Finds joints that start, or are moved, faster than anything turns."""
+        """Yields path and problem of joints that start, or are moved, faster than the largest plausible rate."""
         most = plausible.RATE.most
         where = {start.joint: start.position for start in self.joints}
         for index, start in enumerate(self.joints):

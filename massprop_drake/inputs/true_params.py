@@ -54,24 +54,24 @@ from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 
 
 def simulated_non_inertial(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
-    """Returns sensors of a simulation, other than gyros and accelerometers: engines only where they burn."""
+    """Returns pose and velocity sensors, wheels and engines of a simulation: engines only where they burn."""
     vehicle = scenario.vehicle_data
     return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
 
 
 def time_step(scenario: Scenario) -> float:
-    """Returns the step of the plant, s; zero: continuous."""
+    """Returns the integration step of the true vehicle, s; zero: continuous."""
     step = scenario.plant.time_step if isinstance(scenario.plant, PlantBlock) else 0.0
     return scenario.vehicle_data.sample_period_s if step is None else step
 
 
 def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
-    """Makes the true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
+    """Makes the true error model of a sensor package: vehicle quantum and noise, and the scenario's errors."""
     return add_drawn_phases(sensor_model_before_draws(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
 
 
 def sensor_model_before_draws(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
-    """Makes a sensor package's true errors before the seed draws their phases."""
+    """Makes a sensor package's true error model before the seed draws quantizer and vibration phases."""
     period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
     tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
     scale_factor = np.array(errors.scale_factor)
@@ -93,7 +93,7 @@ def sensor_model_before_draws(scenario: Scenario, sensor: SensorPackage) -> Sens
 
 
 def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
-    """Describes the phases of a sensor package that the seed draws."""
+    """Returns which quantizer and vibration phases of a sensor package the seed draws."""
     errors = _errors_of(scenario, sensor)
     quantum = sensor.quantum if errors.quantum is None else errors.quantum
     marks = quantum > 0.0 and scenario.sensors.quantizer_phase == "seeded"
@@ -106,12 +106,12 @@ def _errors_of(scenario: Scenario, sensor: SensorPackage) -> SensorErrors:
 
 
 def _tones(errors: SensorErrors) -> tuple[Tone, ...]:
-    """Makes tones of a package's vibration, in phase."""
+    """Makes the tones of a package's vibration, all with phase zero."""
     return tuple(Tone(entry.frequency_hz, np.array(entry.amplitude), np.zeros(3)) for entry in errors.vibration)
 
 
 def vehicle_params(scenario: Scenario) -> VehicleParams:
-    """Makes the parameters of the true vehicle's step."""
+    """Makes the parameters by which the true rigid vehicle steps: body, jets, failures, sensors, disturbance."""
     vehicle, properties = scenario.vehicle_data, true_properties(scenario)
     period = vehicle.sample_period_s
     body = initial_state(properties.mass)
@@ -142,12 +142,12 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
 
 
 def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
-    """Lists the mass-property jumps: payloads that are released or docked."""
+    """Lists the payloads that are released or docked: time, s, signed mass and inertia, and position."""
     return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
 
 
 def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
-    """Lists moves of each driven joint in the order of time; none of one that is held."""
+    """Maps each driven joint to its moves in the order of time, to an empty tuple where it is only held."""
     told = sorted(plant.moves, key=lambda move: move.start_s)
     driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in told]
     return {
@@ -167,13 +167,13 @@ def disturbance(scenario: Scenario) -> DisturbanceModel | None:
 
 
 def true_properties(scenario: Scenario) -> MassProperties:
-    """Returns mass properties of the true vehicle at the start, if it is rigid; else the nominal ones."""
+    """Returns the true mass properties at the start, drawn if dispersed; the nominal ones if multibody."""
     spread, body = mass_spread(scenario), properties_before_draws(scenario)
     return body if spread is None else draw_true_body(scenario.seed, body, spread)
 
 
 def mass_spread(scenario: Scenario) -> Spread | None:
-    """Returns the spread of the true mass properties; None: they are not drawn."""
+    """Returns the 1-sigmas by which the true mass properties are drawn; None: they are not drawn."""
     spread = scenario.plant.dispersion.spread if isinstance(scenario.plant, PlantBlock) else None
     return spread if spread is not None and any(spread) else None
 
@@ -185,7 +185,7 @@ def properties_before_draws(scenario: Scenario) -> MassProperties:
 
 
 def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
-    """Makes the true model of a sensor of position and attitude."""
+    """Makes the true model of a pose sensor: measured point, noise, outliers and reading rate."""
     return PoseModel(
         point=np.array(sensor.point),
         position_std=math.inf if sensor.position_std is None else sensor.position_std,
@@ -232,7 +232,7 @@ def nominal_wrenches(scenario: Scenario) -> Array:
 
 
 def wheels_model(scenario: Scenario) -> WheelsModel:
-    """Makes the true reaction wheels, before their inertias are drawn."""
+    """Makes the model of the true reaction wheels, before their inertia errors are drawn."""
     stated, plant = scenario.vehicle_data.wheels, scenario.plant
     known = wheels(scenario.vehicle_data)
     return WheelsModel(
@@ -248,7 +248,7 @@ def wheels_model(scenario: Scenario) -> WheelsModel:
 
 
 def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
-    """Makes the true vehicle's tanks, and initial propellant in each, slug or kg; None: nothing is drawn from any."""
+    """Returns geometry and initial propellant, slug or kg, of the true tanks; None: no firing empties them."""
     vehicle, plant = scenario.vehicle_data, scenario.plant
     if not (vehicle.tanks and isinstance(plant, PlantBlock) and plant.depletion):
         return None
@@ -257,7 +257,7 @@ def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
 
 
 def true_engines(scenario: Scenario) -> EnginesModel:
-    """Makes the true engines, before their errors are drawn."""
+    """Makes the model of the true engines with stated errors and failures, before other errors are drawn."""
     vehicle, plant = scenario.vehicle_data, scenario.plant
     assert isinstance(plant, PlantBlock)  # which alone has engines
     names = [engine.name for engine in vehicle.engines]
@@ -279,7 +279,7 @@ _ENGINE_FAILURES = {"out": OUT, "level_stuck": 0, "gimbal_1_stuck": 1, "gimbal_2
 
 
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
-    """Makes the true failures of jets, with a leak as a level of its jet."""
+    """Makes the true failures of jets, a leak's force given as a level of its jet's true thrust."""
     thrusts = thrust_factors(scenario) * np.array([jet.thrust for jet in scenario.vehicle_data.jets])
     return leaks_as_levels(stated_failures(scenario), thrusts)
 

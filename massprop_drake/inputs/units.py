@@ -35,7 +35,7 @@ _NO_SUCH = {"k", "M", "c", "d", "h", "kilo", "mega", "centi"}  # that not every 
 
 
 def _prefixed(prefixes: dict[str, float], names: tuple[str, ...], one: Unit) -> dict[str, Unit]:
-    """Returns a unit by its names, without and with SI prefixes."""
+    """Maps each name of a unit, without and with SI prefixes, to its SI factor and dimension."""
     return {
         f"{prefix}{name}": Unit(factor * one.factor, one.dimension)
         for name in names
@@ -85,7 +85,7 @@ _PART = re.compile(r"([*/·]?)([^\s\d*/·^²³-]+|1)(?:\^?(-?\d)|([²³]))?")
 
 
 def parse_unit(text: str) -> Unit:
-    """Reads a unit, a product or quotient of names with powers: `deg/s`, `m/s^2`, `m/s2`, `N*m`.
+    """Parses a unit such as `deg/s`, `m/s^2`, `m/s2` or `N*m` to its SI factor and dimension.
 
     Raises:
         InputError: when a name is not known.
@@ -110,7 +110,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def _suggest_unit(name: str) -> str:
-    """Suggests units for a name that is none; for a known unit with another prefix, those with the prefixes it has."""
+    """Writes a hint on an unknown unit, the end of a message: prefixes that its stem takes, or similar names."""
     for prefix in (*_SMALL, *_WRITTEN_OUT, *_NO_SUCH):
         stem = name.removeprefix(prefix)
         if stem != name and stem in _UNITS:
@@ -141,5 +141,5 @@ def si_factor(text: str, *kinds: str) -> float:
 
 
 def is_unit_of(text: str, kind: str) -> bool:
-    """Tests whether a unit is of a kind of quantity; raises InputError for no unit."""
+    """Tests whether a text is a unit of a kind of quantity such as "rate"; raises InputError for no unit."""
     return parse_unit(text).dimension == _KINDS[kind][0]

@@ -65,7 +65,7 @@ _QUICKEST, _QUICK = 1.0, 0.2  # rad that one sample of a jet adds to what the ve
 
 
 def frame_problems(vehicle: VehicleFields) -> Iterator[Problem]:
-    """Finds keys that do not go with the vehicle's motion, or with the frame in which it is followed."""
+    """Yields problems of keys that do not go with planar motion, or with estimation in a fixed frame."""
     attitude = any(pose.attitude_std is not None for pose in vehicle.poses)
     if not vehicle.gyros and not attitude:
         why = f"is empty; this field is required: {WITHOUT_RATES}; or by a pose sensor with attitude_std"
@@ -92,7 +92,7 @@ def frame_problems(vehicle: VehicleFields) -> Iterator[Problem]:
 
 
 def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
-    """Finds names that stand twice, are reserved or refer to nothing, and parts that cannot move so."""
+    """Yields problems of names, repeated, reserved or unknown, and of moving parts that no filter can estimate."""
     jets = [(("jets", index), jet) for index, jet in enumerate(vehicle.jets)]
     kinds = ("gyros", "accelerometers", "poses", "velocities", "wheels", "engines")
     sensors = [((kind, index, "name"), one.name) for kind in kinds for index, one in enumerate(getattr(vehicle, kind))]
@@ -116,7 +116,7 @@ def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
 
 
 def _find_repeated(values: Iterable[tuple[FieldPath, Any]]) -> Iterator[Problem]:
-    """Finds values that an earlier field has."""
+    """Yields a problem for each value that an earlier one of the pairs of path and value has."""
     seen = set()
     for path, value in values:
         if value in seen:
@@ -125,7 +125,7 @@ def _find_repeated(values: Iterable[tuple[FieldPath, Any]]) -> Iterator[Problem]
 
 
 def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
-    """Finds tanks that feed unknown jets, or one jet together, or hold more than the vehicle has."""
+    """Yields problems of tanks that feed unknown jets, or one jet together, or hold more than the vehicle has."""
     yield from _find_repeated((("tanks", index, "name"), tank.name) for index, tank in enumerate(vehicle.tanks))
     known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
     for index, tank in enumerate(vehicle.tanks):
@@ -163,12 +163,12 @@ def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
 
 
 def impossible_figures(vehicle: VehicleFields) -> Iterator[Problem]:
-    """Finds figures that no vehicle has."""
+    """Yields the impossible findings of a vehicle as problems, pairs of field path and sentence."""
     return ((found.path, found.problem) for found in vehicle_findings(vehicle) if found.impossible)
 
 
 def vehicle_findings(vehicle: VehicleFields) -> Iterator[Finding]:
-    """Finds what is impossible or doubtful in a vehicle; relations between keys only where each is within its span."""
+    """Yields impossible or doubtful entries of a vehicle; relations between keys only where each is in its span."""
     alone = [*out_of_span(vehicle, vehicle.units), *_column_name_clashes(vehicle)]
     yield from alone
     if not alone:
@@ -183,13 +183,14 @@ def vehicle_findings(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def _packages(vehicle: VehicleFields) -> Iterator[tuple[FieldPath, SensorPackage]]:
+    """Yields path and sensor package of each gyro and accelerometer."""
     for kind in ("gyros", "accelerometers"):
         for index, sensor in enumerate(getattr(vehicle, kind)):
             yield (kind, index), sensor
 
 
 def _column_name_clashes(vehicle: VehicleFields) -> Iterator[Finding]:
-    """Finds columns of telemetry with the same name, or names that differ in the case of letters alone."""
+    """Yields findings of sensors and jets whose telemetry columns have the name of another but for case."""
     columns: list[tuple[FieldPath, str, list[str]]] = []
     for path, sensor in _packages(vehicle):
         stems = [sensor.name] if path[0] == "gyros" else [sensor.name, f"{sensor.name}_accel"]
@@ -206,7 +207,7 @@ def _column_name_clashes(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def _narrow_sensor_ranges(vehicle: VehicleFields) -> Iterator[Finding]:
-    """Finds sensors whose range holds few steps of their reading."""
+    """Yields findings of sensors whose range is below ten times their quantum or noise 1-sigma."""
     for path, sensor in _packages(vehicle):
         what = "quantum" if sensor.quantum >= sensor.noise_std else "noise_std"
         step = max(sensor.quantum, sensor.noise_std)
@@ -217,7 +218,7 @@ def _narrow_sensor_ranges(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def _slow_valves(vehicle: VehicleFields) -> Iterator[Finding]:
-    """Finds valves that do not follow their commands well enough for control by jets."""
+    """Yields findings of jet kinds whose time constant or minimum on-time exceeds ten sample periods."""
     period = vehicle.sample_period_s
     for name, kind in vehicle.jet_kinds.items():
         for field in ("time_constant_s", "minimum_on_time_s"):
@@ -227,7 +228,7 @@ def _slow_valves(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def _mismatched_jets(vehicle: VehicleFields) -> Iterator[Finding]:
-    """Finds jets whose thrust, their kind's nominal thrust and flow do not match."""
+    """Yields findings of jets whose thrust exceeds their kind's by half, or whose flow does not match it."""
     speed = unit_in_si("m/s", vehicle.units)
     for index, jet in enumerate(vehicle.jets):
         nominal = vehicle.jet_kinds[jet.kind].nominal_thrust
@@ -247,7 +248,7 @@ def _mismatched_jets(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath = ()) -> Iterator[Finding]:
-    """Finds what is impossible or doubtful in how a vehicle's jets push a body, and in its inertia.
+    """Yields findings of a body that jets accelerate or turn implausibly, or whose inertia misfits its mass.
 
     Args:
         body: nominal or true.
@@ -303,7 +304,7 @@ def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath 
 def sharpness_findings(
     vehicle: VehicleFields, covariance: Array, disturbances: tuple[float, float] = (0.0, 0.0), path: FieldPath = ()
 ) -> Iterator[Finding]:
-    """Finds sensors too sharp for the arithmetic, or too dull to show anything.
+    """Yields findings of sensors too sharp for double precision, or too dull to show a jet firing.
 
     An update takes S Hᵀ (H S Hᵀ + R)⁻¹ H S from S. In double precision 1e-16 of H S Hᵀ is lost by that, and nothing
     is left of a smaller R: the covariance loses its definiteness.

@@ -115,12 +115,12 @@ class VehicleFields(Model):
 
     @property
     def has_own_rates(self) -> bool:
-        """True if a sensor is read at a rate of its own."""
+        """True if a sensor has a reading rate of its own, other than the sample rate."""
         return any(sensor.rate_hz is not None for sensor in self._timed)
 
     @property
     def readings_per_s(self) -> float:
-        """Times at which anything is read or commanded, 1/s, all sensors being read at zero."""
+        """Distinct times per second at which anything is read or commanded, all sensors being read at zero."""
         return distinct_times_per_s([1.0 / self.sample_period_s, *(one.rate_hz for one in self._timed if one.rate_hz)])
 
     @property
@@ -196,12 +196,12 @@ class VehicleFields(Model):
         return np.array([kinds.index(jet.kind) for jet in self.jets])
 
     def jets_of(self, tank: Tank) -> NDArray[np.bool_]:
-        """Returns which jets draw from a tank, shape (n_jets,)."""
+        """Flags the jets that draw from a tank, shape (n_jets,)."""
         return np.array([jet.designation in tank.feeds or jet.kind in tank.feeds for jet in self.jets])
 
     @cached_property
     def tank_geometry(self) -> Tanks:
-        """The tanks as arrays, see `maths.vehicle.depletion`."""
+        """Outlets, propellant columns and fed jets of the tanks as arrays, see `maths.vehicle.depletion`."""
         axes = np.array([tank.axis for tank in self.tanks]).reshape(-1, 3)
         axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
         heights = np.array([tank.length / tank.capacity for tank in self.tanks])
@@ -244,6 +244,7 @@ class VehicleFields(Model):
         return np.array([(kind.direction_std, kind.position_std) for kind in kinds])
 
     def _per_jet(self, value: Callable[[Jet], float]) -> Array:
+        """Computes a value for each jet, shape (n_jets,)."""
         return np.array([value(jet) for jet in self.jets])
 
     def __repr__(self) -> str:
@@ -292,7 +293,7 @@ class VehicleFields(Model):
 
     @property
     def sensors_in_words(self) -> str:
-        """Numbers of sensors of each kind, in words."""
+        """Text with the number of sensors of each kind."""
         others = {
             "pose sensor": len(self.poses),
             "velocity sensor": len(self.velocities),
@@ -303,7 +304,7 @@ class VehicleFields(Model):
         return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
 
     def sensor_names(self) -> list[str]:
-        """Returns the names of all sensor packages, gyros first."""
+        """Returns the names of the gyro and accelerometer packages, gyros first."""
         return [sensor.name for sensor in self.sensors]
 
 
@@ -311,7 +312,7 @@ _P = TypeVar("_P", bound=SensorPackage)
 
 
 def _find_package(what: str, name: str, packages: Sequence[_P]) -> _P:
-    """Finds a sensor package by its name; raises InputError with a similar name where there is none."""
+    """Returns the sensor package of a name; raises InputError with a similar name where there is none."""
     found = next((package for package in packages if package.name == name), None)
     if found is None:
         raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")

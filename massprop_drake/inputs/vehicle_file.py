@@ -28,6 +28,7 @@ class Vehicle(VehicleFields):
 
     @model_validator(mode="after")
     def _require_consistent_vehicle(self) -> Vehicle:
+        """Raises ValidationError with the problems of the first of four checks that finds any."""
         for find in (frame_problems, component_problems, tank_problems, impossible_figures):
             if problems := list(find(self)):
                 raise field_validation_error(problems)
@@ -40,7 +41,7 @@ class Vehicle(VehicleFields):
 
 
 def bundled_vehicles() -> list[str]:
-    """Lists the vehicles that come with the package."""
+    """Lists the names of the bundled vehicles."""
     return bundled_files("vehicle")
 
 

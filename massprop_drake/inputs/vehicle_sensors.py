@@ -133,7 +133,7 @@ class PoseSensor(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns in telemetry: those of the position, and those of the quaternion."""
+        """Names of the columns in telemetry: three of the position, four of the quaternion."""
         return (*(f"{self.name}_{axis}" for axis in "xyz"), *(f"{self.name}_q{part}" for part in "wxyz"))
 
 
@@ -152,7 +152,7 @@ class VelocitySensor(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns in telemetry."""
+        """Names of the three columns of velocity in telemetry."""
         return tuple(f"{self.name}_{axis}" for axis in "xyz")
 
 
@@ -186,7 +186,7 @@ class Wheel(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Column in telemetry."""
+        """Name of the column of the speed in telemetry, a tuple of one."""
         return (f"{self.name}_speed",)
 
     @property
@@ -275,6 +275,7 @@ class RocketEngine(Model):
 
     @model_validator(mode="after")
     def _require_possible_levels_and_axes(self) -> RocketEngine:
+        """Raises ValidationError where throttle levels do not rise, or a gimbal axis lies along the force."""
         if isinstance(self.specific_impulse_s, tuple):
             levels = [each.level for each in self.specific_impulse_s]
             if not levels or any(low >= high for low, high in pairwise(levels)):
@@ -290,7 +291,7 @@ class RocketEngine(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns in telemetry."""
+        """Names of the columns in telemetry: level and, with a gimbal, two angles."""
         of_gimbal = () if self.gimbal is None else (f"{self.name}_gimbal_1", f"{self.name}_gimbal_2")
         return (f"{self.name}_level", *of_gimbal)
 

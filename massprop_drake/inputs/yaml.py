@@ -59,7 +59,7 @@ class _Resolver(VersionedResolver):
     )
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
-        """Returns the tag of a node that has none of its own."""
+        """Returns the YAML tag of a node, by its value where it has no tag of its own: text, number or the like."""
         if kind is not ScalarNode or not implicit[0]:
             return super().resolve(kind, value, implicit)
         match = self.plain.fullmatch(value)
@@ -70,7 +70,7 @@ class _Composer(Composer):
     """Composer that refuses aliases, which can make small files endless, and tags that do not fit their values."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Composes a node of the document, with all that is in it."""
+        """Composes a node with all nodes in it; raises ComposerError for an alias or a tag that misfits its value."""
         if self.parser.check_event(AliasEvent):
             event = self.parser.peek_event()
             raise ComposerError(
@@ -126,18 +126,18 @@ class Document:
         self.data: dict[str, Any] = deepcopy(data)
 
     def move(self, old: FieldPath, new: FieldPath) -> None:
-        """Moves the line of a part to another place, to which its value has been moved."""
+        """Moves the line number of a field to another path, to which its value has been moved."""
         if old in self._lines:
             self._lines = {**self._lines, new: self._lines[old]}
 
     def under(self, path: FieldPath) -> Document:
-        """Returns the document as one whose places are relative to a block of it."""
+        """Returns a copy of the document whose paths are relative to a block of it."""
         part = copy(self)
         part._above = (*self._above, *path)
         return part
 
     def where(self, path: FieldPath) -> str:
-        """Returns file, line where it is known, and dotted field, or the key of `--set`: the beginning of a message."""
+        """Returns the beginning of a message: file, line where it is known, and dotted field, or the key of `--set`."""
         path = (*self._above, *path)
         known = next((length for length in range(len(path), 0, -1) if path[:length] in self._lines), 0)
         for key in sorted(self.overridden, key=lambda one: (-len(one), str(one))):
@@ -151,7 +151,7 @@ class Document:
 
 @lru_cache(maxsize=128)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
 def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
-    """Parses YAML text into data, the line of each part, and new names of old keys; errors go on after the source."""
+    """Parses YAML text into data, line of each field, and new names of old keys; errors lack the file's name."""
     if len(text) > _LONGEST:
         raise InputError(f": has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
     reader = YAML(typ="safe", pure=True)
@@ -183,7 +183,7 @@ class _Walk:
         self.renamed: dict[str, str] = {}
 
     def visit(self, node: Node, path: FieldPath) -> None:
-        """Notes the lines of a part and of all in it, and renames old keys."""
+        """Notes the line of every field in a node by its path, renames old keys and refuses repeated ones."""
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, MappingNode):
             for key, value in node.value:
@@ -208,6 +208,7 @@ class _Walk:
 
 
 def _error_text(error: Exception) -> str:
+    """Returns the problem of a YAML error as text, with line and column where they are known."""
     mark = getattr(error, "problem_mark", None)
     problem = getattr(error, "problem", None) or str(error).splitlines()[0]
     return problem if mark is None else f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
@@ -236,7 +237,7 @@ def collect_files_read() -> Iterator[list[Path]]:
 
 
 def read_text(path: Path) -> str:
-    """Reads a text file.
+    """Returns the text of a file in UTF-8.
 
     Raises:
         InputError: when it is missing, unreadable or not UTF-8.
@@ -259,7 +260,7 @@ def read_text(path: Path) -> str:
 
 
 def open_document(given: str | Path, kind: Kind) -> tuple[Document, Path]:
-    """Opens a bundled file by its name, or another by its path; returns the folder that paths in it start from, too.
+    """Opens a bundled file by name, or a file by path; returns its document and the folder of paths in it.
 
     Args:
         given: name or path, of a scenario also that of a run's folder.
@@ -304,7 +305,7 @@ class _Emitter(Emitter):
     """Emitter that breaks a long text after the word that passes the width, with no space left at the line's end."""
 
     def write_plain(self, text: str, split: bool = True) -> None:
-        """Writes a text without quotes."""
+        """Writes a text without quotes, breaking lines after the word that passes the width."""
         width, self.best_width = self.best_width, sys.maxsize
         for word in re.split(r"(?<! ) (?! )", text):
             if split and self.column > width:
