@@ -335,7 +335,7 @@ _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
 def name_mass_property(symbol: str, unit: str, value: float) -> UnknownLabel:
-    """Labels a mass property; diagonal inverse inertia and 1/m as percent of `value`, others in `unit`."""
+    """Labels a mass property: diagonal inverse inertia and 1/m in percent of the value, others in their unit."""
     of_itself = symbol in _IN_PERCENT and value != 0.0
     return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if of_itself else UnknownLabel(symbol, unit, 1.0)
 

@@ -34,6 +34,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
     length = vehicle.unit_names["length"]
 
     def add(name: str, axes: Sequence[int], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> None:
+        """Appends the residual statistics of some axes of a sensor."""
         some = ((time_s, off[:, list(axes)]) for time_s, off in left)
         found.extend(against.summarize_residuals([name + AXES[axis] for axis in axes], unit, noise, some))
 

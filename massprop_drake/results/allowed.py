@@ -62,7 +62,7 @@ class Intervals(NamedTuple):
 
     @property
     def pairs(self) -> list[_Bound]:
-        """Returns (low, high) of the ten parameters in their order; None where there is no interval."""
+        """Pairs (low, high) of the ten parameters in their order; None where there is no interval."""
         elements = {int(ELEMENT[i, j]): self.inverse_inertia[i][j] for i in range(3) for j in range(3)}
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 

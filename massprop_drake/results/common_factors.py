@@ -42,7 +42,7 @@ class _Rescaled(NamedTuple):
 def find_common_factors(
     parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario
 ) -> _Rescaled | None:
-    """Finds factors, such as wrong units, common to all readings of gyros or accelerometers; None if none.
+    """Finds factors common to all gyro or accelerometer readings, such as wrong units; None without any.
 
     Args:
         parts: of the whole record, since a failure that was declared may be the factor's doing.

@@ -311,7 +311,7 @@ def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Inn
 
 
 def _is_certainly_more(count: float, n: int, allowed: float) -> bool:
-    """Tests whether `count` of n exceeds the allowed share at 0.1 % significance (binomial)."""
+    """Tests whether a count out of n exceeds the allowed share at 0.1 % significance (binomial)."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
     return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part

@@ -138,7 +138,7 @@ def update_detections(
 def _change_records(
     records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
 ) -> list[DetectionRecord]:
-    """Sets fields in the unwithdrawn records of the event's jet, or (`again`) in its newest; returns all."""
+    """Sets fields in the unwithdrawn records of the event's jet, or (again) in its newest; returns all."""
     own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
     chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
     return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
@@ -147,7 +147,7 @@ def _change_records(
 def note_mass_before_jumps(
     records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
 ) -> list[DetectionRecord]:
-    """Sets `before`, 1/m and its 1-sigma at the sample before, in jumps not measured; returns all.
+    """Stores in each unmeasured jump 1/m and its 1-sigma at the sample before; returns all records.
 
     Args:
         records: as `update_detections` gives them.
@@ -335,6 +335,7 @@ def fault_mode(record: DetectionRecord) -> Mode | None:
 
 
 def _with_mode(record: DetectionRecord) -> DetectionRecord:
+    """Returns the record with its fault mode set by its size."""
     return record._replace(mode=fault_mode(record))
 
 

@@ -187,7 +187,7 @@ def _walks_in_words(rate: float, velocity: float) -> str:
 
 
 def fit_start(begin: Array, made: FlightModel) -> Array:
-    """Returns the start of a fit: the prior, its ten parameters replaced by `begin` if physically possible."""
+    """Returns the start of a fit: the prior, with the ten parameters of the estimate if physically possible."""
     start = made.prior.copy()
     if flight_model.is_physical(begin):  # NaN is not
         start[:10] = begin
@@ -237,7 +237,7 @@ def excess_misfit(fit: FlightFit) -> float:
 def _try_gyro_signs(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
 ) -> tuple[FlightFit, list[Diagnosis]]:
-    """Refits with each gyro axis reversed; returns the first fit that explains readings, or `fit` and []."""
+    """Refits with a gyro axis reversed; returns the first fit that explains readings, else the old one and []."""
     for package in range(made.gyros):
         for axis in range(3):
             signs = np.ones((made.variances.shape[0], 3))

@@ -312,7 +312,7 @@ def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def separation_in_words(event: Any) -> str:
-    """Describes which firing or wait would tell jets of a group apart; `event`: or a `DetectionRecord`."""
+    """Describes which firing or wait would tell jets of a group apart, of an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
     if event.told_apart_s is not None:

@@ -48,7 +48,7 @@ class Stage:
         return whole
 
     def exchange(self, whole: Path, target: Path) -> Path:
-        """Puts a finished folder in the place of `target`; returns the path at which the old folder is then."""
+        """Puts a finished folder in place of another; returns the path at which the old folder is then."""
         if swap_folders(whole, target):
             return whole
         old = self._path / _OLD / target.name

@@ -95,12 +95,7 @@ def gives_probabilities(signals: Spool) -> bool:
 
 
 def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
-    """Returns fault probabilities at the end, with modes and forces; None where the detector gives none.
-
-    Args:
-        vehicle: for its jets.
-        signals: of the run.
-    """
+    """Returns fault probabilities at the end, with modes and forces; None where the detector gives none."""
     if not gives_probabilities(signals):
         return None
     names = ("fault_probability", "fault_mode", "fault_force", "fault_force_std")
@@ -113,7 +108,7 @@ def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities 
 
 
 def read_fault_probability(content: Any) -> Any:
-    """Converts the stored `fault_probability` to fields of `FaultProbabilities`; drops unknown keys."""
+    """Converts the stored `fault_probability` to fields of FaultProbabilities; drops unknown keys."""
     if not isinstance(content, dict):
         return content
     jets = {

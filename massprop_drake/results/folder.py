@@ -47,7 +47,7 @@ class Place(NamedTuple):
 
     @property
     def is_as_found(self) -> bool:
-        """Tests whether the folder's manifest still has the `id` that was found before the work."""
+        """Tests whether the folder's manifest still has the id that was found before the work."""
         now = manifest.read(self.path)
         return (None if now is None else now.id) == self.found
 
@@ -57,7 +57,7 @@ class Place(NamedTuple):
 
 
 def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
-    """Checks that a folder can be written and replaced; returns its `Place` with the manifest's `id` now.
+    """Checks that a folder can be written and replaced; returns its Place, with the id of its manifest.
 
     What killed processes have left beside it is brought back or removed.
 
@@ -87,7 +87,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
 
 @contextlib.contextmanager
 def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
-    """Checks a folder as `require_writable`, yields its `Place`, and at the end removes parents left empty.
+    """Checks a folder as `require_writable`, yields its Place, and at the end removes parents left empty.
 
     Args:
         target, force, reads: as there.
@@ -183,7 +183,7 @@ def require_no_run(folder: Path) -> None:
 
 
 def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
-    """Checks that files can be written into a folder: names are free, or ours and unchanged, or `force`.
+    """Checks that files can be written into a folder: names are free, ours and unchanged, or force is asked.
 
     Args:
         folder: path of the folder; it need not be there.
@@ -212,7 +212,7 @@ def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = Fal
 
 
 def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
-    """Checks that a single file can be written: its name is free, or ours and unchanged, or `force`.
+    """Checks that a single file can be written: its name is free, ours and unchanged, or force is asked.
 
     Args:
         path: of the file, in a folder that is there.
@@ -433,7 +433,6 @@ def _resolve_folder(target: Path) -> Path:
 
 
 def _resolve_path(path: str | Path) -> Path:
-    """Returns a path without symbolic links."""
     return Path(os.path.realpath(path))
 
 
@@ -450,7 +449,7 @@ def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) 
 
 
 def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
-    """Checks that a folder is not within a run or campaign, and holds none of those in `held`.
+    """Checks that a folder is not within a run or campaign, and that none would be moved with it.
 
     Args:
         target, path: as the user gave it, and without links.
@@ -530,6 +529,5 @@ def _put_files(ready: Mapping[str, Path], path: Path) -> None:
 
 
 def _write_manifest(content: Manifest, partial: Path, path: Path) -> None:
-    """Writes a folder's manifest atomically, by way of the folder `partial`."""
     (partial / manifest.NAME).write_bytes(content.as_bytes())
     (partial / manifest.NAME).replace(path / manifest.NAME)

@@ -91,7 +91,7 @@ _OUTCOME_TEXTS: dict[InjectedOutcome, str] = {
 def injected_outcomes(
     scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
 ) -> tuple[InjectedRecord, ...]:
-    """Compares each injected failure and payload jump with the declarations: named, wrong, missed, ....
+    """Compares each injected failure and payload jump with the declarations: named, wrong, missed and so on.
 
     Args:
         scenario: as run.
@@ -202,7 +202,6 @@ def _is_match(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> 
 
 
 def _with_declaration(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
-    """Returns the record with the declaration's time and force."""
     return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
 
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def null_for_nan(values: Array) -> Any:
-    """Turns an array into nested lists, NaN into None."""
+    """Converts an array to nested lists of floats, NaN to None."""
     if values.ndim > 1:
         return [null_for_nan(row) for row in values]
     return [None if math.isnan(value) else value for value in values.tolist()]

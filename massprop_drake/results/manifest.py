@@ -67,13 +67,13 @@ class Manifest(_Model):
         return folder in self.folders or any(name.startswith(f"{folder}/") for name in (*self.files, *self.pending))
 
     def lists(self, name: str, path: Path) -> bool:
-        """Tests whether the manifest lists `name`, and the regular file at `path` has its size and digest."""
+        """Tests whether the manifest lists a name, and a path is a regular file with that size and digest."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]
         return bool(expected) and _is_plain(path) and entry(path) in expected
 
 
 def empty() -> Manifest:
-    """Makes the manifest of a new folder: a random `id`, no files."""
+    """Makes the manifest of a new folder: a random id, no files."""
     return Manifest(id=secrets.token_hex(16))
 
 
@@ -185,5 +185,4 @@ def _is_same_file(one: Path, other: Path) -> bool:
 
 
 def _is_plain(path: Path) -> bool:
-    """Tests whether a path is a regular file and no symbolic link."""
     return path.is_file() and not path.is_symlink()

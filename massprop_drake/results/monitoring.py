@@ -110,7 +110,7 @@ class FlightMonitor:
         return bool(detector_report[place] != 0.0)
 
     def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Returns the counts of innovations advanced by a sample, same shape as `counts`.
+        """Returns the counts of innovations advanced by a sample, same shape as before it.
 
         Args:
             counts: before it.
@@ -138,7 +138,7 @@ class FlightMonitor:
         return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
 
     def _recent(self, counts: Array, name: str) -> Recent:
-        """Unpacks a filter's innovations, older counts and newest samples, from `counts`."""
+        """Unpacks a filter's innovations, older counts and newest samples, from the array of counts."""
         rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, _COLUMNS)
         return Recent(counts[self._layout.slice(name)], rows)
 
@@ -175,7 +175,7 @@ class FlightMonitor:
         return finalize_detections(declared.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
 
     def failed_jets(self, declared: Declarations) -> Array:
-        """Marks with 1.0 the jets of unwithdrawn failures, groups and clusters included, (n_jets,)."""
+        """Flags with 1.0 the jets of unwithdrawn failures, groups and clusters included, (n_jets,)."""
         failed = self._no_force.copy()
         for record in declared.detections:
             if record.kind != JUMP and record.withdrawn_s is None:
@@ -211,7 +211,7 @@ class Recent(NamedTuple):
         return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replace_history(self, since_s: float, nis: float, components: float) -> Recent:
-        """Replaces NIS since a fork by the mean of the newly likeliest history.
+        """Replaces NIS since a fork by the likeliest history's mean; of an old fork the share in the rows.
 
         Args:
             since_s: time of the fork, s.
@@ -231,18 +231,14 @@ class Recent(NamedTuple):
 
 
 def empty_recent(window: int) -> Recent:
-    """Makes the innovations before the first sample: zero counts, times -inf.
-
-    Args:
-        window: number of samples that are kept.
-    """
+    """Makes the innovations before the first sample: zero counts, and a window of rows with time -inf."""
     rows = np.zeros((window, _COLUMNS))
     rows[:, 0] = -np.inf
     return Recent(np.zeros(len(Tally.NUMBERS)), rows)
 
 
 def _innovations(rows: Array) -> Innovations:
-    """Converts rows of `Recent`, shape (n, 5), to `Innovations`."""
+    """Converts rows of Recent, shape (n, 5), to `Innovations`."""
     _, used, nis, components, averaged = rows.T
     return Innovations(used != 0.0, nis, components, averaged != 0.0)
 

@@ -40,7 +40,7 @@ class PartsMade:
         self.error: Exception | None = None
 
     def make(self, name: str, make: Callable[[], _Part], otherwise: _Part) -> _Part:
-        """Returns `make()`; where it raises, notes name and reason in `missing`, and returns `otherwise`."""
+        """Returns what the callable returns; where it raises, notes name and reason, and returns the substitute."""
         try:
             return make()
         except Exception as error:
@@ -50,6 +50,6 @@ class PartsMade:
             return otherwise
 
     def note(self, name: str, error: Exception) -> None:
-        """Appends name and reason to `missing`, and keeps the first error."""
+        """Appends name and reason to the list of missing parts, and stores the first error."""
         self.missing.append(f"{name}: {in_words(error)}")
         self.error = self.error or error
