@@ -111,7 +111,7 @@ class Against(NamedTuple):
         return {**self._asdict(), "residuals": residuals, "causes": causes}
 
     def in_words(self) -> str:
-        """Describes in a sentence the difference that is to be explained."""
+        """Returns a sentence: by how many times the stated variance readings differ, and before which failure."""
         if self.misfit is None:
             return "too few readings to say what would explain the difference"
         if not self.causes:
@@ -121,7 +121,7 @@ class Against(NamedTuple):
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Computes residual statistics of each sensor component: readings of a record minus simulated readings.
+    """Computes the RMS and the largest difference of each sensor component, readings minus simulated readings.
 
     Args:
         scenario: of the record.
@@ -140,7 +140,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
 
 def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
-    """Yields times, and readings minus simulated readings, block by block."""
+    """Yields sample times, s, and readings of a sensor minus simulated ones, shape (n, columns), block by block."""
     for block in signals.blocks("time_s", name, AGAINST + name):
         yield block["time_s"], block[name] - block[AGAINST + name]
 
@@ -148,7 +148,7 @@ def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
 def summarize_residuals(
     named: Sequence[str], unit: str, noise: float, left: Iterable[tuple[Array, Array]]
 ) -> Iterator[Residual]:
-    """Yields the residual of each component of a sensor.
+    """Yields the RMS, the largest value and its time of the residuals of each component of a sensor.
 
     Args:
         named: the components' columns, n of them.
@@ -180,7 +180,7 @@ def summarize_residuals(
 def explain_differences(
     scenario: Scenario, signals: Spool, reference: SimulatedSide, until_s: float
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds the unknowns that explain the difference between readings and a simulation of the commands.
+    """Finds the unknowns of the flight model, such as thrusts, that explain readings off a simulation.
 
     The unknown that explains most by itself is taken and fitted, and then the one that explains most besides, as long
     as that is more than chance; all others stay as the simulation has them. What happens in the midst of a record is
@@ -204,6 +204,7 @@ def explain_differences(
         called = _name_unknowns(scenario, made, at)
 
         def about(there: Array) -> NormalEquations:
+            """Returns the normal equations of all readings, linearized about these unknowns."""
             return sum_equations([stretch_equations(part, there, made) for part in parts], made)
 
         return find_causes(about, (at, called), is_physical, chance=_CHANCE)
@@ -227,7 +228,7 @@ def find_causes(
     *,
     chance: float = 0.0,
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds how far readings are from a simulation, and the unknowns that explain it, the best first.
+    """Returns mean-square misfit over stated variance, None without readings, and what explains it, best first.
 
     Args:
         about: the equations about a point.
@@ -253,7 +254,7 @@ def _select_causes(
     of: tuple[Array, Sequence[UnknownLabel | None]],
     possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
-    """Selects the unknowns that explain the difference; arguments as those of `find_causes`."""
+    """Selects unknowns one by one that reduce the misfit most, until no more than chance; as `find_causes`."""
     reference, called = of
     names = {place: one for place, one in enumerate(called) if one is not None}
     diagonal = np.where([place in names for place in range(len(called))], first.information.diagonal(), 0.0)
@@ -320,7 +321,7 @@ def _fit_unknowns(
 
 
 def _misfit_gain(normal: Equations, places: list[int]) -> float:
-    """Computes the misfit that some unknowns explain together; zero where they are not separable."""
+    """Returns by how much freeing these unknowns reduces the misfit, squared sigmas; 0 if not separable."""
     chosen = np.array(places)
     information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
     scale = np.sqrt(information.diagonal())
@@ -334,13 +335,13 @@ _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
 def name_mass_property(symbol: str, unit: str, value: float) -> UnknownLabel:
-    """Returns the name of a mass property, with the value that a percentage refers to."""
+    """Labels a mass property: diagonal inverse inertia and 1/m in percent of the value, others in their unit."""
     of_itself = symbol in _IN_PERCENT and value != 0.0
     return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if of_itself else UnknownLabel(symbol, unit, 1.0)
 
 
 def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[UnknownLabel | None]:
-    """Returns the name of each unknown of the model; None: it is not fitted."""
+    """Returns the label of each unknown of the flight model, in its order; None where it is not fitted."""
     names: Names = vehicle_names(scenario)
     places = columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")

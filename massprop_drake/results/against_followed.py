@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Computes residual statistics of each sensor component; those of an attitude are of a rotation vector.
+    """Computes RMS and largest difference, readings minus simulated, of each component, attitudes as rotations.
 
     Args:
         scenario: of the record.
@@ -34,6 +34,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
     length = vehicle.unit_names["length"]
 
     def add(name: str, axes: Sequence[int], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> None:
+        """Appends the residual statistics of some axes of a sensor."""
         some = ((time_s, off[:, list(axes)]) for time_s, off in left)
         found.extend(against.summarize_residuals([name + AXES[axis] for axis in axes], unit, noise, some))
 
@@ -55,13 +56,13 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
 
 def _attitude_differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
-    """Yields times, and rotation vectors from the simulated attitude to the one that was read, body axes."""
+    """Yields times, s, and rotation vectors, simulated to read attitude, body axes, rad, shape (n, 3)."""
     for block in signals.blocks("time_s", name, AGAINST + name):
         yield block["time_s"], rotation_differences(block[name][:, 3:], block[AGAINST + name][:, 3:])
 
 
 def rotation_differences(read: Array, simulated: Array) -> Array:
-    """Computes rotation vectors from simulated attitudes to those that were read, body axes, rad, shape (n, 3).
+    """Computes rotation vectors from simulated to read attitudes, body axes, rad, NaN unread, shape (n, 3).
 
     Args:
         read: quaternions from body to fixed frame, of any length, NaN where there is none, shape (n, 4).
@@ -77,7 +78,7 @@ def rotation_differences(read: Array, simulated: Array) -> Array:
 def explain_differences(
     scenario: Scenario, record: PoseRecord, vehicle: Assumed, made: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds the unknowns that explain the difference between readings and a simulation of the commands.
+    """Finds the unknowns of the pose filter that explain how a record's readings differ from a simulation.
 
     Args:
         scenario: of the record.
@@ -98,7 +99,7 @@ def explain_differences(
 
 
 def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[UnknownLabel | None]:
-    """Returns the name of each unknown of the estimator's state; None: it is not fitted."""
+    """Returns the label of each element of the pose filter's state, in its order; None where it is not fitted."""
     vehicle, parts = scenario.vehicle_data, made.parts
     length = vehicle.unit_names["length"]
     found: list[UnknownLabel | None] = [None] * parts.size

@@ -62,12 +62,12 @@ class Intervals(NamedTuple):
 
     @property
     def pairs(self) -> list[_Bound]:
-        """Low and high of the ten parameters in their order."""
+        """Pairs (low, high) of the ten parameters in their order; None where there is no interval."""
         elements = {int(ELEMENT[i, j]): self.inverse_inertia[i][j] for i in range(3) for j in range(3)}
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 
     def in_words(self) -> str:
-        """Describes in a sentence the guaranteed intervals, or why there are none."""
+        """Returns "guaranteed by the readings", until when and given what, or the reason for no intervals."""
         if self.reason is not None:
             return f"none: {self.reason}"
         before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
@@ -83,7 +83,7 @@ def allowed_intervals(
     events: Sequence[EventRecord],
     solve: Solve,
 ) -> Intervals:
-    """Finds the intervals that a run's quantized readings allow, up to the first failure or jump that stands.
+    """Finds guaranteed intervals of the ten parameters from quantized readings before the first failure or jump.
 
     Args:
         scenario: as run.
@@ -124,7 +124,7 @@ def allowed_intervals(
 
 
 def _reason_unconfined(scenario: Scenario) -> str | None:
-    """Explains why no reading confines the motion; None where readings do."""
+    """Returns the reason why the readings cannot bound the motion, such as unbounded noise; None: they can."""
     vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
     if scenario.estimation.filter == "pose":
         return "sensors in a fixed frame confine nothing"
@@ -149,12 +149,12 @@ def _reason_unconfined(scenario: Scenario) -> str | None:
 
 
 def _is_mostly_rounding(quantum: float, noise: float) -> bool:
-    """Tests whether the noise of a reading is small beside its quantum, so that its cell bounds the true value."""
+    """Tests whether a reading's noise is at most a tenth of its quantum, so that its cell bounds the truth."""
     return quantum > 0.0 and noise <= _QUIET * quantum
 
 
 def _reading_cells(scenario: Scenario, made: FlightModel) -> Cells:
-    """Returns the cells of the readings: the quantum of each package, 0 where noise is larger, noise and bias."""
+    """Returns quantum of each package (0: too noisy to bound), noise, gyro bias and range of parameters sought."""
     setup = params.filter_setup(scenario)
     packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
     quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
@@ -163,7 +163,7 @@ def _reading_cells(scenario: Scenario, made: FlightModel) -> Cells:
 
 
 def _list_assumptions(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
-    """Names the quantities stated with a 1-sigma that are taken for bounded."""
+    """Lists in words what is taken as bounded though stated as 1-sigma: thrusts, lags, biases and noise."""
     places = flight_model.columns(made)
     used = cells.quanta[made.gyros :] > 0.0
     biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())
@@ -181,7 +181,7 @@ def _list_assumptions(made: FlightModel, cells: Cells, parts: Sequence[Stretch])
 
 
 def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
-    """Makes the intervals of the ten parameters from the solved limits, or states why there are none."""
+    """Converts solved limits to intervals of the ten parameters; with the reason where there are none."""
     if allowed.is_contradicted:
         words = f"no vehicle explains all readings: some are at least {-allowed.depth:.2g} quanta beyond their cells"
         return _no_intervals(words, until_s)._replace(contradicted=True, given=given)
@@ -191,7 +191,7 @@ def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | 
 
 
 def _intervals_by_name(allowed: Confined) -> Intervals:
-    """Arranges the limits as matrix, vector and number, with the middle of each as the best value."""
+    """Arranges (low, high) of the ten as matrix, vector and number, with the middle of each interval."""
     pairs = [
         None if math.isnan(low) else (low, high)
         for low, high in zip(allowed.low.tolist(), allowed.high.tolist(), strict=True)
@@ -212,5 +212,6 @@ def _intervals_by_name(allowed: Confined) -> Intervals:
 
 
 def _no_intervals(reason: str, until_s: float | None) -> Intervals:
+    """Returns the result without any interval, with the reason and the time up to which readings counted, s."""
     unknown = np.full(len(mass_properties.NAMES), np.nan)
     return _intervals_by_name(Confined(unknown, unknown, 0.0, 0.0))._replace(reason=reason, until_s=until_s)

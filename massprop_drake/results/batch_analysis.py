@@ -60,7 +60,7 @@ def analyze_run(
     *,
     resumed: bool = False,
 ) -> BatchAnalysis:
-    """Analyzes a run after its end: least 1-sigma that it allows, and diagnoses of what its readings contradict.
+    """Computes the bound on 1-sigma of the ten parameters, and diagnoses of assumptions that readings contradict.
 
     What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
     wrong then has been said.
@@ -80,7 +80,7 @@ def analyze_run(
 def _diagnose_disturbance(
     scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]
 ) -> list[Diagnosis]:
-    """Diagnoses a disturbance that is not stated, where no other diagnosis names it."""
+    """Returns a diagnosis of the largest declared disturbance, or [] if another diagnosis explains it."""
     found = [one for one in events if one.kind == "disturbance" and one.torque_std is not None]
     if not found or any(one.kind in _OF_DISTURBANCES for one in told):
         return []
@@ -99,7 +99,7 @@ def _analyze_readings(
     *,
     resumed: bool,
 ) -> BatchAnalysis:
-    """Runs the batch regression of `analyze_run`; `said` are the detections (failures and jumps), and the events."""
+    """Runs the batch regression of `analyze_run`; `said`: detections (failures and jumps), and events."""
     found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)

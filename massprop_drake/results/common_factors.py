@@ -42,7 +42,7 @@ class _Rescaled(NamedTuple):
 def find_common_factors(
     parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario
 ) -> _Rescaled | None:
-    """Finds common factors of gyro and accelerometer readings whose removal explains the record; None without any.
+    """Finds factors common to all gyro or accelerometer readings, such as wrong units; None without any.
 
     Args:
         parts: of the whole record, since a failure that was declared may be the factor's doing.
@@ -85,12 +85,12 @@ def find_common_factors(
 
 
 def _scale_readings(part: Stretch, sizes: Array) -> Stretch:
-    """Multiplies the readings of each package in a stretch by a factor, shape (n_packages,)."""
+    """Multiplies a stretch's readings by a factor for each sensor package, shape (n_packages,)."""
     return part._replace(readings=part.readings * sizes[:, None])
 
 
 def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor]) -> list[Factor]:
-    """Returns the common factors that packages of a kind may be off by, or else the measured one."""
+    """Returns known factors near the median implausible ratio of a kind of sensor, and that median; [] if none."""
     off = ratios[kind & ~_is_plausible(ratios)]
     if not off.size:
         return []
@@ -99,5 +99,5 @@ def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor])
 
 
 def _is_plausible(ratios: Array) -> NDArray[np.bool_]:
-    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
+    """Flags ratios of measured to predicted change within 1/2.5 to 2.5, or NaN, as mass properties may cause."""
     return np.isnan(ratios) | ((ratios >= 1.0 / _UNLIKELY) & (ratios <= _UNLIKELY))

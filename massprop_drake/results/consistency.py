@@ -118,14 +118,14 @@ class Consistency(NamedTuple):
     translation_nis_within: Real | None = None
 
     def in_words(self) -> str:
-        """Describes how large the innovations are, and how large without those few that dominate a mean."""
+        """Returns both mean NIS and the number of samples used, in words."""
         rotation = mean_in_words(self.rotation_nis_mean, self.rotation_nis_within, self.rotation_nis_beyond)
         translation = mean_in_words(self.translation_nis_mean, self.translation_nis_within, self.translation_nis_beyond)
         return f"mean NIS {rotation} rotation, {translation} translation, over {self.samples} samples used"
 
 
 def mean_in_words(mean: float | None, within: float | None, beyond: float | None) -> str:
-    """Formats a mean NIS, without those samples beyond the 99 % point where they dominate it.
+    """Formats a mean NIS; where outliers beyond the 99 % point dominate it, the mean without them first.
 
     Args:
         mean: of all samples; None without any.
@@ -140,7 +140,7 @@ def mean_in_words(mean: float | None, within: float | None, beyond: float | None
 
 
 def is_mean_dominated(mean: float, within: float) -> bool:
-    """Tests whether the few samples beyond the 99 % point dominate a mean NIS, given that of the others."""
+    """Tests whether a mean NIS is at least twice that of the samples within the 99 % point."""
     return mean >= _RULED * within
 
 
@@ -161,7 +161,7 @@ class Tally:
 
     @classmethod
     def of(cls, numbers: Array) -> Tally:
-        """Makes a tally that goes on from the counts of another, `NUMBERS`; explained samples are not among them."""
+        """Makes a tally from the counts of another, shape (7,), see `NUMBERS`; excluded samples are not among them."""
         tally = cls()
         n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = numbers.tolist()
         tally.n, tally._beyond = int(n), beyond
@@ -169,12 +169,12 @@ class Tally:
 
     @property
     def numbers(self) -> Array:
-        """Counts and sums, `NUMBERS`."""
+        """Returns counts and sums in the order of `NUMBERS`, shape (7,), from which `Tally.of` goes on."""
         sums = self._sum, self._expected, self._sum_within, self._expected_within
         return np.array([self.n, *sums, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
-        """Counts the NIS of used samples, and the components of each, see `used_nis`, shape (n,) each."""
+        """Counts used samples: NIS scaled to three components, and components, see `used_nis`, shape (n,) each."""
         from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
         self.n += nis.size
@@ -192,7 +192,7 @@ class Tally:
         ]
 
     def add_averaged(self, nis: Array, components: Array) -> None:
-        """Counts samples of which only the mean NIS over several is known, shape (n,) each; see the module.
+        """Adds samples of which only the mean NIS over several is known, shape (n,) each; see the module.
 
         Args:
             nis: means, scaled to three components.
@@ -213,35 +213,35 @@ class Tally:
             self._beyond[index] += float(chdtrc(degrees, chdtri(degrees, least) / factor).sum())
 
     def add_innovations(self, seen: Innovations) -> None:
-        """Counts the NIS of those innovations that the filter used."""
+        """Adds the NIS of the samples that the filter used, single ones and averages, to the counts."""
         for add, chosen in ((self.add, ~seen.averaged), (self.add_averaged, seen.averaged)):
             there = seen.used & chosen
             if there.any():
                 add(seen.nis[there], seen.components[there])
 
     def exclude_from_faults(self, nis: Array, components: Array) -> None:
-        """Excludes from `faults` the samples between the coming or leaving of a payload and its declaration."""
+        """Excludes samples from `faults`, such as those between a payload's coming and its declaration."""
         of_these = Tally()
         of_these.add(nis, components)
         self._explained = [float(of_these.n), *of_these._beyond]
 
     @property
     def mean(self) -> float | None:
-        """Sum of the NIS over its expectation, per three components; None without informative samples."""
+        """Mean NIS over its expectation, about 1 if consistent; None without informative samples."""
         return self._sum / self._expected if self._expected else None
 
     @property
     def beyond(self) -> float | None:
-        """Share beyond the 99 % point; None without a sample."""
+        """Share of samples whose NIS is beyond the 99 % point of chi-square; None without a sample."""
         return self._beyond[0] / self.n if self.n else None
 
     @property
     def within(self) -> float | None:
-        """Mean of the samples within the 99 % point; None without any."""
+        """Mean NIS over its expectation, of samples within the 99 % point of chi-square; None without any."""
         return self._sum_within / self._expected_within if self._expected_within else None
 
     def faults(self, name: str) -> list[str]:
-        """Describes excesses that cannot be chance."""
+        """Lists in words which shares of innovations, beyond 99 % point or upper quarter, exceed chance; [] if none."""
         found = []
         n, tail, quarter = (
             every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
@@ -255,7 +255,7 @@ class Tally:
 
 
 def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Computes the NIS of used samples, scaled to three components, and the components of each, shape (n,) each.
+    """Returns NIS of the samples that a filter used, scaled to three components, and components, shape (k,) each.
 
     Args:
         name: "rotation" or "mass".
@@ -266,7 +266,7 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
-    """Returns use, NIS and components of a filter's innovations by sample; arguments as of `used_nis`."""
+    """Returns whether a filter used each sample, its NIS and components, shape (n,); arguments as `used_nis`."""
     used = signals[f"{name}_used"][:, 0] != 0.0
     nis = signals[f"{name}_nis"][:, 0]
     components = signals[COMPONENTS[name]][:, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
@@ -274,19 +274,19 @@ def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
 
 
 def fork_signals(name: str) -> tuple[str, str, str]:
-    """Returns names of the signals of a fork: its time, and NIS and components of a filter in the new history."""
+    """Returns the signal names of a fork: its time, and the new history's NIS and components for a filter."""
     return "history_since", f"history_{name}_nis", f"history_{name}_components"
 
 
 def find_forks(name: str, signals: Mapping[str, Array]) -> Forks:
-    """Finds the samples at which another history became the likeliest; arguments as of `used_nis`."""
+    """Returns the samples at which another history became the likeliest, with its NIS; arguments as `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
     since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
     return Forks(rows, since_s, nis, components)
 
 
 def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
-    """Replaces reported innovations by those of the likeliest history, as mean NIS over each fork's samples.
+    """Replaces NIS between a fork and its report by the mean NIS of the newly likeliest history.
 
     A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
     those that were used. Where two overlap the later one counts, and of the earlier one its mean elsewhere.
@@ -311,7 +311,7 @@ def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Inn
 
 
 def _is_certainly_more(count: float, n: int, allowed: float) -> bool:
-    """Tests whether a count of n exceeds an allowed share with significance, by the binomial distribution."""
+    """Tests whether a count out of n exceeds the allowed share at 0.1 % significance (binomial)."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
     return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part
@@ -320,7 +320,7 @@ def _is_certainly_more(count: float, n: int, allowed: float) -> bool:
 def judge_consistency(
     rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
 ) -> Consistency:
-    """Judges whether a run is consistent.
+    """Judges a run "consistent", "inconsistent" with reasons, or "not enough data", by NIS and errors.
 
     Args:
         rotation, translation: of the two filters, or parts of one; without samples where there is none.

@@ -10,12 +10,7 @@ _SAMPLES = 0.5  # by which a delay is off that is worth a word
 
 
 def remarks(scenario: Scenario, signals: Spool) -> list[str]:
-    """Lists remarks on an estimated command delay that differs from the stated one; empty where none is estimated.
-
-    Args:
-        scenario: as run.
-        signals: of the run.
-    """
+    """Returns a sentence if the estimated command delay, s, is off the vehicle's by over 3 sigma, else []."""
     if "command_delay" not in signals:
         return []
     vehicle = scenario.vehicle_data

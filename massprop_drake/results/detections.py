@@ -92,7 +92,7 @@ class DetectionRecord(NamedTuple):
 
     @property
     def suspects(self) -> str:
-        """Jet of the detection, or those that it may be, in words."""
+        """Suspected jets in words: "jet T7", "one of T7, T8" or "a jet of cluster 2"."""
         if self.isolated_to == "group":
             return f"one of {', '.join(self.jets)}"
         return f"jet {self.jet}" if self.jet else f"a jet of cluster {self.cluster}"
@@ -106,7 +106,7 @@ _NEARLY_ALL = 0.9  # share of the thrust that counts as all of it
 def update_detections(
     vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
 ) -> list[DetectionRecord]:
-    """Updates the records of failures and jumps with further events, and returns all of them.
+    """Applies events in order to detection records: appends new ones, changes earlier; returns all of them.
 
     Args:
         vehicle: for its jets.
@@ -138,7 +138,7 @@ def update_detections(
 def _change_records(
     records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
 ) -> list[DetectionRecord]:
-    """Changes fields in the standing records of the event's jet, or in its newest record (`again`)."""
+    """Sets fields in the unwithdrawn records of the event's jet, or (again) in its newest; returns all."""
     own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
     chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
     return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
@@ -147,7 +147,7 @@ def _change_records(
 def note_mass_before_jumps(
     records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
 ) -> list[DetectionRecord]:
-    """Notes the estimate of 1/m before each jump whose size the detector has not measured.
+    """Stores in each unmeasured jump 1/m and its 1-sigma at the sample before; returns all records.
 
     Args:
         records: as `update_detections` gives them.
@@ -156,6 +156,7 @@ def note_mass_before_jumps(
     """
 
     def with_mass_before(record: DetectionRecord) -> DetectionRecord:
+        """Returns the record with 1/m of the sample before its declaration if unknown."""
         at = int(np.searchsorted(time_s, record.time_s))
         known = record.kind != JUMP or record.before is not None or record.measured_s is not None
         if known or not 0 < at < time_s.size or not np.isfinite(reciprocal[at - 1]):
@@ -172,7 +173,7 @@ def finalize_detections(
     mass_reciprocal: float = np.nan,
     deviation: float = np.nan,
 ) -> tuple[DetectionRecord, ...]:
-    """Finalizes detections at the end of a run: sizes of jumps, and known forces as estimated at the end.
+    """Returns detections with jump masses and stuck-on forces as estimated at the end, and fault modes.
 
     What was withdrawn keeps the size that it had while it stood.
 
@@ -183,6 +184,7 @@ def finalize_detections(
     """
 
     def at_the_end(record: DetectionRecord) -> DetectionRecord:
+        """Returns the record with the final force of a jet on, and without internal fields."""
         jet = record.jet_index
         followed_since = record.kind == "jet_on" and record.erratic_s is None and record.withdrawn_s is None
         if followed_since and jet is not None and variance[jet] > 0.0:
@@ -195,7 +197,7 @@ def finalize_detections(
 def bound_jump_times(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
-    """Bounds the onset of each jump that the detector by hypotheses has found: earliest and latest time.
+    """Sets the earliest and latest possible onset, s, of each jump in detection records; returns all.
 
     It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
     fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
@@ -220,7 +222,7 @@ def bound_jump_times(
 
 
 def _find_activity(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
-    """Returns ends of intervals in which a jet fires or a reading moves, the run's beginning first, and alarms, s."""
+    """Returns ends of intervals, s, with a jet firing or a reading moving (first: run's start), and alarms, s."""
     ended, alarms = [], []
     before: dict[str, Array] = {}
     for block in blocks:
@@ -238,7 +240,7 @@ def _find_activity(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, fl
 
 
 def _compute_jump_sizes(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
-    """Computes the mass of each jump from the estimates before and after it, taken as independent."""
+    """Sets each jump's mass and 1-sigma from 1/m before it and before the next jump, or at the end."""
     result, after = [], at_the_end
     for record in reversed(records):
         if record.before is not None:
@@ -252,7 +254,7 @@ def _compute_jump_sizes(records: Sequence[DetectionRecord], at_the_end: tuple[fl
 
 
 def _make_failure_record(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
-    """Makes the record of a declared jet failure, its kind by the size of the force."""
+    """Makes the record of a declared jet failure; by its force "jet_on", "jet_off" or "jet_degraded"."""
     assert event.magnitude is not None
     assert event.magnitude_std is not None
     assert event.jet_index is not None
@@ -279,7 +281,7 @@ def _make_failure_record(vehicle: Vehicle, event: EventRecord) -> DetectionRecor
 
 
 def _make_jump_record(event: EventRecord) -> DetectionRecord:
-    """Makes the record of a declared mass-property jump, with its mass where that is significant."""
+    """Makes the record of a declared mass-property jump, with its mass if above 3 sigma."""
     record = DetectionRecord(
         onset_s=event.onset_s,
         time_s=event.time_s,
@@ -306,12 +308,12 @@ def _size_fields(event: EventRecord) -> dict[str, Any]:
 
 
 def _is_full_thrust(magnitude: float, std: float, thrust: float) -> bool:
-    """Tests whether a force, too much or missing, is all of the thrust, as far as it is known."""
+    """Tests whether an excess or missing force is above 90 % of the thrust, or within 3 sigma of it."""
     return abs(magnitude) > _NEARLY_ALL * thrust or abs(abs(magnitude) - thrust) < _SIGNIFICANT * std
 
 
 def fault_mode(record: DetectionRecord) -> Mode | None:
-    """Returns the mode of a fault, by its known size.
+    """Classifies a detection as "stuck_on", "leak", "loss", "docking" and so on; None where size is unknown.
 
     A jet is stuck where its force is within 3 sigma of its thrust, or above 90 % of it; else it leaks or has lost some.
     One that is erratic is intermittent or drifts. A jump is a payload that docks or is released where its mass is
@@ -333,6 +335,7 @@ def fault_mode(record: DetectionRecord) -> Mode | None:
 
 
 def _with_mode(record: DetectionRecord) -> DetectionRecord:
+    """Returns the record with its fault mode set by its size."""
     return record._replace(mode=fault_mode(record))
 
 
@@ -353,7 +356,7 @@ _MODES: dict[Mode | None, str] = {
 
 
 def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = False) -> str:
-    """Describes what failed and how, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
+    """Describes a detection: jets and fault mode, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
 
     Args:
         entry: see `DetectionRecord`.
@@ -378,12 +381,12 @@ def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = 
 
 
 def _format_percent(share: float) -> str:
-    """Formats a share in percent, to two digits."""
+    """Formats a share (0 to 1) in percent, to two digits, three from 99.5 % on."""
     return f"{100.0 * share:.{2 if share < 0.995 else 3}g} %"
 
 
 def size_in_words(entry: DetectionRecord, units: Mapping[str, str]) -> str:
-    """Formats the size of a failure or a jump, with 1-sigma; empty where it is not known.
+    """Formats a failure's force, or a jump's mass and place, with 1-sigma and unit; "" where not known.
 
     Args:
         entry: see `DetectionRecord`.
@@ -399,14 +402,14 @@ def size_in_words(entry: DetectionRecord, units: Mapping[str, str]) -> str:
 
 
 def onset_in_words(entry: DetectionRecord) -> str:
-    """Formats the onset, in words."""
+    """Formats a detection's onset: 'since 12.00 s', or 'begun between ... and ... s' where it is bounded."""
     if entry.earliest_s is None or entry.latest_s is None:
         return f"since {entry.onset_s:.2f} s"
     return f"begun between {entry.earliest_s:.2f} and {entry.latest_s:.2f} s"
 
 
 def remarks(entry: DetectionRecord) -> list[str]:
-    """Lists further remarks on a detection."""
+    """Lists phrases on a detection: what would separate its group, when measured, erratic or withdrawn."""
     found = []
     if entry.isolated_to == "group":
         found.append(separation_in_words(entry))

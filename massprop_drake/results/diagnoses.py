@@ -50,7 +50,7 @@ class _TestedGroup(NamedTuple):
 def diagnose_readings(
     parts: Sequence[Stretch], begin: Array, made: FlightModel, names: Names
 ) -> tuple[list[Diagnosis], FlightFit]:
-    """Diagnoses model errors that the readings show, the clearest first; also returns the first fit.
+    """Finds model errors that explain the readings' misfit, clearest first; also returns the first fit.
 
     Args:
         parts: of the record.
@@ -98,7 +98,7 @@ class _Explanation(NamedTuple):
 
 
 def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> Iterator[_Explanation]:
-    """Yields causes with which a new fit explains the readings."""
+    """Yields model errors, such as wrong thrust or a delay, with which a new fit removes most of the misfit."""
     suspects = [one for one in _test_assumptions(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
@@ -126,24 +126,24 @@ def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, n
 
 
 def _explains(after: FlightFit, before: FlightFit) -> bool:
-    """Tests whether a fit leaves next to nothing of another fit's misfit beyond rounding."""
+    """Tests whether a fit removes nearly all of an earlier fit's misfit beyond rounding."""
     return after.normal.is_finite and excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
 
 
 def _shift_commands(part: Stretch, rows: int) -> Stretch:
-    """Shifts the commands of a stretch by one row, later (1) or earlier (-1)."""
+    """Returns a stretch whose commands act one row later (1) or earlier (-1) than logged, one row shorter."""
     cut, told = take_rows(part, _kept_rows(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
     opening = None if part.onsets_s is None else part.onsets_s[told]
     return prepend_rows(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
 
 
 def _kept_rows(part: Stretch, rows: int) -> slice:
-    """Returns the rows of a stretch that are left once its commands are shifted one row later (1), or earlier (-1)."""
+    """Returns the slice of a stretch's rows that remain if commands move one row later (1) or earlier (-1)."""
     return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
 
 
 def _describe_lags(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
-    """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
+    """Describes, per kind of jet, the time constant or delay that a fit with free thrust lags has found, ms."""
     places, words = flight_model.columns(made), []
     for place in cause.group.tolist():
         index, off = place - places.lag.start, 1e3 * float(after.at[place])
@@ -157,7 +157,7 @@ def _describe_lags(cause: _Cause, after: FlightFit, made: FlightModel, names: Na
 
 
 def find_oscillation(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
-    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains drifting residuals.
+    """Returns a diagnosis of slosh or a panel, or of random drift, as readings show it; [] where they do not.
 
     Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
     """
@@ -182,11 +182,12 @@ def find_oscillation(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel
 
 
 def _walks_in_words(rate: float, velocity: float) -> str:
+    """Formats the `joint.rate_walk` and `joint.velocity_walk` that would cover the residuals' drift."""
     return f"joint.rate_walk={rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
 
 
 def fit_start(begin: Array, made: FlightModel) -> Array:
-    """Returns the start of a fit: the prior, with the given ten parameters where a body can have them."""
+    """Returns the start of a fit: the prior, with the ten parameters of the estimate if physically possible."""
     start = made.prior.copy()
     if flight_model.is_physical(begin):  # NaN is not
         start[:10] = begin
@@ -194,7 +195,7 @@ def fit_start(begin: Array, made: FlightModel) -> Array:
 
 
 def _widen_prior(found: Array, made: FlightModel) -> FlightModel:
-    """Widens the prior of those of the ten parameters that a fit puts far from it; else returns the model itself."""
+    """Widens the prior 1-sigma of those of the ten parameters that a fit puts many sigmas from it."""
     off = np.abs(found - made.prior[:10])
     far = off > _OFF * made.sigma[:10]
     if not far.any():
@@ -207,7 +208,7 @@ def _widen_prior(found: Array, made: FlightModel) -> FlightModel:
 def try_switching(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel
 ) -> tuple[FlightFit, FlightModel, list[Diagnosis]]:
-    """Tries commands that switch at stamps instead of regular ticks, or the reverse; takes what explains the readings.
+    """Refits with commands that switch at time stamps instead of ticks, or the reverse, if stamps are off ticks.
 
     Args:
         parts: of the record.
@@ -229,14 +230,14 @@ def try_switching(
 
 
 def excess_misfit(fit: FlightFit) -> float:
-    """Computes the misfit beyond the possible effect of rounding."""
+    """Computes a fit's misfit beyond 1.3 per reading, which rounding may explain; 0 if below."""
     return max(fit.normal.misfit - SCATTER * fit.normal.readings, 0.0)
 
 
 def _try_gyro_signs(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
 ) -> tuple[FlightFit, list[Diagnosis]]:
-    """Tries gyro axes with reversed sign; returns the fit that explains the readings, or `fit`, and diagnoses."""
+    """Refits with a gyro axis reversed; returns the first fit that explains readings, else the old one and []."""
     for package in range(made.gyros):
         for axis in range(3):
             signs = np.ones((made.variances.shape[0], 3))
@@ -250,13 +251,13 @@ def _try_gyro_signs(
 
 
 def fit_cost(fit: FlightFit, made: FlightModel) -> float:
-    """Computes the objective of a fit: the misfit, and the distance of the unknowns from their prior."""
+    """Computes a fit's objective: the readings' misfit plus squared sigmas of unknowns from their prior."""
     free = made.sigma > 0.0
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 
 
 def _unknown_groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
-    """Returns the indices of the unknowns that one assumption is about, by the kind of that assumption."""
+    """Maps each assumption, such as "thrust" or "drag", to the indices of its unknowns in the flight model."""
     places = flight_model.columns(made)
     every = {
         "thrust": places.thrust,
@@ -282,7 +283,7 @@ def _test_group(
     clear: float = np.inf,
     common: Reckoned | None = None,
 ) -> _TestedGroup:
-    """Tests the stated values of a group of unknowns by its score statistic, against a chi-square threshold."""
+    """Tests by a score statistic, against chi-square, whether a group of unknowns is off its stated values."""
     stated = float(made.sigma[group].max())
     score = regression.score_test(fit, group, made, stated, clear, common)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
@@ -297,7 +298,7 @@ def _test_group(
 
 
 def _test_assumptions(fit: FlightFit, made: FlightModel) -> Iterator[_TestedGroup]:
-    """Yields the score test of every assumption; thrust lags one by one, then together."""
+    """Yields the score test of each assumption; thrust lags by kind of jet, then all together."""
     places, common = flight_model.columns(made), regression.estimated_unknowns(fit, made)
     for kind, group in _unknown_groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
@@ -323,7 +324,7 @@ class _Cause(NamedTuple):
 
 
 def _describe_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
-    """Describes a failed test as a cause."""
+    """Converts a failed score test to a cause in words, its unknowns and the 1-sigma to free them with."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
         return _find_single_cause(worst, fit, made, names)
@@ -342,7 +343,7 @@ def _describe_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, name
 
 
 def _find_single_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
-    """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
+    """Names the one jet, wheel, engine or axis that explains a failed score test, else all of its group."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     common = regression.estimated_unknowns(fit, made)
     each = [_test_group(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
@@ -375,7 +376,7 @@ def _find_single_cause(worst: _TestedGroup, fit: FlightFit, made: FlightModel, n
 
 
 def _describe_engine_cause(gain: float, suspect: _TestedGroup, names: Names, place: int, *, alone: bool) -> _Cause:
-    """Describes a cause by an error of an engine: by how much, or that there are several."""
+    """Returns the cause by an error of one engine's thrust, direction or place, or by several engines."""
     if not alone:
         return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)
     engine, error = divmod(place, N_ERRORS)
@@ -388,7 +389,7 @@ def _describe_engine_cause(gain: float, suspect: _TestedGroup, names: Names, pla
 
 
 def _find_scatter(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
-    """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package."""
+    """Diagnoses packages with larger residuals than stated, as drift, clock jitter or noise; [] if none."""
     quick, quiet = fit.normal.quick, fit.normal.quiet
     sensors = (*names.gyros, *names.accelerometers)
     found: list[Diagnosis] = []
@@ -412,7 +413,7 @@ def _find_scatter(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, n
 
 
 def _describe_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
-    """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
+    """Describes unmodeled torques in words: as of wheels, if the equivalent force would act far outside."""
     momentum, impulse = unexplained_motion.unexplained_impulses(parts, made)
     torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
     reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
@@ -423,5 +424,5 @@ def _describe_torques(parts: Sequence[Stretch], made: FlightModel, names: Names)
 
 
 def _misfit_per_reading(part: Array) -> float:
-    """Computes the misfit for each reading, at least the stated one."""
+    """Computes misfit per reading from (misfit, count), at least 1; 1 where readings are too few."""
     return max(float(part[0] / part[1]), 1.0) if part[1] >= FEWEST / 4 else 1.0

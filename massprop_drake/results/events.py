@@ -102,7 +102,7 @@ def list_events(
     signals: Mapping[str, Array],
     earlier: Sequence[EventRecord] = (),
 ) -> list[EventRecord]:
-    """Lists the events declared in some samples.
+    """Lists failures, jumps, false readings and other events that the detector declared in a block of samples.
 
     Args:
         vehicle: for its jets.
@@ -126,7 +126,7 @@ def list_events(
 
 
 def locate_reading(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
-    """Returns the names of sensor and axis of a reading's component, see `EventRecord`.
+    """Maps the index of a reading's component to its sensor and axis ("x", "speed", "level"; None: attitude).
 
     Args:
         component: see `joint.hypotheses.Cause`.
@@ -147,12 +147,12 @@ def locate_reading(component: int, sensors: Sequence[str], vehicle: Vehicle) -> 
 
 
 def sensor_event_kind(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
-    """Returns the kind of event that names a sensor or an engine."""
+    """Returns "engine_failed" for the name of an engine, "false_reading" for that of a sensor."""
     return "engine_failed" if any(engine.name == sensor for engine in vehicle.engines) else "false_reading"
 
 
 def _without_nan(event: EventRecord) -> EventRecord:
-    """Replaces NaN in an event by None, since no file can hold NaN."""
+    """Returns the event with None for each NaN, since no file can hold NaN."""
     lacking: dict[str, Any] = {
         name: None for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)
     }
@@ -160,7 +160,7 @@ def _without_nan(event: EventRecord) -> EventRecord:
 
 
 def _event_of_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
-    """Makes the event of a detector of single samples, or of sums of them."""
+    """Makes the event of a single-sample or CUSUM detector: a jet failed or withdrawn, or a jump."""
     code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
         return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
@@ -185,7 +185,7 @@ def _events_of_hypotheses(
     told: tuple[Mapping[str, float], Mapping[str, Array]],
     earlier: Sequence[EventRecord],
 ) -> Iterator[EventRecord]:
-    """Yields the events of the detector by hypotheses at a sample: any number of jets, at most one other."""
+    """Yields one sample's events of the detector by hypotheses: any number of jets, at most one other."""
     at, row = told
     how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
     for jets in jets_by_declaration(row["verdict_group"], row["verdict_place"]):
@@ -234,7 +234,7 @@ def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], row: Mappi
 
 
 def _classify_pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
-    """Classifies a jet's changing force as drifting, if always in one direction, or as intermittent."""
+    """Returns "drifting" if a jet's declared forces always change in one direction, else "intermittent"."""
     of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
@@ -249,7 +249,7 @@ def _to_triple(values: Array) -> tuple[float, float, float]:
 
 
 def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Describes an event in a sentence without its time.
+    """Describes an event in a sentence: what has failed or changed, its size and its onset.
 
     Args:
         event: see `EventRecord`.
@@ -298,7 +298,7 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Formats torque and force of a disturbance in words, to an order of magnitude.
+    """Formats the torque, and the force if known, of a disturbance to one digit, with units.
 
     Args:
         event: see `EventRecord`.
@@ -312,7 +312,7 @@ def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def separation_in_words(event: Any) -> str:
-    """Describes which firing or wait would separate the jets of a group, of an `EventRecord` or a detection."""
+    """Describes which firing or wait would tell jets of a group apart, of an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
     if event.told_apart_s is not None:
@@ -321,12 +321,12 @@ def separation_in_words(event: Any) -> str:
 
 
 def gained_mass_in_words(mass: float | None, std: float | None, units: Mapping[str, str]) -> str:
-    """Formats a mass gained, with its 1-sigma; empty where it is not known."""
+    """Formats a mass gained, with 1-sigma and unit; "" where it is not known."""
     return "" if mass is None or std is None else f"{format_with_deviation(mass, std)} {units['mass']}"
 
 
 def place_in_words(position: Sequence[float] | None, std: Sequence[float] | None, units: Mapping[str, str]) -> str:
-    """Formats a place, with its 1-sigma; empty where it is not known."""
+    """Formats a position (x, y, z), with 1-sigma and unit; "" where it is not known."""
     if position is None or std is None:
         return ""
     parts = ", ".join(format_with_deviation(value, deviation) for value, deviation in zip(position, std, strict=True))
@@ -334,12 +334,14 @@ def place_in_words(position: Sequence[float] | None, std: Sequence[float] | None
 
 
 def _jets_in_words(event: EventRecord) -> str:
+    """Formats an event's jets: "jet T7", "one of T7, T8" or "a jet of cluster 2"."""
     if len(event.jets) == 1:
         return f"jet {event.jets[0]}"
     return f"one of {', '.join(event.jets)}" if event.jets else f"a jet of cluster {event.cluster}"
 
 
 def _force_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
+    """Formats the force too much (positive) or missing (negative) with its 1-sigma and unit."""
     assert event.magnitude is not None
     assert event.magnitude_std is not None
     return f"{format_with_deviation(event.magnitude, event.magnitude_std)} {units['force']}"

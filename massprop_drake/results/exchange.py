@@ -42,13 +42,13 @@ class Stage:
         self.partial = path / _PARTIAL
 
     def finish(self, name: str) -> Path:
-        """Marks a folder in `partial` as finished by moving it, and returns its new path."""
+        """Moves a folder from `partial` to where recovery takes it for finished; returns its new path."""
         whole = self._path / _WHOLE / name
         (self.partial / name).rename(whole)
         return whole
 
     def exchange(self, whole: Path, target: Path) -> Path:
-        """Exchanges a folder with its finished replacement, and returns the new path of the old one."""
+        """Puts a finished folder in place of another; returns the path at which the old folder is then."""
         if swap_folders(whole, target):
             return whole
         old = self._path / _OLD / target.name
@@ -58,7 +58,7 @@ class Stage:
 
 
 def lock(descriptor: int, *, wait: bool = True) -> bool:
-    """Locks an open file or folder until it is closed or the process ends; False where there are no such locks.
+    """Locks an open file or folder until it is closed; False where the file system has no locks.
 
     Raises:
         BlockingIOError: when another process has it and it is not to be waited for.
@@ -74,7 +74,7 @@ def lock(descriptor: int, *, wait: bool = True) -> bool:
 
 @contextlib.contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Keeps other processes from exchanging anything in a folder, for a short time; waits for its turn."""
+    """Holds the lock of a folder, against exchanges by other processes; waits until it is free."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         lock(descriptor)
@@ -85,7 +85,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stage(folder: Path) -> Iterator[Stage]:
-    """Yields a stage in a folder, and removes it with everything in it that is not finished."""
+    """Yields a hidden stage in a folder to prepare files in; then removes it, but for finished work left in it."""
     with lock_folder(folder):
         _recover_stages(folder)
         path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
@@ -104,7 +104,7 @@ def stage(folder: Path) -> Iterator[Stage]:
 
 
 def recover(path: Path) -> None:
-    """Brings back or removes what killed processes have left about a path that is to be read."""
+    """Finishes or removes interrupted work of killed processes beside a run's path, before it is read."""
     try:
         real = Path(os.path.realpath(path))
     except ValueError:  # a name that no file can have
@@ -117,7 +117,7 @@ def recover(path: Path) -> None:
 
 
 def set_aside(path: Path, name: Path) -> Path:
-    """Moves a file or folder to the first free one of `<name>.1`, `<name>.2`, ..., and returns where it is now."""
+    """Renames a file or folder to the first free one of `<name>.1`, `<name>.2`, ...; returns its new path."""
     for number in itertools.count(1):
         free = name.with_name(f"{name.name}.{number}")
         if not os.path.lexists(free):
@@ -127,12 +127,12 @@ def set_aside(path: Path, name: Path) -> Path:
 
 
 def drop(old: Path, name: Path) -> Path | None:
-    """Removes a replaced folder; what is not in its manifest is kept as `<name>.1` or so, whose path is returned."""
+    """Deletes a replaced folder's own files; returns the path `<name>.1` or so of what others put there, or None."""
     return None if manifest.discard(old) else set_aside(old, name)
 
 
 def _leftover_stages(folder: Path) -> Iterator[Path]:
-    """Yields the stages in a folder, those of running processes included."""
+    """Yields the paths of hidden stages in a folder, those of running processes included."""
     if folder.is_dir():
         for path in sorted(folder.iterdir()):
             if _STAGE.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
@@ -140,7 +140,7 @@ def _leftover_stages(folder: Path) -> Iterator[Path]:
 
 
 def _recover_stages(folder: Path) -> None:
-    """Finishes the work of killed processes in a folder; the folder is locked."""
+    """Recovers the stages of killed processes in a locked folder; those of living processes stay."""
     for path in _leftover_stages(folder):
         # another user's, of a living process, or of one that has just removed it
         with contextlib.suppress(PermissionError, BlockingIOError, FileNotFoundError):
@@ -153,7 +153,7 @@ def _recover_stages(folder: Path) -> None:
 
 
 def _recover_stage(left: Path) -> None:
-    """Finishes the work of a killed process: finished work takes its place if that is free, the rest is removed."""
+    """Moves a killed process's finished folders to their place, if free, and removes its stage."""
     if {path.name for path in left.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
         return  # no stage of ours
     shutil.rmtree(left / _PARTIAL, ignore_errors=True)
@@ -171,7 +171,7 @@ def _recover_stage(left: Path) -> None:
 
 
 def swap_folders(one: Path, other: Path) -> bool:
-    """Exchanges two folders at once; False where system or file system cannot."""
+    """Exchanges two folders atomically; returns False where system or file system cannot."""
     library = ctypes.CDLL(None, use_errno=True)
     first, second = os.fsencode(one), os.fsencode(other)
     if sys.platform == "darwin":

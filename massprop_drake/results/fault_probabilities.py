@@ -65,11 +65,11 @@ class FaultProbabilities(NamedTuple):
     unknown: Probability
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the content of `fault_probability` in `summary.json`."""
+        """Returns the entry `fault_probability` of `summary.json`: by jet, and "none" and "unknown"."""
         return {**{jet: one._asdict() for jet, one in self.jets.items()}, "none": self.none, "unknown": self.unknown}
 
     def in_words(self, units: Mapping[str, str]) -> str:
-        """Describes jets that have failed with a probability above `LEAST_SHOWN`; empty where there is none.
+        """Describes jets whose probability of failure is above 1 %, at most five; "" where there is none.
 
         Args:
             units: names of the vehicle's units, see `Vehicle.unit_names`.
@@ -90,17 +90,12 @@ class FaultProbabilities(NamedTuple):
 
 
 def gives_probabilities(signals: Spool) -> bool:
-    """Tests whether a run's detector gives posterior probabilities."""
+    """Tests whether a run's detector logs posterior fault probabilities."""
     return "none_probability" in signals and math.isfinite(signals.last("none_probability")[0])
 
 
 def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
-    """Returns posterior fault probabilities at the end of a run; None where the detector gives none.
-
-    Args:
-        vehicle: for its jets.
-        signals: of the run.
-    """
+    """Returns fault probabilities at the end, with modes and forces; None where the detector gives none."""
     if not gives_probabilities(signals):
         return None
     names = ("fault_probability", "fault_mode", "fault_force", "fault_force_std")
@@ -113,7 +108,7 @@ def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities 
 
 
 def read_fault_probability(content: Any) -> Any:
-    """Reads the content of `fault_probability`; keys of jets that a later version wrote are passed over."""
+    """Converts the stored `fault_probability` to fields of FaultProbabilities; drops unknown keys."""
     if not isinstance(content, dict):
         return content
     jets = {
@@ -125,14 +120,14 @@ def read_fault_probability(content: Any) -> Any:
 
 
 def format_probability(probability: float) -> str:
-    """Formats a probability: two digits of it, or four where it is near 1."""
+    """Formats a probability to two digits, from 0.99 on to four decimals; "above 0.9999" beyond."""
     if probability > _ROUNDED:
         return f"above {_ROUNDED}"
     return f"{probability:.4f}" if probability >= 1.0 - LEAST_SHOWN else f"{probability:.2g}"
 
 
 def _failure_in_words(one: JetProbability, units: Mapping[str, str]) -> str:
-    """Formats mode and force of a failure, in brackets."""
+    """Formats fault mode and force of a jet as " (stuck on, 3.9 ± 0.1 N)"; "" where neither is known."""
     parts = [] if one.mode is None else [one.mode.replace("_", " ")]
     if one.force is not None and one.force_std is not None:
         parts.append(f"{format_with_deviation(one.force, one.force_std)} {units['force']}")
@@ -140,11 +135,12 @@ def _failure_in_words(one: JetProbability, units: Mapping[str, str]) -> str:
 
 
 def _jet_probability(probability: float, mode: float, force: float, force_std: float) -> JetProbability:
+    """Makes a jet's entry from logged numbers; mode and force become None where NaN or unknown."""
     known = math.isfinite(force) and math.isfinite(force_std)
     size = (force, force_std) if known else (None, None)
     return JetProbability(_limit_probability(probability), _MODES.get(int(mode)), *size)
 
 
 def _limit_probability(probability: float) -> float:
-    """Limits a sum of weights to a probability: rounding may carry it beyond 0 or 1."""
+    """Clips a sum of weights to 0 to 1, beyond which rounding may carry it."""
     return min(max(float(probability), 0.0), 1.0)

@@ -47,17 +47,17 @@ class Place(NamedTuple):
 
     @property
     def is_as_found(self) -> bool:
-        """True if nothing has been put there since."""
+        """Tests whether the folder's manifest still has the id that was found before the work."""
         now = manifest.read(self.path)
         return (None if now is None else now.id) == self.found
 
     def name_beside(self, beside: Path) -> Path:
-        """Returns a path beside the folder as the user would give it."""
+        """Converts the path of a folder beside this one to the form in which the user gave the target."""
         return beside if self.shown.is_symlink() else self.shown.with_name(beside.name)
 
 
 def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
-    """Checks, before any work is done, that a folder can be written, and notes its content.
+    """Checks that a folder can be written and replaced; returns its Place, with the id of its manifest.
 
     What killed processes have left beside it is brought back or removed.
 
@@ -87,7 +87,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
 
 @contextlib.contextmanager
 def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
-    """Yields the place of `require_writable`; folders made for it are removed if nothing is written into them.
+    """Checks a folder as `require_writable`, yields its Place, and at the end removes parents left empty.
 
     Args:
         target, force, reads: as there.
@@ -111,7 +111,7 @@ def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Pa
 
 @contextlib.contextmanager
 def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> Iterator[Path]:
-    """Yields a folder to write into, which takes its place, with a manifest, once the block ends without an error.
+    """Yields a temporary folder that, with a manifest, replaces the place at the end of an error-free block.
 
     What is in the place is looked at again: where it is not what was found before, it is left alone, and the new folder
     is kept under the next free name.
@@ -147,7 +147,7 @@ def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> It
 
 
 def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
-    """Puts a finished folder in its place, and returns the new path of the replaced one, or None.
+    """Moves a finished folder to its place; returns where the folder it replaced is now, or None.
 
     Raises:
         InputError: when that is not what was found before; nothing has changed.
@@ -169,7 +169,7 @@ def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
 
 
 def require_no_run(folder: Path) -> None:
-    """Checks that a folder is neither a run's or a campaign's, nor a part of one.
+    """Checks that a folder is not, and is not within, the folder of a run or a campaign.
 
     Raises:
         InputError: when it is.
@@ -183,7 +183,7 @@ def require_no_run(folder: Path) -> None:
 
 
 def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
-    """Checks, before any work is done, that files of a folder's own can be written into it.
+    """Checks that files can be written into a folder: names are free, ours and unchanged, or force is asked.
 
     Args:
         folder: path of the folder; it need not be there.
@@ -197,7 +197,7 @@ def require_files(folder: Path, names: Iterable[str], *, force: bool = False) ->
 
 
 def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = False, found: str | None = None) -> None:
-    """Writes files of a folder's own into it, each whole or not at all, and lists them in its manifest.
+    """Writes files into a folder, in whole or not at all, and lists them in its manifest.
 
     Args:
         folder: path of the folder; made where it is missing.
@@ -212,7 +212,7 @@ def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = Fal
 
 
 def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
-    """Checks, before any work is done, that a file that stands alone can be written.
+    """Checks that a single file can be written: its name is free, ours and unchanged, or force is asked.
 
     Args:
         path: of the file, in a folder that is there.
@@ -230,7 +230,7 @@ def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[
 def write_file(
     path: Path, content: Written, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()
 ) -> None:
-    """Writes a file that stands alone, whole or not at all.
+    """Writes a single file, in whole or not at all.
 
     In a folder with a manifest it is listed there, too.
 
@@ -248,7 +248,7 @@ def write_file(
 def write_page(
     path: Path, text: str, kind: str, *, yaml: bool = False, force: bool = False, reads: Iterable[str | Path] = ()
 ) -> None:
-    """Writes a page or a YAML file that stands alone, whole or not at all.
+    """Writes an HTML page or a YAML file, sealed in its last line, in whole or not at all.
 
     Args:
         path, kind, force, reads: as `require_file` takes them.
@@ -262,7 +262,7 @@ def write_page(
 
 
 def is_ours(folder: Path, name: str) -> bool:
-    """Tests whether a file is in a folder, is one of the folder's own, and is unchanged."""
+    """Tests whether a file is in a folder, written by this package, and unchanged since."""
     return os.path.lexists(folder / name) and _Rule().may_replace(folder / name, folder, manifest.read(folder))
 
 
@@ -280,7 +280,7 @@ class _Rule(NamedTuple):
     reads: tuple[Path, ...] = ()
 
     def may_replace(self, path: Path, folder: Path, found: Manifest | None) -> bool:
-        """Tests whether what is at a path in a folder, with its manifest, is ours, unchanged and of the same kind."""
+        """Tests whether the file at a path may be overwritten: written by this package, unchanged, same kind."""
         name, sealed = path.relative_to(folder).as_posix(), manifest.sealed_kind(path)
         listed = found is not None and found.lists(name, path)
         if self.kind is not None:
@@ -288,7 +288,7 @@ class _Rule(NamedTuple):
         return sealed == "" or (listed and sealed is None) or (name == manifest.NAME and found is not None)
 
     def reason_to_stay(self, path: Path, folder: Path) -> str | None:
-        """Explains why what is at a path in a folder must not even get another name; None: it may."""
+        """Returns the reason why the file at a path must not even be renamed; None where it may."""
         real = _resolve_path(path)
         if path.is_dir():
             return "is a folder; give a file"
@@ -307,7 +307,7 @@ class _Rule(NamedTuple):
         return None
 
     def files_to_set_aside(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
-        """Lists existing files that may not be replaced and have to be renamed first.
+        """Lists names of existing files that may not be overwritten, and must be renamed first.
 
         Raises:
             InputError: when it must not, or that is not asked for.
@@ -328,13 +328,14 @@ class _Rule(NamedTuple):
 
 
 def _require_folder_of(path: Path) -> None:
+    """Checks that a file's path is no folder, and that the folder it is in exists."""
     with _explain_os_error(path):
         if path.is_dir() or not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
 
 
 def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> None:
-    """Checks that files can be written into a folder by a rule."""
+    """Makes a folder, and checks by a rule that files with these names can be written into it."""
     with _explain_os_error(folder):
         path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)
@@ -344,7 +345,7 @@ def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> 
 
 
 def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str | None = None) -> None:
-    """Writes files into a folder by a rule, and lists them where it has a manifest, or is to have one."""
+    """Writes files into a folder by a rule, and lists them in the manifest that it has, or gets if they are its own."""
     with _explain_os_error(folder):
         path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)
@@ -378,7 +379,7 @@ def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str |
 def resumable_folder(
     target: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()
 ) -> Iterator[Path]:
-    """Yields a folder for work that can be interrupted, new or of the same kind of work, to one process at a time.
+    """Yields a folder, new or of earlier work of this kind, locked for one process at a time.
 
     Args:
         target: path of the folder.
@@ -417,7 +418,7 @@ def resumable_folder(
 
 
 def _resolve_folder(target: Path) -> Path:
-    """Returns the folder that a path stands for, without links; killed processes may have left it incomplete."""
+    """Returns a folder's path without symbolic links, once work of killed processes in it is recovered."""
     recover(target)
     try:
         path = Path(os.path.realpath(target))
@@ -436,7 +437,7 @@ def _resolve_path(path: str | Path) -> Path:
 
 
 def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) -> None:
-    """Refuses to replace a folder that must stay: it holds what is read, or the work goes on in it."""
+    """Checks that a folder holds nothing to be read, and is no mount point nor above the current folder."""
     for source in map(Path, reads):
         real, link = _resolve_path(source), _resolve_path(source.parent) / source.name
         if path in (real, *real.parents, *link.parents) and real.exists():
@@ -448,7 +449,7 @@ def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) 
 
 
 def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
-    """Refuses a folder that is part of a run or of work that can be interrupted, or would take one along.
+    """Checks that a folder is not within a run or campaign, and that none would be moved with it.
 
     Args:
         target, path: as the user gave it, and without links.
@@ -463,7 +464,7 @@ def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
 
 
 def _inner_work_folders(path: Path) -> Iterator[Path]:
-    """Yields folders of work that can be interrupted in a folder, itself included, and of runs below it."""
+    """Yields the folders of campaigns in a folder, itself included, and of runs below it."""
     for folder, below, names in os.walk(path):
         below.sort()
         here = Path(folder)
@@ -483,7 +484,7 @@ def _explain_os_error(target: Path) -> Iterator[None]:
 
 
 def _require_only_ours(target: Path, path: Path, found: Manifest | None) -> None:
-    """Raises InputError where a folder holds files that its manifest does not list unchanged."""
+    """Checks that a folder holds only files that its manifest lists, unchanged; else raises InputError."""
     others = _foreign_in_words(path, found)
     if not others:
         return
@@ -499,14 +500,14 @@ def _force_hint(path: Path) -> str:
 
 
 def _foreign_in_words(path: Path, found: Manifest | None) -> str:
-    """Names the first few entries of a folder that are not ours; empty when all are."""
+    """Lists in words the first three files of a folder that are not ours, and how many more; "" if none."""
     names = list(islice(manifest.foreign_entries(path, found), _COUNTED + 1))
     more = f" and {'more than ' * (len(names) > _COUNTED)}{min(len(names), _COUNTED) - _NAMED} more"
     return ", ".join(names[:_NAMED]) + (more if len(names) > _NAMED else "")
 
 
 def _take_free_place(whole: Path, path: Path) -> bool:
-    """Moves a folder to a free place or over an empty folder; False where something is there."""
+    """Moves a folder to a path that is free or an empty folder; False where something is there."""
     try:
         whole.rename(path)
     except OSError as error:
@@ -521,6 +522,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _put_files(ready: Mapping[str, Path], path: Path) -> None:
+    """Moves temporary files to their names in a folder, making subfolders and replacing what is there."""
     for name, file in ready.items():
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         file.replace(path / name)

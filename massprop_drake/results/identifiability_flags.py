@@ -55,7 +55,7 @@ class Identifiability(NamedTuple):
 def unobservable_combinations(
     vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None
 ) -> Array:
-    """Computes combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
+    """Computes combinations of parameters hidden wherever the center of mass lies, shape (k, 10).
 
     A row each, as `observability.unobservable_combinations` gives them, in units of the 1-sigma at the start; not what
     is hidden by chance with the center of mass where it is now.
@@ -77,7 +77,7 @@ def unobservable_combinations(
 
 @lru_cache(maxsize=64)
 def _hidden_combinations(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
-    """Computes the hidden combinations from arrays' content; cached over the runs of a campaign."""
+    """Computes hidden combinations, shape (k, 10), from array bytes, so that the result can be cached."""
     jets = np.frombuffer(wrenches).reshape(-1, 6)
     jacobian = observability.impulse_jacobian(jets, np.frombuffer(parameters), accelerometer=accelerometer)
     places = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
@@ -90,7 +90,7 @@ def _hidden_combinations(wrenches: bytes, parameters: bytes, scale: bytes, free:
 def classify_parameters(
     scenario: Scenario, estimate: Array, covariance: Array, bound: Array | None = None
 ) -> tuple[Identifiability, ...]:
-    """Classifies each parameter at the end of a run: identified, weak, not excited, not observable or fixed.
+    """Classifies each parameter as identified, weak, not excited, not observable or fixed, with reason.
 
     Args:
         scenario: as run.
@@ -132,7 +132,7 @@ def classify_parameters(
 
 
 def increments_noise(scenario: Scenario) -> Array:
-    """Computes the covariance of the increments of rate and, if measured, velocity over a sample, shape (3 or 6, ...).
+    """Computes the covariance of a sample's increments of rate and, if observed, velocity, (3, 3) or (6, 6).
 
     A position or an attitude shows them by the difference of two differences.
     """
@@ -151,7 +151,7 @@ def increments_noise(scenario: Scenario) -> Array:
 
 
 def _reason(flag: Flag, share: float, ratios: tuple[float, float], jet: str | None, left: float | None) -> str:
-    """Explains why a parameter is not identified; `ratios`: its 1-sigma and the least possible one to the asked one."""
+    """Explains a flag other than identified; `ratios`: 1-sigma, and the least possible one, over the limit asked."""
     excess, least = ratios
     if flag == Flag.IDENTIFIED:
         return ""
@@ -172,7 +172,7 @@ def _reason(flag: Flag, share: float, ratios: tuple[float, float], jet: str | No
 
 
 def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
-    """Lists pairs of a parameter that is not identified, with its flag, and the reason.
+    """Lists (parameter and flag, reason) in words for parameters that are not identified; fixed ones together.
 
     Args:
         found: of the ten parameters.
@@ -187,7 +187,7 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
 def bound_in_words(
     deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
 ) -> str:
-    """Describes 1-sigma at the end over the least for rounding taken as noise; empty where that is not known.
+    """Describes the range of final 1-sigma over its Cramér-Rao bound, in words; "" where no bound is known.
 
     Readings that change tell more than that, when a mark was crossed: a ratio below 1 is no fault. What a flight with
     failed jets allows is not known, since the bound has them as they were told to be.

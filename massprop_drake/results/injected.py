@@ -69,12 +69,12 @@ class InjectedRecord(NamedTuple):
 
     @property
     def outcome_text(self) -> str:
-        """Outcome in words, such as 'taken for R3R'."""
+        """Outcome of detection in words, such as 'named', 'not found' or 'taken for R3R'."""
         return _OUTCOME_TEXTS[self.outcome].format((self.taken_for or "").replace("_", " "))
 
     @property
     def good(self) -> bool | None:
-        """True if it was found as what it truly is; None where nothing could be found."""
+        """True if the fault was declared as its jet, its group or a jump; None if it never acted."""
         return None if self.outcome == "never_acted" else self.outcome in FOUND
 
 
@@ -91,7 +91,7 @@ _OUTCOME_TEXTS: dict[InjectedOutcome, str] = {
 def injected_outcomes(
     scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
 ) -> tuple[InjectedRecord, ...]:
-    """Finds the outcome of each failure and jump of a simulated run, and when it acted.
+    """Compares each injected failure and payload jump with the declarations: named, wrong, missed and so on.
 
     Args:
         scenario: as run.
@@ -137,7 +137,7 @@ def injected_outcomes(
 def false_declarations(
     vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
 ) -> dict[int, Cause]:
-    """Finds the declarations that none of the failures explains, by their number, each with its cause.
+    """Maps the index of each declaration that no injected event explains to its cause.
 
     Args:
         vehicle: whose jets they are.
@@ -160,7 +160,7 @@ def false_declarations(
 def _match_declarations(
     vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
 ) -> dict[int, int]:
-    """Matches injected events to the declarations that are right for them: index of the event to index of declaration.
+    """Maps the index of each injected event to the index of the declaration that names it correctly.
 
     Each declaration is right for one; one that stands is so for whatever else its jet does.
     """
@@ -184,14 +184,14 @@ def _match_declarations(
 
 
 def _is_true_declaration(one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Tests whether a declaration names a failure's jet, and is not withdrawn before the failure acts."""
+    """Tests whether a declaration names the failure's jet and still stands when the failure acts."""
     acted = one.first_acted_s
     over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
     return one.jet is not None and entry.jet == one.jet and not over
 
 
 def _is_match(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Tests whether a declaration names a failed jet, alone or within its group or cluster; or both are jumps."""
+    """Tests whether a declaration names the injected jet, or a group or cluster with it; or both are jumps."""
     if one.jet is None or entry.kind == JUMP:
         return one.jet is None and entry.kind == JUMP
     if entry.jet is not None:
@@ -206,14 +206,14 @@ def _with_declaration(record: InjectedRecord, entry: DetectionRecord) -> Injecte
 
 
 def _drop_late_alarm(record: InjectedRecord) -> InjectedRecord:
-    """Removes a first alarm that came after the declaration, since it is of something else."""
+    """Returns the record without its first alarm if that is later than the declaration."""
     alarm_s, declared_s = record.first_alarm_s, record.declared_s
     late = alarm_s is not None and declared_s is not None and alarm_s > declared_s + _ACTS
     return record._replace(first_alarm_s=None) if late else record
 
 
 def _name_declared(entry: DetectionRecord) -> str:
-    """Returns the jet, jump or cluster that a detection names."""
+    """Returns what a detection names: designation of a jet, "mass_property_jump" or "cluster 2"."""
     return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
 
 
@@ -221,7 +221,7 @@ def _name_declared(entry: DetectionRecord) -> str:
 
 
 def _make_followers(scenario: Scenario) -> list[_EventFollower]:
-    """Makes a follower for each jet failure and each payload that comes or leaves."""
+    """Makes, for each injected failure and payload jump, the object that records when it acts in a run."""
     vehicle = scenario.vehicle_data
     thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
     lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
@@ -239,6 +239,7 @@ def _make_followers(scenario: Scenario) -> list[_EventFollower]:
 
 
 def _unacted_record(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
+    """Makes the record of an injected event before the run: never acted, nothing declared."""
     return InjectedRecord(kind, jet, start_s, None, None, None, "never_acted")
 
 
@@ -273,7 +274,7 @@ class _EventFollower:
 
     @property
     def record(self) -> InjectedRecord:
-        """Record of the failure or jump as far as the run has been followed."""
+        """Record of the injected event up to the last block: first action, first alarm, median force."""
         force = None
         if self._forces:
             forces, shares = np.hstack(self._forces)
@@ -284,7 +285,7 @@ class _EventFollower:
         return self._begun._replace(first_acted_s=self._acted_s, first_alarm_s=self._alarm_s, force=force)
 
     def add(self, time_s: Array, signals: Mapping[str, Array]) -> None:
-        """Updates first effect, first alarm and force by a block of rows; signals by name, shape (n, components)."""
+        """Updates the record by a block of samples; signals by name, shape (n, components)."""
         acting = self._find_acting_rows(time_s, signals)
         if self._acted_s is None and acting.any():
             # a payload comes or leaves when it is told to, and a jet whose sample has begun no sooner than it fails
@@ -299,7 +300,7 @@ class _EventFollower:
             self._alarm_s = float(alarms[0])
 
     def _find_acting_rows(self, time_s: Array, signals: Mapping[str, Array]) -> NDArray[np.bool_]:
-        """Mask of rows with thrust other than a healthy jet's, or after the payload came or left, shape (n,)."""
+        """Flags samples with thrust other than a healthy jet's, or after the jump, shape (n,)."""
         if self._jet is None or self._response is None:
             return time_s >= self._begun.start_s - _ACTS
         remaining, mean = self._response

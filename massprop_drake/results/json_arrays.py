@@ -16,19 +16,19 @@ Array = NDArray[np.float64]
 
 
 def null_for_nan(values: Array) -> Any:
-    """Turns an array into nested lists, NaN into None."""
+    """Converts an array to nested lists of floats, NaN to None."""
     if values.ndim > 1:
         return [null_for_nan(row) for row in values]
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def write_onsets(onset_s: Array) -> dict[str, Any]:
-    """Makes a saved state's entry of a command's onsets, shape (n_jets,); empty where all are levels."""
+    """Returns {"command_onset": onsets, s, None for a level} for a saved state; {} where all are levels."""
     return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
 
 
 def parameters_by_name(parameters: Array) -> dict[str, Any]:
-    """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
+    """Maps "inverse_inertia" (3 x 3), "center_of_mass" and "mass_reciprocal" to values; NaN as None."""
     values = null_for_nan(parameters)
     matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
     return {
@@ -39,7 +39,7 @@ def parameters_by_name(parameters: Array) -> dict[str, Any]:
 
 
 def parameters_from_names(values: Mapping[str, Any]) -> Array:
-    """Reads what `parameters_by_name` writes: the ten parameters, None as NaN, shape (10,)."""
+    """Converts what `parameters_by_name` returns to the ten parameters, None as NaN, shape (10,)."""
     inverse = np.array(values["inverse_inertia"], dtype=float)
     center = np.array(values["center_of_mass"], dtype=float)
     reciprocal = np.array([values["mass_reciprocal"]], dtype=float)

@@ -53,32 +53,32 @@ class Manifest(_Model):
     pending: dict[str, FileEntry] = {}
 
     def as_bytes(self) -> bytes:
-        """Returns the text of the file."""
+        """Returns the manifest as JSON text, as `manifest.json` holds it."""
         return (self.model_dump_json(indent=2, exclude_defaults=False) + "\n").encode()
 
     def has(self, path: Path, folder: Path) -> bool:
-        """Tests whether a path in the folder is one of its files, by its name or by another one."""
+        """Tests whether a path is a listed file of the folder, by its name, in other case, or as the same file."""
         name = path.relative_to(folder).as_posix()
         alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
         return any(one == name or _is_same_file(folder / one, path) for one in alike)
 
     def holds(self, folder: str) -> bool:
-        """Tests whether a folder, by its name with slashes, is one of its own or has files of its own."""
+        """Tests whether the manifest lists a subfolder, by relative path, or files in it."""
         return folder in self.folders or any(name.startswith(f"{folder}/") for name in (*self.files, *self.pending))
 
     def lists(self, name: str, path: Path) -> bool:
-        """Tests whether a path holds the regular file that is listed under a name, unchanged."""
+        """Tests whether the manifest lists a name, and a path is a regular file with that size and digest."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]
         return bool(expected) and _is_plain(path) and entry(path) in expected
 
 
 def empty() -> Manifest:
-    """Makes the manifest of a new folder."""
+    """Makes the manifest of a new folder: a random id, no files."""
     return Manifest(id=secrets.token_hex(16))
 
 
 def listing(folder: Path) -> Manifest:
-    """Makes the manifest of a folder, all of whose files are ours."""
+    """Makes the manifest of a folder, with the digests of all files in it."""
     found = list(_walk(folder))
     return empty().model_copy(
         update={
@@ -89,7 +89,7 @@ def listing(folder: Path) -> Manifest:
 
 
 def read(folder: Path) -> Manifest | None:
-    """Reads a folder's manifest; None where there is none of ours."""
+    """Reads a folder's manifest; None where it has none, or no valid one."""
     path = folder / NAME
     if not _is_plain(path):
         return None
@@ -100,7 +100,7 @@ def read(folder: Path) -> Manifest | None:
 
 
 def foreign_entries(folder: Path, manifest: Manifest | None) -> Iterator[str]:
-    """Names entries of a folder that are not in its manifest, or differ from it."""
+    """Yields names of files and empty folders that the manifest does not list, or lists otherwise."""
     for name, path in _walk(folder):
         if manifest is not None and name == NAME:
             continue
@@ -113,7 +113,7 @@ def foreign_entries(folder: Path, manifest: Manifest | None) -> Iterator[str]:
 
 
 def discard(folder: Path) -> bool:
-    """Removes the files of a folder that its manifest lists, and the folder when nothing else was in it."""
+    """Deletes the files that a folder's manifest lists; returns whether the folder was empty then, and is gone."""
     manifest = read(folder)
     if manifest is not None:
         for name, path in list(_walk(folder)):
@@ -130,14 +130,14 @@ def discard(folder: Path) -> bool:
 
 
 def entry(path: Path) -> FileEntry:
-    """Makes the entry of a file in a manifest."""
+    """Computes the SHA-256 and the size in bytes of a file."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileEntry(sha256=digest, bytes=file.tell())
 
 
 def seal_page(text: str, kind: str, *, yaml: bool = False) -> bytes:
-    """Seals a page, so that it can be recognized and checked anywhere: its last line has the digest of the rest.
+    """Returns a page's text with a last line that holds its kind and digest, by which changes are found.
 
     Args:
         text: of the page.
@@ -150,7 +150,7 @@ def seal_page(text: str, kind: str, *, yaml: bool = False) -> bytes:
 
 
 def sealed_kind(path: Path) -> str | None:
-    """Returns the kind of a page sealed by `seal_page`, "" where its seal has none; None: no such page."""
+    """Returns the kind of an unchanged page of `seal_page`, "" where its seal has none; None: no such page."""
     if not _is_plain(path):
         return None
     with path.open("rb") as file:
@@ -166,7 +166,7 @@ def sealed_kind(path: Path) -> str | None:
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yields everything below a folder with its relative name, folders before their content; links are not followed."""
+    """Yields (relative name, path) of everything below a folder, folders first; links are not followed."""
     waiting = [folder]
     while waiting:
         with os.scandir(waiting.pop()) as scanned:
@@ -177,6 +177,7 @@ def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _is_same_file(one: Path, other: Path) -> bool:
+    """Tests whether two paths are the same file on disk; False where one is missing."""
     try:
         return one.samefile(other)
     except OSError:

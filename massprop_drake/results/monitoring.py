@@ -105,12 +105,12 @@ class FlightMonitor:
         self.declarations = Declarations()
 
     def has_event(self, detector_report: Array) -> bool:
-        """Tests whether a detector declares something at a sample."""
+        """Tests whether the detector's report of a sample declares an event."""
         _, place = self._places["detector_event"]
         return bool(detector_report[place] != 0.0)
 
     def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Returns the counts of innovations after a sample, with the data that the next one needs.
+        """Returns the counts of innovations advanced by a sample, same shape as before it.
 
         Args:
             counts: before it.
@@ -133,24 +133,24 @@ class FlightMonitor:
         return after
 
     def _filter_result(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
-        """Returns a filter's result at one sample: 1 if it used it, NIS and components."""
+        """Returns (1 if used, NIS, components) of a filter at one sample, from the reports."""
         used, nis = (self._value(f"{name}_{what}", reports) for what in ("used", "nis"))
         return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
 
     def _recent(self, counts: Array, name: str) -> Recent:
-        """Returns innovations of a filter so far."""
+        """Unpacks a filter's innovations, older counts and newest samples, from the array of counts."""
         rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, _COLUMNS)
         return Recent(counts[self._layout.slice(name)], rows)
 
     def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
-        """Returns a signal of one sample."""
+        """Returns a signal's number, or array, at one sample from the reports by port."""
         port, place = self._places[signal]
         return reports[port][place]
 
     def update_declarations(
         self, declared_before: Declarations, counts: Array, time_s: float, reports: Mapping[str, Array]
     ) -> Declarations:
-        """Updates the declarations after a sample at which there are any; arguments as of `count_innovations`."""
+        """Adds a sample's events to the declarations, if any; arguments as `count_innovations`."""
         signals = self._signals(reports)
         events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, declared_before.events)
         records = update_detections(self._vehicle, events, declared_before.detections)
@@ -161,7 +161,7 @@ class FlightMonitor:
         return Declarations((*declared_before.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
-        """Returns signals of one sample by name, shape (1, components)."""
+        """Maps each signal of the reports to its values at one sample, shape (1, components)."""
         return {
             name: values
             for port, row in reports.items()
@@ -169,13 +169,13 @@ class FlightMonitor:
         }
 
     def detections(self, declared: Declarations, counts: Array) -> tuple[DetectionRecord, ...]:
-        """Returns detections so far, their sizes as they are known now."""
+        """Returns detections so far, with jump masses and forces by the estimates now."""
         now = self._layout.read(counts)
         forces = now.known_force, now.known_force_variance
         return finalize_detections(declared.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
 
     def failed_jets(self, declared: Declarations) -> Array:
-        """Marks with 1 each jet that a standing declaration names, alone or among others, shape (n_jets,)."""
+        """Flags with 1.0 the jets of unwithdrawn failures, groups and clusters included, (n_jets,)."""
         failed = self._no_force.copy()
         for record in declared.detections:
             if record.kind != JUMP and record.withdrawn_s is None:
@@ -185,7 +185,7 @@ class FlightMonitor:
         return failed
 
     def verdict(self, counts: Array) -> Consistency:
-        """Judges whether the innovations so far are consistent."""
+        """Judges both filters' innovations so far: "consistent", "inconsistent" or "not enough data"."""
         rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
         return judge_consistency(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)
 
@@ -205,13 +205,13 @@ class Recent(NamedTuple):
     rows: Array
 
     def append_sample(self, time_s: float, used: float, nis: float, components: float) -> Recent:
-        """Returns the innovations with one more sample, the oldest counted; arguments: see `Innovations`."""
+        """Appends a sample; the oldest goes to the counts if it was used. Arguments: see `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
         was_used = rows[0, 1] != 0.0
         return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replace_history(self, since_s: float, nis: float, components: float) -> Recent:
-        """Returns the innovations by the history that is likeliest now; of an old fork its share of those kept.
+        """Replaces NIS since a fork by the likeliest history's mean; of an old fork the share in the rows.
 
         Args:
             since_s: time of the fork, s.
@@ -226,27 +226,25 @@ class Recent(NamedTuple):
 
     @property
     def tally(self) -> Tally:
-        """Tally of all innovations."""
+        """Tally of all innovations: older counts and newest samples together."""
         return Tally.of(_add_counts(self.older, self.rows))
 
 
 def empty_recent(window: int) -> Recent:
-    """Returns the record of innovations before the first sample.
-
-    Args:
-        window: number of samples that are kept.
-    """
+    """Makes the innovations before the first sample: zero counts, and a window of rows with time -inf."""
     rows = np.zeros((window, _COLUMNS))
     rows[:, 0] = -np.inf
     return Recent(np.zeros(len(Tally.NUMBERS)), rows)
 
 
 def _innovations(rows: Array) -> Innovations:
+    """Converts rows of Recent, shape (n, 5), to `Innovations`."""
     _, used, nis, components, averaged = rows.T
     return Innovations(used != 0.0, nis, components, averaged != 0.0)
 
 
 def _add_counts(older: Array, rows: Array) -> Array:
+    """Returns counts, see `Tally.NUMBERS`, with the used samples of rows, shape (n, 5), added."""
     tally = Tally.of(older)
     tally.add_innovations(_innovations(rows))
     return tally.numbers

@@ -40,7 +40,7 @@ class PartsMade:
         self.error: Exception | None = None
 
     def make(self, name: str, make: Callable[[], _Part], otherwise: _Part) -> _Part:
-        """Makes a part; where that fails, notes it and returns a substitute."""
+        """Returns what the callable returns; where it raises, notes name and reason, and returns the substitute."""
         try:
             return make()
         except Exception as error:
@@ -50,6 +50,6 @@ class PartsMade:
             return otherwise
 
     def note(self, name: str, error: Exception) -> None:
-        """Notes a part that could not be made."""
+        """Appends name and reason to the list of missing parts, and stores the first error."""
         self.missing.append(f"{name}: {in_words(error)}")
         self.error = self.error or error

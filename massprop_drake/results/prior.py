@@ -45,13 +45,13 @@ class _Departure(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """True if the parameter that is farthest may be so by chance."""
+        """Tests whether the largest ratio of the parameters may be chance, at a probability of 1e-6."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
         return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
 
     @property
     def is_allowed(self) -> bool:
-        """True if all parameters together may be so by chance, and the one that is farthest."""
+        """Tests whether the chi-square of all parameters, and the largest ratio, may be chance."""
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
@@ -69,7 +69,7 @@ class _Prior(NamedTuple):
     tested: NDArray[np.bool_]
 
     def departure(self, estimate: Array) -> _Departure:
-        """Computes the distance of estimates from the prior.
+        """Computes how far estimates are from the prior: chi-square and sigmas of each parameter.
 
         A scale that is larger counts by its logarithm, so that a truth is no farther off where it was drawn by a
         factor than where it was drawn by a difference.
@@ -88,7 +88,7 @@ class _Prior(NamedTuple):
 
 
 def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
-    """Finds a contradiction of final estimates with the prior; None: there is none, or the prior claims nothing.
+    """Diagnoses final estimates too far from the prior, by a common factor if one explains it; or None.
 
     Args:
         scenario: as run, from its start on, without a jump of the mass properties.
@@ -133,7 +133,7 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
 
 
 def _make_prior(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> _Prior:
-    """Makes the prior of the ten parameters, its covariance inflated by propellant used and by the final 1-sigma."""
+    """Makes the prior of the ten parameters; its covariance includes propellant drift and the final 1-sigma."""
     values, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
     known = covariance.diagonal() > 0.0
     tested = known & np.isfinite(estimate) & ~params.known_parameters(scenario)
@@ -162,7 +162,7 @@ class _Group(NamedTuple):
     of_jets: bool
 
     def in_words(self, factor: float) -> str:
-        """Describes what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
+        """Describes an error by a factor in the inverse inertia or 1/m, with the mistake that would make it."""
         size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
         found = factors.factors_near(size, self.known)
         likely = f"; {found[0].name} would make it {format_factor(found[0].size)}" if found else ""
@@ -170,7 +170,7 @@ class _Group(NamedTuple):
 
 
 def _scale_groups(scenario: Scenario, start: _Prior, estimate: Array) -> Iterator[_Group]:
-    """Yields groups of parameters that may be off by a common factor, those by jets first."""
+    """Yields groups of diagonal inverse inertias and 1/m that one error of scale would change together."""
     units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
     usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
     of_mass = np.arange(10) == MASS_RECIPROCAL
@@ -184,7 +184,7 @@ def _scale_groups(scenario: Scenario, start: _Prior, estimate: Array) -> Iterato
 
 
 def _common_factor(start: _Prior, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
-    """Computes the common factor of some parameters over the prior, and its significance in sigmas."""
+    """Computes the mean factor of estimates over the prior for some parameters, and its size in sigmas."""
     logarithms = np.log(estimate[members] / start.values[members])
     relative = np.sqrt(start.covariance.diagonal()[members]) / start.values[members]
     weights = 1.0 / relative**2
@@ -193,7 +193,7 @@ def _common_factor(start: _Prior, estimate: Array, members: NDArray[np.bool_]) -
 
 
 def _divide_by_factor(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
-    """Divides the inverse inertia, 1/m, or both, as `members` name them, by a factor; returns all ten parameters."""
+    """Divides the inverse inertia, 1/m, or both by a factor, where in `members`; returns ten parameters."""
     result = estimate.copy()
     if members[_DIAGONAL].any():
         result[:6] /= factor

@@ -37,7 +37,7 @@ np.empty(1 << 21)
 
 
 def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
-    """Yields the gapless stretches of a run's record in order; propellant is counted from the beginning.
+    """Yields a record's stretches without gaps, at most 1024 intervals each; propellant counts from the beginning.
 
     Args:
         scenario: as run.
@@ -100,7 +100,7 @@ class _EngineBurns(NamedTuple):
 
 
 def _engine_burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _EngineBurns:
-    """Computes burns, propellant and final setting of the engines between the rows of a block."""
+    """Computes the engines' burns and propellant used per interval of a block, and their final setting."""
     vehicle, rows = scenario.vehicle_data, block["time_s"].size
     used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
     if not any(engine.name in block for engine in vehicle.engines):
@@ -126,7 +126,7 @@ def _engine_burns(scenario: Scenario, block: dict[str, Array], before: EngineSet
 
 
 def _lingering_intervals(scenario: Scenario) -> int:
-    """Returns the number of intervals for which thrust of unknown commands lingers, after a gap or before a record."""
+    """Computes for how many intervals after unknown commands their thrust lags on, at least 1."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
     return max(1, math.ceil(longest * params.filter_step_rates(scenario).steps * math.log(1.0 / _LINGERS)))
@@ -140,7 +140,7 @@ def _interval_lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
 
 
 def used_propellant(scenario: Scenario, signals: Spool, flows: Array, *, by_thrust: bool = False) -> float:
-    """Computes the propellant used from the first row to the last, slug or kg; what the last row tells comes after.
+    """Computes the propellant used from the first row to the last, slug or kg, by commands or thrusts.
 
     Args:
         scenario: as run.
@@ -157,13 +157,13 @@ def used_propellant(scenario: Scenario, signals: Spool, flows: Array, *, by_thru
 
 
 def _find_runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns the first index, and one past the last, of each run of True."""
+    """Returns (first index, one past the last) of each run of True in a mask."""
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
-    """Yields signals in windows of `_ROWS` intervals, of which the last row is the next window's first."""
+    """Yields signals by name in windows of 1024 intervals; the last row of each is the first of the next."""
     waiting = {name: np.empty((0,)) for name in names}
     for block in signals.blocks(*names):
         for name, rows in block.items():
@@ -176,14 +176,14 @@ def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
 
 
 def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
-    """Returns all stretches, with the propellant counted to the end of the last."""
+    """Returns a record's stretches without gaps; propellant after each row is that used until the record's end."""
     parts = list(stretches(scenario, signals))
     used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
     return _recount_propellant(parts, used)
 
 
 def _recount_propellant(parts: Sequence[Stretch], used: float) -> list[Stretch]:
-    """Adds `used`, slug or kg, to the propellant used after each row of stretches; recounts seconds to the last end."""
+    """Adds slug or kg to the propellant used after each row; recounts jet seconds to the end of the last."""
     found = [part._replace(used_after=part.used_after + used) for part in parts]
     if not parts or parts[-1].seconds is None:
         return found
@@ -192,7 +192,7 @@ def _recount_propellant(parts: Sequence[Stretch], used: float) -> list[Stretch]:
 
 
 def remove_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
-    """Removes readings that were declared false, from their onset on until a while after the declaration."""
+    """Sets readings declared false to NaN, onset to 2 s after; cuts stretches at wheel or engine faults."""
     sensors = [*names.gyros, *names.accelerometers]
     false = [each for each in events if each.kind == "false_reading"]
     lies, found = [each for each in false if each.sensor in sensors], list(parts)
@@ -210,7 +210,7 @@ def remove_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord
 
 
 def select_short_pieces(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
-    """Selects pieces of stretches up to a time that are short enough to be regressed, evenly spread if many."""
+    """Cuts stretches at a time, and into pieces short enough for regression; every k-th if too many."""
     seen = (piece for part in parts for piece in _split_at_lost_rates(cut_at(part, until_s), made))
     every = [piece for part in seen for piece in _split_by_coupling(part, made)]
     rows = sum(piece.time_s.size for piece in every)
@@ -218,7 +218,7 @@ def select_short_pieces(parts: Sequence[Stretch], until_s: float, made: FlightMo
 
 
 def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
-    """Returns the stretches of a record up to a time, in pieces short enough for regression.
+    """Returns a record's stretches up to a time, cut into pieces short enough for regression.
 
     Args:
         scenario: as run.
@@ -232,7 +232,7 @@ def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, made: 
 def trusted_stretches(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
 ) -> tuple[list[Stretch], bool]:
-    """Returns stretches of a record up to a time, without readings declared false; 1/m is that at its end.
+    """Returns a record's stretches up to a time, false readings as NaN; 1/m refers to the end of the last.
 
     Args:
         scenario: as run.
@@ -256,13 +256,13 @@ def cut_at(part: Stretch, time_s: float) -> Stretch:
 
 
 def take_rows(part: Stretch, rows: slice) -> Stretch:
-    """Takes some rows of a stretch; commands before them still act by thrust lag."""
+    """Returns some rows of a stretch, with the commands before them, whose thrust still lags."""
     own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
     return prepend_rows(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
 
 
 def prepend_rows(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
-    """Prepends rows of the original's commands to the commands before a cut stretch."""
+    """Sets the commands before a cut stretch to the newest of the original's, with some of its rows appended."""
     cut = cut._replace(before=_append_rows(part.before, part.commands[rows]))
     if part.onsets_s is None or part.before_onsets_s is None:
         return cut
@@ -270,13 +270,13 @@ def prepend_rows(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
 
 
 def _append_rows(before: Array, later: Array) -> Array:
-    """Appends rows to the commands before a stretch; the oldest go, and as many stay."""
+    """Appends rows to the commands before a stretch, and drops as many of the oldest."""
     rows = before.shape[0]
     return np.concatenate((before, later[-rows:]))[-rows:]
 
 
 def _split_at_lost_rates(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
-    """Splits a stretch where the rate is not read for long; yields the pieces."""
+    """Yields the pieces of a stretch between holes in which an axis of the rate is not read for long."""
     unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
     lost, hole = np.asarray(unread.any(axis=1)), _HOLE
     if made.own_times:  # rows of other sensors have no rate
@@ -291,7 +291,7 @@ def _split_at_lost_rates(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
 
 
 def _split_by_coupling(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
-    """Splits a stretch into pieces so short that rate noise does not accumulate by dynamic coupling; yields them."""
+    """Yields pieces of a stretch so short that dynamic coupling does not accumulate rate noise."""
     n = part.time_s.size
     if n <= 2:
         return
@@ -305,5 +305,5 @@ def _split_by_coupling(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
 
 
 def is_off_ticks(parts: Sequence[Stretch], made: FlightModel) -> bool:
-    """Tests whether the time stamps of any stretch are off the regular ticks."""
+    """Tests whether time stamps of any stretch are off the regular ticks of the sample period."""
     return any(thrust_course.is_off_ticks(part, made) for part in parts)

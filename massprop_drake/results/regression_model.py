@@ -60,7 +60,7 @@ def vehicle_names(scenario: Scenario) -> Names:
 
 
 def make_model(scenario: Scenario) -> FlightModel:
-    """Makes the batch regression's model of the vehicle from a scenario's filter settings."""
+    """Makes the flight model of the batch regression, prior and 1-sigma included, from filter settings."""
     setup, vehicle = params.filter_setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
@@ -125,7 +125,7 @@ def make_model(scenario: Scenario) -> FlightModel:
 
 
 def _random_walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
-    """Computes random walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
+    """Computes random walks of rate and velocity, 1-sigma after 1 s: stated ones, and engine reading errors.
 
     By so much a flight with engines may drift all through, though it does so as long as they burn alone.
     """
@@ -144,7 +144,7 @@ def _random_walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
 
 
 def motion_sigma(noise: Array, body: MassProperties) -> Array:
-    """Computes 1-sigma of a body's rate and velocity by independent impulses, shape (2,).
+    """Computes 1-sigma of a body's rate and velocity changes by independent impulses, largest axis, shape (2,).
 
     Args:
         noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
@@ -156,14 +156,14 @@ def motion_sigma(noise: Array, body: MassProperties) -> Array:
 
 
 def without_shifts(made: FlightModel) -> FlightModel:
-    """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
+    """Returns the model with the systematic change of center of mass and inertia per propellant fixed to zero."""
     sigma = made.sigma.copy()
     sigma[flight_model.columns(made).shift] = 0.0
     return made._replace(sigma=sigma)
 
 
 def propellant_variances(scenario: Scenario, at: Array) -> Array:
-    """Computes variances that each unit of propellant adds, as in the joint filter, shape (10,)."""
+    """Computes the ten parameters' variances per unit of propellant, (10,); 0 unless the filter adds them."""
     joint, vehicle = scenario.joint, scenario.vehicle_data
     fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)
     if scenario.estimation.filter != "joint" or (fed and vehicle.tank_geometry.feeds.sum(axis=0).all()):

@@ -54,7 +54,7 @@ _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must n
 
 
 def read_summary(folder: Path) -> Summary:
-    """Reads the summary of a run from its folder, also where a killed process has left it unfinished beside.
+    """Reads `summary.json` from a run's folder, after recovery of what a killed process has left.
 
     Raises:
         InputError: when the folder holds no run that can be read.
@@ -71,7 +71,7 @@ def read_summary(folder: Path) -> Summary:
 
 
 def _runs_like(folder: Path) -> str:
-    """Suggests a run that exists, or how to make one of a bundled scenario."""
+    """Returns the end of a message that suggests a similar run or the command that makes it."""
     found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
     there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
@@ -141,7 +141,7 @@ class RunContent:
 
     @property
     def _rows(self) -> Mapping[str, Array]:
-        """Signals with their times, as files have them."""
+        """Signals by name, "time_s" included, as files hold them."""
         return self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
 
     @property
@@ -150,7 +150,7 @@ class RunContent:
 
     @cached_property
     def descriptions(self) -> dict[str, Signal]:
-        """Name, label, unit and components of each signal."""
+        """Maps each signal to its description: label, unit template and components."""
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
@@ -169,18 +169,18 @@ class RunContent:
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """Unit of each signal, in the vehicle's unit system."""
+        """Maps each signal to its unit, in the vehicle's unit system."""
         names = self.scenario.vehicle_data.unit_names
         return {name: fill_unit_template(signal.unit, names) for name, signal in self.descriptions.items()}
 
     @cached_property
     def components(self) -> dict[str, tuple[str, ...]]:
-        """Names of each signal's columns."""
+        """Maps each signal to the names of its columns."""
         jets = self.scenario.vehicle_data.designations
         return {name: signal.components or jets for name, signal in self.descriptions.items()}
 
     def thin_for_plots(self) -> Self:
-        """Downsamples a long run for plots and pages; a short one is returned as it is.
+        """Returns a run with a few thousand rows to plot; a run of up to 5000 rows is returned itself.
 
         Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
         length, and rows with alarms, a few thousand in all. Rows are never averaged.
@@ -195,7 +195,7 @@ class RunContent:
         return thinned
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
-        """Notes in the results the reason for the end of the run.
+        """Stores in the results the time and reason of an early end, or the reason why a part is missing.
 
         Args:
             error: what was raised.
@@ -209,7 +209,7 @@ class RunContent:
             self.note_missing(why)
 
     def note_missing(self, part: str) -> None:
-        """Notes in the results a part that is left out, with the reason."""
+        """Adds to the results a line on a part of the output that is missing, with the reason."""
         self.__dict__.pop("summary", None)
         self.results = replace(self.results, missing=(*self.results.missing, part))
 
@@ -244,11 +244,11 @@ class RunContent:
         return xarray.Dataset(variables, coords={"time_s": np.asarray(self.time_s), **coordinates})
 
     def write_telemetry(self, path: Path) -> None:
-        """Writes readings and commands as a CSV file."""
+        """Writes sample times, readings and commands as a telemetry CSV file."""
         rows.write_csv(path, self.scenario.vehicle_data, self._telemetry())
 
     def _telemetry(self) -> Iterator[rows.Rows]:
-        """Yields the readings and commands, block by block."""
+        """Yields times, readings and commands as rows of a telemetry file, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
         tracked = self.scenario.vehicle_data.tracked
         named = [sensor.name for sensor in tracked if sensor.name in self.signals]

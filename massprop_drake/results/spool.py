@@ -37,7 +37,7 @@ class Signals(dict[str, Array]):
 
 
 def describe_signals(shapes: Mapping[str, tuple[int, ...]]) -> str:
-    """Describes signals in a short text, from the shape of each."""
+    """Describes signals as "<12 signals of 500 samples: rate (3), ...>", from the shape of each."""
     names = [f"{name} ({shape[1]})" for name, shape in shapes.items() if len(shape) == 2]
     rows = next(iter(shapes.values()))[0] if shapes else 0
     more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
@@ -83,7 +83,7 @@ class Spool(Mapping[str, Array]):
             file.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns all rows, those on disk included: a run may be copied, or sent to another process."""
+        """Returns the state to copy or pickle, all rows on disk included."""
         content = None
         if self._file is not None:
             self._file.seek(0)
@@ -119,16 +119,16 @@ class Spool(Mapping[str, Array]):
 
     @property
     def in_memory(self) -> bool:
-        """True if nothing lies on disk."""
+        """True if no row has been written to disk."""
         return not self._pieces
 
     @property
     def names(self) -> list[str]:
-        """Names that can be looked up: the index, and the signals."""
+        """Names of the index and of all signals, in their order."""
         return list(self._pieces or (self._waiting[0] if self._waiting else {}))
 
     def append(self, rows: Mapping[str, Array]) -> None:
-        """Appends rows to every signal.
+        """Appends rows to every signal; full pieces go to disk.
 
         Args:
             rows: by signal, shape (n,) or (n, components).
@@ -153,7 +153,7 @@ class Spool(Mapping[str, Array]):
         return self._read_piece(self._pieces[name][-1])[-1]
 
     def _write_pieces(self) -> None:
-        """Compresses all full pieces of the waiting rows into the file; the rest stays in memory."""
+        """Writes full pieces of the rows in memory to the file, compressed; the rest stays in memory."""
         size = self._rows_per_piece
         full = self._n_waiting // size * size
         rest: dict[str, Array] = {}
@@ -184,7 +184,7 @@ class Spool(Mapping[str, Array]):
         return InputError(f"{self._folder or tempfile.gettempdir()}: cannot be written: {error.strerror}")
 
     def blocks(self, *names: str) -> Iterator[dict[str, Array]]:
-        """Yields some signals from beginning to end, block by block."""
+        """Yields rows of the named signals by name, from first to last, in blocks of equal rows for all."""
         for index in range(len(next(iter(self._pieces.values()), []))):
             yield {name: self._read_piece(self._pieces[name][index]) for name in names}
         if len(self._waiting) > 1:
@@ -195,7 +195,7 @@ class Spool(Mapping[str, Array]):
             yield {name: block[name] for name in names}
 
     def _read_piece(self, piece: _Piece) -> Array:
-        """Reads one piece of a signal back from the file, shape (rows, components)."""
+        """Reads one piece of a signal from the file, shape (rows, components)."""
         assert self._file is not None
         self._file.seek(piece.offset)
         data = zlib.decompress(self._file.read(piece.size))
@@ -203,7 +203,7 @@ class Spool(Mapping[str, Array]):
 
 
 def blocks(signals: Mapping[str, Array], *names: str) -> Iterator[Mapping[str, Array]]:
-    """Yields some signals, block by block where they are spooled, else all at once."""
+    """Yields rows of the named signals by name: in blocks if spooled, else all at once."""
     if isinstance(signals, Spool):
         yield from signals.blocks(*names)
     else:
@@ -211,7 +211,7 @@ def blocks(signals: Mapping[str, Array], *names: str) -> Iterator[Mapping[str, A
 
 
 def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str, Any]) -> None:
-    """Writes signals as a compressed numpy archive, reading spooled signals block by block.
+    """Writes signals, and their description as JSON, as a compressed NPZ file, block by block.
 
     Args:
         path: of the archive.
@@ -227,6 +227,7 @@ def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str
 
 
 def _archive_entry(name: str) -> zipfile.ZipInfo:
+    """Makes the header of a signal's member in an NPZ file, without a date so that bytes repeat."""
     member = zipfile.ZipInfo(f"{name}.npy")  # without a date, so the same bytes each time
     member.compress_type = zipfile.ZIP_DEFLATED
     member.external_attr = 0o644 << 16
@@ -242,6 +243,7 @@ def _shape(signals: Mapping[str, Array], name: str) -> tuple[int, ...]:
 def _write_member(
     archive: zipfile.ZipFile, name: str, parts: Iterator[Mapping[str, Array]], shape: tuple[int, ...]
 ) -> None:
+    """Writes blocks of one signal as a member of an NPZ file, its total shape known before."""
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
     with archive.open(_archive_entry(name), "w", force_zip64=True) as file:
         np.lib.format.write_array_header_1_0(file, header)

@@ -46,7 +46,7 @@ Fraction = Annotated[Real, Field(ge=0.0, le=1.0)]
 
 
 def read_json(path: Path) -> Any:
-    """Reads a JSON file.
+    """Reads a JSON file, and refuses numbers that are not finite.
 
     Raises:
         InputError: when it is missing or no JSON, or a number in it is not finite.
@@ -61,6 +61,7 @@ def read_json(path: Path) -> Any:
 
 
 def _parse_finite(text: str) -> float:
+    """Converts a JSON number to float; raises ValueError where it is not finite."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is not finite; what is not known is null")
@@ -68,7 +69,7 @@ def _parse_finite(text: str) -> float:
 
 
 def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
-    """Replaces numbers that are not finite in content for JSON by null, so that it can be read back.
+    """Replaces NaN and infinity in JSON content by None, and drops list records that cannot do without.
 
     A record in a list that cannot be without such a number is left out.
 
@@ -90,7 +91,7 @@ def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) 
 
 
 def _replace_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
-    """Replaces numbers that are not finite by null at any depth, and notes the place of each."""
+    """Replaces NaN and infinity by None at any depth; notes the key of each as a missing part."""
     if isinstance(content, Mapping):
         return {key: _replace_infinite(value, (*path, key), parts) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -183,17 +184,18 @@ _ELSEWHERE: Any = {
 
 
 def state_origin(scenario: Scenario) -> dict[str, Any]:
-    """Returns a saved filter state's entry on its origin: vehicle, its digest, and the scenario's settings."""
+    """Returns name and digest of the vehicle, and the scenario's settings, that a saved filter state depends on."""
     vehicle = scenario.vehicle_data
     return {"vehicle": vehicle.name, "vehicle_sha256": digest(vehicle), "settings": _settings(scenario)}
 
 
 def _settings(scenario: Scenario) -> dict[str, Any]:
+    """Returns the scenario's settings that shape the estimators, as JSON content."""
     return scenario.model_dump(mode="json", exclude=_ELSEWHERE)
 
 
 def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) -> None:
-    """Checks that a saved state was made with a scenario's vehicle and settings.
+    """Checks that a saved state is of this vehicle and of these estimator settings.
 
     One of format 1 does not say; that is told in a warning, once more.
 
@@ -238,7 +240,7 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
 
 
 def _changed_settings(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
-    """Yields the settings that differ, by dotted key, with the old and the new value."""
+    """Yields "key was old and is new" in words for each setting that differs, keys dotted."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in dict.fromkeys([*here, *there]):
             yield from _changed_settings(there.get(key), here.get(key), (*path, key))
@@ -268,7 +270,7 @@ _AT_ONCE = 2**20  # bytes
 def read_history(
     path: Path, vehicle: Vehicle, *, joints: int = 0, whole: bool = True
 ) -> tuple[Array, dict[str, Array]]:
-    """Reads a run's signals from `history.npz`, and checks them.
+    """Reads sample times and signals of a run from `history.npz`, with their shapes checked.
 
     Signals that are not known are passed over.
 
@@ -305,7 +307,7 @@ def read_history(
 
 
 def _require_groups(names: set[str], vehicle: Vehicle) -> None:
-    """Raises ValueError when signals that every run has are missing, or some of an optional group."""
+    """Checks that mandatory signals are there, and optional groups complete; else raises ValueError."""
     for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _THRUST, _AUTOPILOT, _MASS, _JOINT, _DETECTOR):
         missing = sorted(group - names)
         if missing and ("time_s" in group or group & names):
@@ -313,7 +315,7 @@ def _require_groups(names: set[str], vehicle: Vehicle) -> None:
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int | None) -> Array:
-    """Reads a signal, whose size must match its header and the expected one.
+    """Reads one array of an NPZ file, (n,) or (n, columns); raises ValueError for another type or shape.
 
     Args:
         archive: to read from.
@@ -349,7 +351,7 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | Non
 
 
 def _require_sound(path: Path, time_s: Array, signals: Mapping[str, Array], vehicle: Vehicle) -> None:
-    """Raises InputError for numbers that no run has."""
+    """Checks that times increase, numbers are finite and suspected jets exist; else raises InputError."""
     if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
         raise InputError(f"{path}: time_s: must be finite and go forward")
     for name in (_TRUTH & set(signals)) | {"estimate", "standard_deviation", "command", *vehicle.sensor_names()}:

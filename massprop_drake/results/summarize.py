@@ -54,7 +54,7 @@ def summarize(
     timing: RunTiming,
     parts: PartsMade,
 ) -> Summary:
-    """Makes the summary of a simulated run, without batch analysis, see `add_batch_analysis`, and autopilot authority.
+    """Makes a simulated run's summary, without the batch analysis, which `add_batch_analysis` adds.
 
     Args:
         scenario: as run.
@@ -102,7 +102,7 @@ def _final_truth(scenario: Scenario, signals: Spool) -> Array:
 
 
 def _autopilot_summary(scenario: Scenario, signals: Spool) -> AutopilotSummary:
-    """Counts firings and propellant."""
+    """Computes jet firings, propellant used, jet selections and jets out of use of a run."""
     flows = true_params.plant_mass_flows(scenario)
     return AutopilotSummary(
         firings=_count_run_firings(signals),
@@ -113,13 +113,7 @@ def _autopilot_summary(scenario: Scenario, signals: Spool) -> AutopilotSummary:
 
 
 def summarize_last_estimates(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summary:
-    """Makes the summary of a run of which only its last estimates are known.
-
-    Args:
-        scenario: as run.
-        signals: all of them, by name, with `time_s`.
-        timing: how long it took.
-    """
+    """Makes a run's summary from its last estimates and 1-sigma alone, without detections or verdict."""
     vehicle, unknown = scenario.vehicle_data, np.full(10, np.nan)
     return Summary(
         version("massprop-drake"),
@@ -143,12 +137,7 @@ def summarize_last_estimates(scenario: Scenario, signals: Spool, timing: RunTimi
 
 
 def add_batch_analysis(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
-    """Adds the batch analysis of a simulated run to its summary: diagnoses and identifiability.
-
-    Args:
-        results: see `summarize`.
-        scenario, signals: of the run.
-    """
+    """Returns the summary with batch diagnoses in its consistency verdict, and with identifiability."""
     estimate, covariance = results.estimates, results.covariance
     back = analyze_run(scenario, signals, estimate, results.detections, results.events)
     verdict = results.consistency
@@ -169,7 +158,7 @@ def _judge_run(
     found: Sequence[DetectionRecord],
     diagnoses: Sequence[Diagnosis] = (),
 ) -> Consistency:
-    """Judges the consistency of a run by the NIS of both filters, and by the errors over 1-sigma where known."""
+    """Judges a run's consistency by both filters' NIS, and by parameter errors over 1-sigma where known."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
     rotation, mass = (_tally_nis(signals, name, found) for name in ("rotation", "mass"))
@@ -195,7 +184,7 @@ def compose_summary(
     injected: tuple[InjectedRecord, ...] | None = None,
     losses: Sequence[Loss] = (),
 ) -> Summary:
-    """Makes a summary from its parts, and adds derived mass and inertia, errors, identifiability and provenance.
+    """Makes a summary; derives mass, inertia, percent errors, identifiability and provenance.
 
     Args:
         scenario: as run.
@@ -255,12 +244,12 @@ def compose_summary(
 
 @cache
 def version(package: str) -> str:
-    """Returns the version of a package as installed; cached, as the search takes as long as a hundred cycles."""
+    """Returns the version of an installed package; cached, as the look-up is slow."""
     return metadata.version(package)
 
 
 def _execution_in_words(scenario: Scenario, *, simulated: bool) -> str | None:
-    """Describes engine and compiler of a run; None for a record that was read without compiled kernels."""
+    """Returns engine and compiler, such as "loop, compiled by numba 0.60.0"; None where neither applies."""
     words: list[str] = [scenario.execution.engine] if simulated else []
     if scenario.execution.compiled:
         words.append(f"compiled by numba {version('numba')}")
@@ -268,7 +257,7 @@ def _execution_in_words(scenario: Scenario, *, simulated: bool) -> str | None:
 
 
 def count_firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
-    """Counts off-to-on transitions over all jets.
+    """Counts transitions from off to on, summed over all jets.
 
     Args:
         on: whether each jet is told to fire, shape (n_samples, n_jets).
@@ -278,7 +267,7 @@ def count_firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
 
 
 def _count_run_firings(signals: Spool) -> int:
-    """Counts firings up to the last row, whose commands come after the run."""
+    """Counts off-to-on transitions of a run's jets, without the last row, which acts after its end."""
     count, before = 0, np.zeros(signals.last("command").size, dtype=bool)
     earlier = before
     for block in signals.blocks("command"):
@@ -289,7 +278,7 @@ def _count_run_firings(signals: Spool) -> int:
 
 
 def _tally_nis(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """Tallies the NIS of a filter at the samples it used; all at once, so that sums do not depend on storage."""
+    """Counts a filter's NIS over a run, in one sum however stored; explained samples are no faults."""
     tally = Tally()
     if f"{name}_nis" in signals:
         parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
@@ -298,15 +287,15 @@ def _tally_nis(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> T
 
 
 def _nis_signals(name: str, signals: Spool) -> list[str]:
-    """Returns the names of the signals that `used_nis` needs, of those that exist."""
+    """Lists the names of a filter's signals for `used_nis`: NIS, use, and components if logged."""
     return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
 
 
 def exclude_explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """Excludes samples that later declarations explain from a filter's NIS tally.
+    """Excludes samples that later declarations explain from a filter's NIS tally, and returns it.
 
-    Where hypotheses are followed it is that of the likeliest history, see `of_likeliest_history`. Of other detectors
-    those samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
+    Where hypotheses are followed it is the tally of the likeliest history in hindsight. Of other detectors those
+    samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
 
     Args:
         tally: of all samples.
@@ -332,7 +321,7 @@ def exclude_explained(tally: Tally, signals: Spool, name: str, found: Sequence[D
 
 
 def _tally_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
-    """Returns the tally of the likeliest history; the tally itself where that has never become another."""
+    """Counts NIS by the likeliest history in hindsight; returns the tally itself if there was no fork."""
     names = ("time_s", *_nis_signals(name, signals), *fork_signals(name))
     columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
     found = find_forks(name, columns)
@@ -344,7 +333,7 @@ def _tally_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
-    """Returns designations of the jets taken out of use, and of those left in because control needs them."""
+    """Maps "jets_out_of_use" and "jets_left_in" (needed for control) to jet designations at the end."""
     if "out_of_use" not in signals:
         return {}
     state = signals.last("out_of_use")
@@ -355,7 +344,7 @@ def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
 
 
 def _count_selections(signals: Spool) -> dict[str, Any]:
-    """Counts jet selections solved, and those that could not meet the request; empty without an autopilot."""
+    """Returns the entries with numbers of jet selections and of unmet requests; {} without an autopilot."""
     if "selection_counts" not in signals:
         return {}
     solved, reduced, closest, _ = signals.last("selection_counts").tolist()

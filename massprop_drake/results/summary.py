@@ -57,7 +57,7 @@ class Parameter(NamedTuple):
 
     @property
     def percent_deviation(self) -> float:
-        """The 1-sigma in percent of the estimate; NaN where that, or a known truth, is as good as zero."""
+        """The 1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
         if abs(self.estimate) <= self.floor or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
             return math.nan
         return 100.0 * self.standard_deviation / abs(self.estimate)
@@ -211,14 +211,14 @@ class Summary:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The ten mass properties by name, one by one."""
+        """Estimates of the ten mass properties with 1-sigma, truth and error, one entry each."""
         floors = mass_properties.zero_floors(self.estimates)
         columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error, floors)
         return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
 
     @cached_property
     def nearest_possible(self) -> Array | None:
-        """Nearest estimates that a rigid body can have, shape (10,); None where the estimates are possible.
+        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates can be.
 
         None where the estimates are possible, or there is none; see `maths.possible_inertia.nearest_possible`.
         """
@@ -229,25 +229,25 @@ class Summary:
 
     @property
     def has_failed(self) -> bool:
-        """True if a failure of jets was declared that still stands."""
+        """True if a jet failure was declared and not withdrawn."""
         return any(one.kind != JUMP and one.withdrawn_s is None for one in self.detections)
 
     @property
     def above_bound(self) -> str:
-        """Comparison of the 1-sigma with the least for rounding taken as noise; empty where that is not known."""
+        """Range of 1-sigma over the Cramér-Rao bound in words; "" where that is not known."""
         deviations = self.standard_deviations.tolist()
         return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 
     @property
     def impossible(self) -> str:
-        """Statement that no rigid body can have the estimates; empty where one can."""
+        """Remark that no rigid body can have the estimated inertia; "" where one can."""
         if self.derived.physically_possible or self.derived.inertia is None:
             return ""
         near = "; the nearest that one can have is in summary.json" if self.nearest_possible is not None else ""
         return f"no rigid body can have the inertia that was estimated{near}"
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the content of `summary.json`; NaN becomes null."""
+        """Returns the content of `summary.json` as dicts and lists; NaN becomes None."""
         derived, nearest = self.derived, self.nearest_possible
         content: dict[str, Any] = {
             "format": FORMAT,
@@ -300,7 +300,7 @@ class Summary:
 
     @staticmethod
     def from_json(content: Any, source: str = "the summary") -> Summary:
-        """Makes a summary from the content of `summary.json`, of this version or an earlier one.
+        """Makes a summary from content of `summary.json`, of this or an earlier version.
 
         What an earlier version did not write yet has its default; keys that are not known are left out.
 
@@ -330,9 +330,10 @@ _Maybe10 = tuple[_Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe,
 
 
 def _drop_unknown_keys(kind: Any) -> BeforeValidator:
-    """Passes over keys that a later version of a named tuple wrote."""
+    """Makes a validator that drops stored keys the named tuple has no field for."""
 
     def known(content: Any) -> Any:
+        """Returns a dict without keys that are no fields of the named tuple; anything else as it is."""
         return {key: content[key] for key in kind._fields if key in content} if isinstance(content, dict) else content
 
     return BeforeValidator(known)
@@ -410,6 +411,6 @@ class SummaryFile(_Stored):
 
 
 def _without_fields(record: Any, *names: str) -> dict[str, Any]:
-    """Returns a record as JSON has it, without some of its fields."""
+    """Converts a record to a dict for JSON, tuples to lists, without the named fields."""
     kept = {key: value for key, value in record._asdict().items() if key not in names}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in kept.items()}

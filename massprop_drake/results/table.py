@@ -72,7 +72,7 @@ class Sheet(NamedTuple):
 
 
 def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[Sheet, Sheet]:
-    """Makes the sheets of `property_rows`, with truth and error where asked; the second with bounds where known.
+    """Makes two tables: mass, center of mass and inertia; inverse inertia and 1/m, bounds where known.
 
     Args: as `parameter_rows`.
     """
@@ -82,7 +82,7 @@ def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool 
 
 
 def _make_sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
-    """Arranges rows as a table: columns of truth and error, and of bounds, only where asked for."""
+    """Arranges rows as a table, with columns of true value and error, and of the least 1-sigma, where asked."""
     columns = {
         "symbol": "parameter",
         "unit": "unit",
@@ -99,7 +99,7 @@ def _make_sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
 
 
 def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
-    """Makes the table rows of the ten parameters.
+    """Formats the ten parameters as table rows: estimate, truth, error, 1-sigma and identifiability flag.
 
     Args:
         results: of a run.
@@ -129,7 +129,7 @@ def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = 
 
 
 def derived_rows(results: Summary, units: Mapping[str, str]) -> list[Row]:
-    """Makes the table rows of mass and inertia, derived from the estimates."""
+    """Formats mass and the elements of inertia, derived from the estimates, as table rows."""
     found, true = results.derived, mass_properties.derive_mass_and_inertia(results.truth, np.zeros((10, 10)))
     rows = [_derived_row("m", units["mass"], (found.mass, found.mass_std, true.mass))]
     if found.inertia is not None and found.inertia_std is not None:
@@ -143,7 +143,7 @@ def derived_rows(results: Summary, units: Mapping[str, str]) -> list[Row]:
 
 
 def property_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
-    """Makes table rows of mass, center of mass and inertia, and others of inverse inertia and 1/m.
+    """Returns table rows of mass, center of mass and inertia, and those of inverse inertia and 1/m.
 
     Args: as `parameter_rows`.
     """
@@ -155,7 +155,7 @@ def property_rows(results: Summary, units: Mapping[str, str], *, truth: bool = T
 
 
 def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
-    """Makes the table of guaranteed intervals; the last column tells whether the estimate lies inside.
+    """Makes the table of guaranteed intervals: low, middle, high, and whether the estimate is inside.
 
     Low is rounded down and high is rounded up, to two digits of half of the width.
 
@@ -183,7 +183,7 @@ def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
 
 
 def residual_sheet(found: Against) -> Sheet:
-    """Makes the table of differences from a simulation, a row for each signal."""
+    """Makes the table of readings minus simulated ones: RMS, largest, its time and noise by signal."""
     rows: list[tuple[str, ...]] = []
     for one in found.residuals:
         power = _power_of_ten(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
@@ -197,7 +197,7 @@ def residual_sheet(found: Against) -> Sheet:
 
 
 def cause_sheet(found: Against) -> Sheet:
-    """Makes the table of possible causes of differences: size with 1-sigma, share explained alone and together."""
+    """Makes the table of unknowns that explain differences: size, 1-sigma, share alone and with those above."""
     rows: list[tuple[str, ...]] = []
     for one in found.causes:
         power = _power_of_ten(one.size)
@@ -212,7 +212,7 @@ def cause_sheet(found: Against) -> Sheet:
 def _derived_row(
     name: str, unit: str, numbers: tuple[float | None, ...], floors: tuple[float, ...] = (0.0, 0.0)
 ) -> Row:
-    """Makes a row of a derived value: it, its 1-sigma and its truth; `floors`: at which it and its truth are zero."""
+    """Formats a derived (value, 1-sigma, truth) as a row; `floors`: below them value and truth count as zero."""
     known, deviation, true = (math.nan if one is None else one for one in numbers)
     fixed = deviation == 0.0
     error = 100.0 * (known - true) / abs(true) if abs(true) > floors[1] and not fixed else math.nan
@@ -224,7 +224,7 @@ def _derived_row(
 
 
 def _parameter_row(symbol: str, unit: str, one: Parameter) -> Row:
-    """Formats a parameter as a table row, all its values by one power of ten."""
+    """Formats estimate, truth, error and 1-sigma of a parameter as a row, with one power of ten."""
     power = _power_of_ten(_larger_magnitude(one), one.truth)
     numbers = (one.estimate, one.truth, one.standard_deviation)
     estimate, truth, sigma = (_format_scaled(number, one.standard_deviation, power) for number in numbers)
@@ -233,23 +233,23 @@ def _parameter_row(symbol: str, unit: str, one: Parameter) -> Row:
 
 
 def _larger_magnitude(one: Parameter) -> float:
-    """Returns the larger of an estimate and its 1-sigma, whichever are known, in magnitude; NaN for neither."""
+    """Returns the larger of |estimate| and 1-sigma, ignoring NaN; NaN if both are."""
     return float(np.fmax(abs(one.estimate), one.standard_deviation))
 
 
 def _power_of_ten(*values: float) -> int:
-    """Returns the power of ten, a multiple of three, in which to write values, by the first nonzero one."""
+    """Returns the exponent, a multiple of three, to write values with, by the first nonzero one; 0 for plain."""
     size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
     return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
 
 
 def _unit_with_power(unit: str, power: int) -> str:
-    """Writes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
+    """Prefixes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
     return unit if not power else f"1e{power}{unit.removeprefix('1')}" if unit.startswith("1/") else f"1e{power} {unit}"
 
 
 def _format_scaled(value: float, deviation: float, power: int) -> str:
-    """Formats a value by a power of ten, to two digits of its 1-sigma and to six of its own at the most."""
+    """Formats a value over 10^power to two digits of its 1-sigma, at most six significant; "-" for NaN."""
     if math.isnan(value):
         return "-"
     scaled, digits = value / 10.0**power, 6

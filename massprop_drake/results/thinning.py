@@ -21,7 +21,7 @@ def outstanding_rows(
     peaks: tuple[str, ...] = (),
     buckets: int = 1000,
 ) -> NDArray[np.int_]:
-    """Chooses the rows of a long run to plot, keeping extremes and events; rows are never averaged.
+    """Returns ascending indices of rows to plot of a long run: extremes and events of each stretch.
 
     The run is cut into stretches of equal length. Of each are kept the rows at which a component of a key
     signal has its minimum or maximum, and up to four rows with an event; also the run's first and last row.
@@ -77,7 +77,7 @@ def _note_extremes(
     offset: int,
     signs: tuple[int, ...],
 ) -> None:
-    """Updates the extremes found so far with a part of one stretch.
+    """Updates the dict of extremes so far, in place, by some rows of one signal in one stretch.
 
     Args:
         best: signed value and row by stretch, signal, column and sign; changed.
@@ -103,7 +103,7 @@ def _note_extremes(
 def pick_rows(
     signals: Mapping[str, Array], rows: NDArray[np.int_], *, leaving_out: tuple[str, ...] = ()
 ) -> dict[str, Array]:
-    """Returns the chosen rows of every signal by name, reading spooled signals once.
+    """Returns the chosen rows of every signal, by name; reads spooled signals once.
 
     Args:
         signals: by name; those of a spool with its index.

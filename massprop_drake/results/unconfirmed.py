@@ -119,12 +119,12 @@ class Suspicions:
 
     @property
     def counts(self) -> list[list[int]]:
-        """Samples in which each jet was commanded, and those of them that were tested, (2, n_jets)."""
+        """Numbers of samples in which each jet was commanded, and was also tested, shape (2, n_jets)."""
         found: list[list[int]] = self._counts.tolist()
         return found
 
     def add(self, time_s: Array, signals: Mapping[str, Array], events: Sequence[EventRecord]) -> None:
-        """Updates the suspicions by a block of samples.
+        """Updates suspicions and sample counts of jets by a block of samples.
 
         Args:
             time_s: sample times, s, shape (n,).
@@ -155,7 +155,7 @@ class Suspicions:
             self._drop_declared(said.get(now_s, ()))
 
     def _find_suspicious_samples(self, signals: Mapping[str, Array], tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Mask of the samples in which a jet is suspected, or a comparison of hypotheses runs or ends, shape (n,)."""
+        """Flags samples in which a jet is suspected, or hypotheses are compared, shape (n,)."""
         block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
         if isinstance(block, CusumBlock):
             return tested & (likelihood > 0.5 * block.threshold)
@@ -172,7 +172,7 @@ class Suspicions:
     # ------------------------------------------------------------------------ detectors of samples
 
     def _add_by_likelihood(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
-        """Adds a sample in which likelihood ratios suspect jets, to the suspicion with one of them or as a new one."""
+        """Adds sample k to a suspicion that shares a jet suspected by likelihood, or to a new one."""
         block, likelihood = self._block, signals["likelihood"][k]
         if int(likelihood.argmax()) in self._declared:
             return
@@ -195,7 +195,7 @@ class Suspicions:
     # -------------------------------------------------------------------- the detector by hypotheses
 
     def _add_by_probability(self, time_s: float, probabilities: Array) -> None:
-        """Adds a sample to the suspicion of each jet whose fault probability is above one half."""
+        """Adds a sample to a suspicion of each undeclared jet with fault probability above one half."""
         for jet in np.flatnonzero(probabilities > _PROBABLE).tolist():
             if jet in self._declared:
                 continue
@@ -213,7 +213,7 @@ class Suspicions:
             self._gathered[index] = one._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
 
     def _find_suspicion(self, jet: int, probabilities: Array) -> int | None:
-        """Finds the suspicion to which a jet belongs, as an index: its own, or one that lost its probability to it.
+        """Returns the index of the suspicion with this jet, or whose probability it took over; or None.
 
         Two jets of which each has failed with a probability above one half have both failed, and do not look alike.
         """
@@ -231,7 +231,7 @@ class Suspicions:
     def _add_by_thrust_factors(
         self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]
     ) -> None:
-        """Adds a sample in which hypotheses are compared, and ends the suspicion with the comparison."""
+        """Updates the comparison of hypotheses by sample k; at its end stores what is undeclared."""
         block = self._block
         assert isinstance(block, ThrustFactorsBlock)
         if signals["racing"][k, 0] > 0.0:
@@ -265,7 +265,7 @@ class Suspicions:
     # --------------------------------------------------------------------------------- the outcome
 
     def _drop_declared(self, said: Sequence[EventRecord]) -> None:
-        """Drops suspicions against jets that have been declared."""
+        """Removes suspicions of jets that the events have declared as failed."""
         for event in said:
             if event.kind not in ("failed", "group", "withdrawn"):
                 continue
@@ -280,7 +280,7 @@ class Suspicions:
                 self._earlier = [one for one in self._earlier if not names & set(one.jets)]
 
     def found(self) -> tuple[UnconfirmedRecord, ...]:
-        """Returns suspicions that were never declared, by time; of very many the largest."""
+        """Returns records of suspicions never declared, by time; the largest if there are very many."""
         gathered = list(self._gathered)
         if self._race is not None and self._race.jets.size:
             gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
@@ -289,7 +289,7 @@ class Suspicions:
         return tuple(sorted(largest, key=lambda record: record.time_s))
 
     def _make_record(self, one: _Suspicion) -> UnconfirmedRecord:
-        """Makes the record of a suspicion, its jets by decreasing statistic."""
+        """Converts a suspicion to a record, its jets by decreasing statistic, with the reason."""
         jets = sorted(one.jets.tolist(), key=lambda jet: -one.sums[jet])
         statistic = float(one.sums[jets[0]]) if jets else 0.0
         names = tuple(self._vehicle.designations[jet] for jet in jets)
@@ -298,7 +298,7 @@ class Suspicions:
         )
 
     def _reason_undeclared(self, one: _Suspicion) -> str:
-        """Explains why the detector did not declare a suspicion, by the detector's rule."""
+        """Explains in words why the detector's rule did not declare a suspicion."""
         block = self._block
         if isinstance(block, CusumBlock):
             return f"the sum stayed below the {block.threshold:g} that declare a failure"
@@ -313,7 +313,7 @@ class Suspicions:
         return f"{counted(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
 
     def untested(self, declared: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
-        """Returns jets whose failure to fire nothing could have shown.
+        """Returns jets for which a failure to fire could not show, grouped by reason, such as never commanded.
 
         Args:
             declared: designations of jets that have been found to fail, which are left out.
@@ -347,7 +347,7 @@ class Suspicions:
 
 
 def in_words(record: UnconfirmedRecord) -> str:
-    """Describes a suspicion in a sentence."""
+    """Describes a suspicion in a sentence: jets, time, samples, statistic and reason."""
     when = f"{record.time_s:.2f} s" if record.samples == 1 else f"{record.time_s:.2f} to {record.until_s:.2f} s"
     who = " or ".join(record.jets) if record.jets else "no jet"
     return f"{who}, {when}, {counted(record.samples, 'sample')}, statistic {record.statistic:.4g}: {record.reason}"
