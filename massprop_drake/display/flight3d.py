@@ -221,7 +221,7 @@ def _positions(run: RunContent) -> Array | None:
 
 
 def _joint_positions(run: RunContent) -> Array:
-    """Returns the positions of the joints at every sample, shape (n, n_joints)."""
+    """Returns the positions of the model's joints at every sample, shape (n, n_joints)."""
     return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
 
@@ -286,7 +286,7 @@ def _slider_events(
 
 
 def _camera_target(run: RunContent) -> Array:
-    """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
+    """Returns the points that the camera tracks: the true or else the nominal center of mass, shape (n, 3)."""
     if "truth" in run.signals:
         return np.asarray(run["truth"])[:, CENTER_OF_MASS]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))

@@ -102,7 +102,7 @@ class Run(RunContent):
         return place.shown
 
     def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder; parts that cannot be made are noted in its summary.
+        """Writes the run's folder, and notes in its summary any file that fails; returns the first such error or None.
 
         Args:
             place: of the folder.
@@ -116,6 +116,7 @@ class Run(RunContent):
         with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
 
             def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
+                """Writes one file of the folder; notes an error of it, except OSError of data, which it raises."""
                 try:
                     write(partial / name)
                 except Exception as error:
@@ -182,7 +183,7 @@ class Run(RunContent):
         return target
 
     def _repr_html_(self) -> str:
-        """Shows the ten parameters and what was found in a notebook."""
+        """Returns the verdict and the table of ten mass properties as HTML for a notebook."""
         from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
 
         return summary_html(self)
@@ -201,7 +202,7 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _remove_unfinished(path: Path) -> None:
-    """Removes a file that has been begun, or an empty folder."""
+    """Removes an incomplete file, or an empty folder."""
     if not path.is_dir():
         path.unlink(missing_ok=True)
     elif not any(path.iterdir()):

@@ -267,7 +267,7 @@ class Content:
         return np.asarray(-thrusts / np.linalg.norm(thrusts, axis=1, keepdims=True))
 
     def _vehicle_frame(self, source: str) -> str:
-        """Returns the vehicle frame's name for a source of poses, the estimate's if it is the only source."""
+        """Returns the frame name for a source of poses: its own, or the vehicle's where no truth is known."""
         return source if VEHICLE in self._sources else VEHICLE
 
     def _notes(self) -> tuple[str, ...]:

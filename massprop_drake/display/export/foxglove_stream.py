@@ -199,7 +199,7 @@ class FoxgloveServer:
         self._now_ns = outline.start_ns
 
     def wait(self, seconds: float) -> bool:
-        """Waits for a viewer, s at most; returns True if one has subscribed since the last call."""
+        """Waits up to some seconds for a viewer; returns True if one has subscribed since the last call."""
         if not self._audience.came.wait(seconds):
             return False
         self._audience.came.clear()
