@@ -58,10 +58,7 @@ def likelihoods(run: Source) -> Plot:
 def _highest_panel(
     time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]
 ) -> Panel:
-    """Makes a panel of test statistics: declared and highest candidates by name, the others as a gray range.
-
-    What was declared is drawn last, and so on top. All are there to be read.
-    """
+    """Makes a panel of test statistics: declared and highest candidates by name, the others as a gray range."""
     shown = np.maximum(values, _FLOOR)
     limits = (_FLOOR, max(10.0, 2.0 * float(np.fmax.reduce(shown, axis=None, initial=1.0))))
     if not time_s.size:

@@ -28,7 +28,7 @@ class Mark(NamedTuple):
 
 
 def failure_marks(scenario: Scenario, end_s: float) -> list[Mark]:
-    """Makes a mark for each injected jet failure that begins before a time, s: its jet, interval and text."""
+    """Makes a mark for each injected jet failure that begins by a time, s: its jet, interval and text."""
     vehicle = scenario.vehicle_data
     return [
         Mark(

@@ -110,7 +110,6 @@ def _make_plot_method(describe: Callable[[Source], Plot]) -> Callable[[Plots], F
 
     @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
     def draw(self: Plots) -> Figure:
-        """Draws the plot as a matplotlib figure."""
         return draw_plot(describe(self.source))
 
     return draw
@@ -127,11 +126,11 @@ class Plots:
         self.source = source
 
     def all(self) -> Mapping[str, Figure]:
-        """Yields every figure by name, in the order to read them; each is drawn when it is asked for."""
+        """Maps names of all plots, in reading order, to matplotlib figures, each drawn when it is accessed."""
         return _Figures(self.source)
 
     def save(self, folder: Path) -> None:
-        """Writes every figure into a folder, as `<name>.png`; errors are raised once the others are written."""
+        """Writes every figure into a folder, as `<name>.png`; raises the first error once the others are written."""
         drawn, failed = self.all(), []
         for name in drawn:
             path = folder / f"{name}.png"

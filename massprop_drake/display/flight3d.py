@@ -246,7 +246,7 @@ def _marked_jets(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[
 def narration(
     scenario: Scenario, start_s: float, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
-    """Lists start time, s, and text of what a replay shows on commands, failures and declarations."""
+    """Lists times, s, at which the replay's texts change, each with command, failures and declarations."""
     edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}

@@ -279,7 +279,6 @@ def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
 
 
 def _line_trace(plot: Plot, mark: Line) -> Json:
-    """Converts a line to a plotly trace."""
     style = {
         "color": mark.color,
         "width": mark.width * _PIXELS_PER_POINT,

@@ -67,7 +67,7 @@ class Links:
                 so that they stand as the model has them.
 
         Returns:
-            Position, ft or m, and quaternion of each link, one after the other, shape (7 count,).
+            Position, ft or m, and quaternion of each body, one after the other, shape (7 count,).
         """
         positions = self._plant.GetPositions(self._context)
         if joint_positions.size:

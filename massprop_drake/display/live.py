@@ -145,7 +145,6 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
                 self.send_error(404)
 
         def _send_headers(self, kind: str, length: int | None) -> None:
-            """Sends the status and headers of a response of a media type."""
             self.send_response(200)
             self.send_header("Content-Type", kind)
             if length is not None:

@@ -86,7 +86,7 @@ def phase_plane(run: Source) -> Plot:
 def _phase_panel(
     axis: int, path: tuple[Array, Array], law: PhaseSpaceParams, deadbands: Mapping[str, float], *, key: bool
 ) -> Panel:
-    """Makes a phase-plane panel of an axis, deg and deg/s: its path among switching lines at named deadbands, rad/s."""
+    """Makes an axis's phase-plane panel, deg and deg/s: path and switching lines, for named deadbands, rad/s."""
     error, rate = path
     held = np.where(np.isnan(error), np.nan, rate)
     wide = _symmetric_limit(error, 0.0)

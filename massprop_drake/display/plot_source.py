@@ -44,7 +44,7 @@ class Source(NamedTuple):
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle of the scenario."""
+        """Vehicle of the scenario."""
         return self.scenario.vehicle_data
 
     @property
@@ -54,12 +54,12 @@ class Source(NamedTuple):
 
     @property
     def rotation_axes(self) -> tuple[int, ...]:
-        """The axes about which the vehicle turns."""
+        """Indices of the axes about which the vehicle turns."""
         return (2,) if self.vehicle.motion == "planar" else (0, 1, 2)
 
     @property
     def translation_axes(self) -> tuple[int, ...]:
-        """The axes along which it moves."""
+        """Indices of the axes along which the vehicle moves."""
         return (0, 1) if self.vehicle.motion == "planar" else (0, 1, 2)
 
     @property

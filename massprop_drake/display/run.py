@@ -35,7 +35,7 @@ class Run(RunContent):
 
     @staticmethod
     def load(folder: str | Path) -> Run:
-        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
+        """Reads a run from its folder, or from the unfinished one beside it that a killed process left.
 
         Raises:
             InputError: when the folder holds no run that can be read.
@@ -108,9 +108,6 @@ class Run(RunContent):
             place: of the folder.
             pages: whether figures, replay and report are wanted.
             missing: parts that are known to be missing.
-
-        Returns:
-            The first error that was noted.
         """
         data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
@@ -163,7 +160,7 @@ class Run(RunContent):
         _write_text(path, report_html(self, replay=replay.name if replay.exists() else None))
 
     def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
-        """Writes the run for viewers of others: signals with units, frames, a scene and messages.
+        """Exports the run for Foxglove, PlotJuggler or Rerun: signals with units, frames, a scene and messages.
 
         Args:
             to: "mcap", for Foxglove and PlotJuggler, or "rerun".

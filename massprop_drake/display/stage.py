@@ -172,7 +172,6 @@ def _start_quiet_meshcat() -> Meshcat:
 
 
 def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
-    """Draws a solid with its color at a Meshcat path."""
     place = RigidTransform(RotationMatrix(solids.rotation(solid)), np.array(solid.position))
     color = _rgba(solid.color, _OPACITY)
     match solid:

@@ -87,7 +87,7 @@ def _vehicle_dimensions(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def largest_accelerations(activity: Array) -> list[float]:
-    """Computes the largest acceleration in each of `DIRECTIONS` that jets give without any other, within thrust.
+    """Computes the largest acceleration in each of `DIRECTIONS`, others zero, with no jet beyond full thrust.
 
     Args:
         activity: activity vectors as columns, shape (6, n_jets).

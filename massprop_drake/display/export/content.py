@@ -283,7 +283,6 @@ class Content:
         return tuple(notes)
 
     def _to_ns(self, time_s: Array) -> NDArray[np.int64]:
-        """Converts times, s, to nanoseconds since the epoch."""
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
     def _make_block(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
@@ -452,7 +451,6 @@ def _verdict(run: RunContent) -> tuple[Literal["info", "warning"], str, str]:
 
 
 def _are_equal(one: Arrows | Balls, other: Arrows | Balls) -> bool:
-    """Tests whether two sets of arrows or balls have equal colors and geometry."""
     return one.colors == other.colors and all(
         np.array_equal(before, now) for before, now in zip(one[:2], other[:2], strict=True)
     )

@@ -127,7 +127,6 @@ class FoxgloveStream:
             self._frames.log(FrameTransforms(transforms=known), log_time=time_ns)
 
     def _log_scene(self, name: str, time_ns: int, entity: SceneEntity) -> None:
-        """Logs an entity of the scene on its channel."""
         self._scene[name].log(SceneUpdate(entities=[entity]), log_time=time_ns)
 
     def _log_event(self, time_ns: int, message: LogEntry) -> None:
@@ -314,6 +313,5 @@ def _rotation_from_x(direction: Array) -> Quaternion:
 
 
 def _paint(color: Color) -> Paint:
-    """Converts a color from 0 to 255 to one from 0 to 1."""
     red, green, blue, opacity = (part / 255.0 for part in color)
     return Paint(r=red, g=green, b=blue, a=opacity)

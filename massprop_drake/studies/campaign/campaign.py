@@ -251,7 +251,7 @@ class Campaign:
         return rows.to_pandas().set_index("case_id").join(drawn)
 
     def _repr_html_(self) -> str | None:
-        """Returns the beginning of the report as HTML for a notebook; None before any case has been flown."""
+        """Returns title and verdict as HTML for a notebook; None before any case has been flown."""
         if self.folder is None or not store.flown_ids(self.folder):
             return None
         from massprop_drake.studies.campaign import campaign_report  # noqa: PLC0415 (templates and scipy are slow to load)

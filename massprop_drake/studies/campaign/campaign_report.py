@@ -94,7 +94,7 @@ def report_page(study: Study) -> str:
 
 
 def notebook(study: Study) -> str:
-    """Returns the beginning of a campaign's report as HTML for a notebook."""
+    """Returns title and verdict of a campaign as HTML for a notebook."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 

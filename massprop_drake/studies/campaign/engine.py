@@ -43,7 +43,7 @@ class Case(Protocol):
 
     @property
     def case_id(self) -> int:
-        """Number of the case, one of its own."""
+        """Unique number of the case."""
 
     def _asdict(self) -> dict[str, Any]: ...
 

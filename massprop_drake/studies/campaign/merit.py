@@ -41,7 +41,7 @@ class InjectedEvent(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """True if the declaration is right: the jet, a group with it, or the payload's jump."""
+        """True if the declaration is right: of the jet, a group with it, or the payload's jump."""
         return self.injected["outcome"] in ("named", "group")
 
     @property

@@ -133,7 +133,7 @@ def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
 
 
 def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Makes two table rows, of failed jets and moved payloads: what they were declared as, in numbers."""
+    """Makes a table row each for failed jets and moved payloads: numbers of cases by what was declared."""
     table = []
     for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
         found = merit.events(rows, payloads=payloads)

@@ -197,7 +197,6 @@ def read_facts(folder: Path) -> dict[str, str]:
 
 
 def _facts(table: pa.Table) -> dict[str, str]:
-    """Returns a table's metadata as text by name."""
     return {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
 
 
@@ -216,7 +215,7 @@ def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
 
 
 def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Schema) -> Path:
-    """Writes the result rows of one chunk of cases as a new Parquet file."""
+    """Writes the result rows of one chunk of cases as a new Parquet file and returns its path."""
     place = folder / RESULTS
     place.mkdir(exist_ok=True)
     first, last = rows[0]["case_id"], rows[-1]["case_id"]

@@ -227,7 +227,6 @@ def end_campaign_work(key: str) -> None:
 
 @atexit.register
 def _end_all() -> None:
-    """Ends all child processes at exit."""
     for key in list(_children):
         end_campaign_work(key)
 

@@ -119,7 +119,7 @@ def design(
 
 
 def _search_plan(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
-    """Returns the plan of least cost and its task; that counts products of errors as noise where they matter.
+    """Returns the plan of least cost and its task, whose filter takes products of errors as noise where needed.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
     filter to which these are noise, the plan is that of such a filter.
