@@ -37,7 +37,7 @@ _OVERLAID = (
 
 
 def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
-    """Returns a page that needs no network.
+    """Returns the comparison page of runs as the text of one HTML file that needs no network.
 
     Args:
         runs: of one vehicle, each with a name.
@@ -65,7 +65,7 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
 
 
 def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
-    """Prepares the runs' sources for plots over each other, with common kinds of signals and times.
+    """Returns the runs' sources by name, adapted for overlaid plots: common signals, and times that overlap.
 
     Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
     have no time in common all begin at zero.
@@ -82,7 +82,7 @@ def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, S
 
 
 def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
-    """Makes the plots that all runs have, with the marks of all: a run has one color throughout.
+    """Makes one overlaid plot for each plot that all runs have, with one color per run.
 
     Args:
         runs: each with a name.
@@ -95,7 +95,7 @@ def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
 
 
 def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
-    """Overlays the same plot of several runs, over the times of the longest."""
+    """Merges the same plot of several runs into one plot, over the times of the longest run."""
     longest = max(same, key=lambda plot: float(plot.time_s[-1]))
     panels = []
     for parts in zip(*(plot.panels for plot in same), strict=True):
@@ -112,7 +112,7 @@ def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
 
 
 def _recolor_mark(mark: Mark, color: str, name: str) -> Mark | None:
-    """Recolors a mark of a plot in the color of its run; None for a mark that all runs share."""
+    """Returns a copy of a plot's mark in its run's color, labeled with the run; None for a mark all runs share."""
     match mark:
         case Line() | Points():
             return mark._replace(color=color, label=f"{name}: {mark.label}" if mark.label else name)
@@ -123,7 +123,7 @@ def _recolor_mark(mark: Mark, color: str, name: str) -> Mark | None:
 
 
 def _common_scale(parts: Sequence[Panel]) -> Any:
-    """Returns the scale that panels share; symmetric logarithmic only if all are, from least to largest."""
+    """Returns the vertical scale of overlaid panels; symmetric logarithmic, over the widest range, only if all are."""
     scales = [panel.scale for panel in parts]
     symmetric = [scale for scale in scales if isinstance(scale, SymmetricLog)]
     if len(symmetric) < len(scales):
@@ -132,19 +132,20 @@ def _common_scale(parts: Sequence[Panel]) -> Any:
 
 
 def _common_limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
+    """Returns the least and the greatest vertical limit of the panels; None if any panel has no limits."""
     given = [panel.limits for panel in parts if panel.limits is not None]
     return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
 
 
 def _findings_text(run: RunContent) -> tuple[str, str, str]:
-    """Describes the duration of a run, whether its innovations are consistent, and its findings."""
+    """Formats three texts on a run: its duration, its consistency verdict and its declared failures."""
     results = run.results
     declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
 
 
 def _parameter_rows(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, Any]]:
-    """Formats the ten parameters, a row for each with the cells of every run."""
+    """Makes ten table rows, one per mass property: symbol, unit, and each run's estimate, error and 1-sigma."""
     units = mass_property_units(runs[0][1].scenario.vehicle_data.unit_names)
     rows = []
     for index, (symbol, unit) in enumerate(zip(SYMBOLS, units, strict=True)):
@@ -154,7 +155,7 @@ def _parameter_rows(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, An
 
 
 def _parameter_cells(one: Parameter, unit: str) -> tuple[str, str, str]:
-    """Formats estimate, error and 1-sigma: in percent or, of a value near zero, in the parameter's unit."""
+    """Formats estimate, error and 1-sigma of a mass property; the last two in percent, or in its unit near zero."""
     if math.isnan(one.estimate):
         return "not observable", "", ""
     if math.isnan(one.standard_deviation):

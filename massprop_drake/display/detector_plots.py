@@ -58,10 +58,7 @@ def likelihoods(run: Source) -> Plot:
 def _highest_panel(
     time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]
 ) -> Panel:
-    """Plots statistics of many candidates: declared ones and the highest by name, others as a range in gray.
-
-    What was declared is drawn last, and so on top. All are there to be read.
-    """
+    """Makes a panel of test statistics: declared and highest candidates by name, the others as a gray range."""
     shown = np.maximum(values, _FLOOR)
     limits = (_FLOOR, max(10.0, 2.0 * float(np.fmax.reduce(shown, axis=None, initial=1.0))))
     if not time_s.size:
@@ -107,11 +104,12 @@ def fault_probabilities(run: Source) -> Plot:
 
 
 def _final_value_text(values: Array) -> str:
+    """Formats the last value of a probability for a legend, as 'at the end ...'."""
     return f"at the end {format_probability(float(values[-1]))}"
 
 
 def margins(run: Source) -> Plot:
-    """Plots margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
+    """Plots isolation margins of the likeliest jet and cluster over the next (figures 5-17, 5-20, 5-23, 5-26)."""
     tested = run.nonzero_rows("tested")
     limit = getattr(run.scenario.detector, "margin", None)  # a matter of the method
     levels = () if limit is None else (Level(limit, label=f"isolated above {limit:g}"),)

@@ -28,7 +28,7 @@ class Mark(NamedTuple):
 
 
 def failure_marks(scenario: Scenario, end_s: float) -> list[Mark]:
-    """Lists the jets that truly fail before a time, s."""
+    """Makes a mark for each injected jet failure that begins by a time, s: its jet, interval and text."""
     vehicle = scenario.vehicle_data
     return [
         Mark(
@@ -43,7 +43,7 @@ def failure_marks(scenario: Scenario, end_s: float) -> list[Mark]:
 
 
 def detection_marks(run: RunContent) -> list[Mark]:
-    """Lists the jets, or whole clusters, that the detector declared failed, and jumps, which have no jets."""
+    """Makes a mark for each declaration: its jets (none for a mass-property jump), interval and text."""
     vehicle, marks = run.scenario.vehicle_data, []
     for entry in run.results.detections:
         named = (entry.jet,) if entry.jet else entry.jets
@@ -58,7 +58,7 @@ def detection_marks(run: RunContent) -> list[Mark]:
 
 
 def describe_command(scenario: Scenario, time_s: float) -> str:
-    """Names what the hand controllers ask for at a time, such as 'RHC +x'; 'hold' while both are in detent."""
+    """Describes the hand controllers' command at a time, such as 'RHC +x'; 'hold' while both are in detent."""
     windows = [window for window in scenario.maneuver if window.start_s <= time_s < window.end_s]
     if not windows:
         return "hold" if scenario.maneuver else ""

@@ -106,7 +106,7 @@ class _Figures(Mapping[str, Figure]):
 
 
 def _make_plot_method(describe: Callable[[Source], Plot]) -> Callable[[Plots], Figure]:
-    """Makes a method of `Plots` that draws what a function describes; it has that function's name and docstring."""
+    """Makes a method of `Plots` that draws the plot of a function, with that function's name and docstring."""
 
     @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
     def draw(self: Plots) -> Figure:
@@ -126,11 +126,11 @@ class Plots:
         self.source = source
 
     def all(self) -> Mapping[str, Figure]:
-        """Yields every figure by name, in the order to read them; each is drawn when it is asked for."""
+        """Maps names of all plots, in reading order, to matplotlib figures, each drawn when it is accessed."""
         return _Figures(self.source)
 
     def save(self, folder: Path) -> None:
-        """Writes every figure into a folder, as `<name>.png`; errors are raised once the others are written."""
+        """Writes every figure into a folder, as `<name>.png`; raises the first error once the others are written."""
         drawn, failed = self.all(), []
         for name in drawn:
             path = folder / f"{name}.png"
@@ -160,12 +160,12 @@ for _module in (motion_plots, filter_plots, detector_plots, plots):
 
 
 def draw_plot(plot: Plot) -> Figure:
-    """Draws a plot: its panels over the time one above the other, each with its key above it; others in a row."""
+    """Draws a plot as a matplotlib figure: panels over time in a column, panels over other quantities in a row."""
     return _draw_row(plot) if plot.panels[0].over else _draw_column(plot)
 
 
 def _draw_row(plot: Plot) -> Figure:
-    """Draws panels beside each other, with the key of the first above them all."""
+    """Draws a figure of panels side by side, with the first panel's legend above them."""
     keys = _key_rows(plot.panels[0])
     total = _TITLE + _GAP + _KEY * len(keys) + _SQUARE + _BOTTOM + _SAID
     width = (_WIDTH - _RIGHT) / len(plot.panels) - _LEFT
@@ -188,7 +188,7 @@ def _draw_row(plot: Plot) -> Figure:
 
 
 def _draw_column(plot: Plot) -> Figure:
-    """Draws panels over the same time one above the other."""
+    """Draws a figure of panels over the same time, one above the other."""
     keys = [_key_rows(panel) for panel in plot.panels]
     left = _left_margin(plot.panels)
     width = _WIDTH - left - _RIGHT
@@ -223,7 +223,7 @@ def _draw_column(plot: Plot) -> Figure:
 
 
 def _continue_grid(axes: Sequence[Axes]) -> None:
-    """Draws the lines of the lowest panel's axis of time in the others, which then need no axes of their own."""
+    """Draws the lowest panel's time grid in the panels above, and hides their time axes."""
     lines = [[(time_s, 0.0), (time_s, 1.0)] for time_s in axes[-1].xaxis.get_majorticklocs()]
     for above in axes[:-1]:
         above.xaxis.set_visible(False)
@@ -239,12 +239,12 @@ def _continue_grid(axes: Sequence[Axes]) -> None:
 
 
 def _panel_height(panel: Panel) -> float:
-    """Returns the height of a panel, inches."""
+    """Returns the drawn height of a panel, inches."""
     return _PANEL if len(panel.rows) <= _FEW_ROWS else max(_PANEL, _ROW * len(panel.rows))
 
 
 def _left_margin(panels: Sequence[Panel]) -> float:
-    """Returns the width left of the panels that their vertical axes need for numbers or names, inches.
+    """Computes the margin left of the panels for numbers or row names, inches.
 
     It is at most half of the figure: longer names are cut.
     """
@@ -253,6 +253,7 @@ def _left_margin(panels: Sequence[Panel]) -> float:
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
+    """Draws a panel into axes: scale, limits, marks, row names and label."""
     match panel.scale:
         case SymmetricLog(small, large):
             set_symmetric_log(axes, small, large)
@@ -273,6 +274,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
 
 
 def _draw_mark(axes: Axes, mark: Mark) -> None:
+    """Draws one mark of a panel into axes: line, points, band, bars, level or zone."""
     match mark:
         case Line():
             (line,) = axes.plot(mark.x, mark.y, color=mark.color, linewidth=mark.width, label=mark.label)
@@ -312,13 +314,13 @@ def _line_style(dashed: bool) -> Literal["--", "-"]:
 
 
 def _rectangles(left: Array, right: Array, low: Array, high: Array) -> list[Array]:
-    """Makes the corners of rectangles, shape (4, 2) each."""
+    """Returns the corners of n rectangles from their sides, shape (4, 2) each."""
     x, y = np.stack([left, right, right, left], axis=1), np.stack([low, low, high, high], axis=1)
     return list(np.stack([x, y], axis=2))
 
 
 def _draw_times(axes: Axes, plot: Plot) -> None:
-    """Draws windows and moments over the whole height of a panel."""
+    """Draws a plot's time windows and event times over the whole height of a panel."""
     whole = axes.get_xaxis_transform()
     if plot.windows:
         start, end = np.array([(window.start_s, window.end_s) for window in plot.windows]).T
@@ -337,7 +339,7 @@ def _draw_times(axes: Axes, plot: Plot) -> None:
 
 
 def _window_levels(windows: Sequence[ShadedWindow], seconds_per_inch: float) -> list[int]:
-    """Stacks the windows' names: each goes to the lowest level with room beside those before it."""
+    """Assigns the name of each time window to the lowest text line that has room for it; returns line numbers."""
     ends: list[float] = []  # of the names at each level, s
     levels = []
     for window in windows:
@@ -348,13 +350,14 @@ def _window_levels(windows: Sequence[ShadedWindow], seconds_per_inch: float) -> 
 
 
 def _label_window(axes: Axes, window: ShadedWindow, level: int) -> None:
+    """Writes the name of a time window above a panel, on a numbered text line."""
     above = 1.0 + (0.03 + _WINDOW_STEP * level) * axes.figure.dpi / axes.bbox.height
     transform = axes.get_xaxis_transform()
     axes.text(window.start_s, above, window.text, transform=transform, fontsize=WINDOW_SIZE, color="#555555")
 
 
 def set_symmetric_log(axes: Axes, small: float, large: float) -> None:
-    """Makes a vertical axis linear up to a small value and logarithmic beyond, with few marks.
+    """Makes a vertical axis linear up to a small value and logarithmic beyond, with few ticks.
 
     Args:
         axes: to change.
@@ -371,7 +374,7 @@ def set_symmetric_log(axes: Axes, small: float, large: float) -> None:
 
 
 def _mark_powers_of_ten(axes: Axes) -> None:
-    """Marks powers of ten alone, as plain numbers."""
+    """Limits the ticks of a vertical axis to powers of ten, as plain numbers."""
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
@@ -380,7 +383,7 @@ def _mark_powers_of_ten(axes: Axes) -> None:
 
 
 def _key_rows(panel: Panel) -> list[list[Mark]]:
-    """Arranges the labeled marks of a panel in rows that fit the figure."""
+    """Arranges the labeled marks of a panel in legend rows that fit the figure's width."""
     rows: list[list[Mark]] = []
     for mark in panel.marks:
         if isinstance(mark, Bars) or not mark.label or (isinstance(mark, Points) and not mark.drawn):
@@ -392,7 +395,7 @@ def _key_rows(panel: Panel) -> list[list[Mark]]:
 
 
 def _key_width(marks: Sequence[Mark]) -> float:
-    """Estimates the width of a row of a key, inches."""
+    """Estimates the width of a legend row, inches."""
     return sum(_entry_width(mark) for mark in marks)
 
 
@@ -401,7 +404,7 @@ def _entry_width(mark: Mark) -> float:
 
 
 def _draw_key(figure: Figure, rows: Sequence[Sequence[Mark]], bottom: float) -> None:
-    """Draws symbols and labels at the right, clear of the exponent that an axis writes at the left."""
+    """Draws a panel's legend, aligned right, clear of the exponent that an axis writes at the left."""
     width, height = figure.get_size_inches()
     for number, row in enumerate(reversed(rows)):
         at, level = _WIDTH - _RIGHT - _key_width(row), (bottom + _KEY * (number + 0.5)) / height
@@ -413,7 +416,7 @@ def _draw_key(figure: Figure, rows: Sequence[Sequence[Mark]], bottom: float) -> 
 
 
 def _key_symbol(mark: Mark, left: float, right: float, level: float) -> Line2D:
-    """Makes the symbol of a mark in a key, in fractions of the figure."""
+    """Makes the legend symbol of a mark, placed in fractions of the figure."""
     middle = 0.5 * (left + right)
     match mark:
         case Points():

@@ -55,7 +55,7 @@ def mass_reciprocal(run: Source) -> Plot:
 
 
 def _parameter_plot(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
-    """Plots estimation errors with their 3-sigma band; without the truth the estimates with theirs.
+    """Plots errors of some parameters with their 3-sigma band; estimates with theirs where no truth is known.
 
     Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
     """
@@ -64,7 +64,7 @@ def _parameter_plot(run: Source, name: str, elements: tuple[int, ...], title: st
 
 
 def other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
-    """Returns estimates of a parameter by systems of the user's own, by the system's name, with their colors."""
+    """Maps each of the user's own estimators to its estimates of a parameter, shape (n,), and its color."""
     names = [name for name in run.signals if is_user_signal(name) and name.endswith(".estimate")]
     found = {name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)}
     there = {name: values[:, element] for name, values in found.items() if np.isfinite(values[:, element]).any()}
@@ -72,13 +72,13 @@ def other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
 
 
 def estimated_elements(run: Source, elements: tuple[int, ...]) -> list[int]:
-    """Selects the parameters that are estimated, and neither fixed nor of no effect in a plane."""
+    """Returns the indices that the filter estimates: parameters neither fixed nor without effect in a plane."""
     known = params.known_parameters(run.scenario)
     return [element for element in elements if not known[element]]
 
 
 def thrust_factors(run: Source) -> Plot:
-    """Plots the acceleration by each jet, over the nominal one: one panel a jet."""
+    """Plots the estimated acceleration by each jet over the nominal one, one panel per jet."""
     factor, deviation = run.signals["thrust_factor"], run.signals["thrust_factor_std"]
     panels = []
     for jet, name in enumerate(run.vehicle.designations):
@@ -93,7 +93,7 @@ def thrust_factors(run: Source) -> Plot:
 
 
 def surroundings(run: Source) -> Plot:
-    """Plots estimates besides the vehicle: the delay of commands, drag, and turning that goes with the heading."""
+    """Plots estimated delay of commands, drag rates, and heading-dependent angular acceleration, with 3 sigma."""
     shown = [("command_delay", 0, "delay of commands", "s")]
     shown += [("drag_rate", 0, "drag", "1/s"), ("drag_rate", 1, "angular drag", "1/s")]
     shown += [("heading_turn", part, f"turning, {name}", "rad/s^2") for part, name in enumerate(("cosine", "sine"))]
@@ -113,7 +113,7 @@ def surroundings(run: Source) -> Plot:
 
 
 def _error_panel(run: Source, element: int) -> Panel:
-    """Makes the estimation error in percent of the truth, or in the parameter's unit where the truth is zero."""
+    """Makes a panel of a parameter's estimation error, in percent of the truth, or in its unit where that is zero."""
     truth = run.signals["truth"]
     true = truth[:, element]
     unit, scale = mass_property_units(run.vehicle.unit_names)[element], np.ones_like(true)
@@ -135,7 +135,7 @@ def _error_panel(run: Source, element: int) -> Panel:
 
 
 def _estimate_panel(run: Source, element: int) -> Panel:
-    """Makes the estimate of a parameter, on a scale that the end of the record sets."""
+    """Makes a panel of a parameter's estimate with its 3-sigma band, scaled to the band's last half."""
     value = run.signals["estimate"][:, element]
     band = 3.0 * run.signals["standard_deviation"][:, element]
     unit = mass_property_units(run.vehicle.unit_names)[element]
@@ -152,7 +152,7 @@ def _estimate_panel(run: Source, element: int) -> Panel:
 
 
 def _other_lines(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
-    """Makes lines of estimates or errors of the user's own systems, by name, each with its color."""
+    """Makes lines of estimates or errors of the user's own estimators, labeled with their last values."""
     return [
         Line(run.time_s, values, color, f"{name}, at the end {values[-1]:.{digits}g} {unit}", width=THIN_LINE)
         for name, (values, color) in others.items()
@@ -160,7 +160,7 @@ def _other_lines(run: Source, others: Mapping[str, tuple[Array, str]], unit: str
 
 
 def _estimate_limits(value: Array, band: Array) -> tuple[float, float]:
-    """Computes limits that show an estimate, and its band over the last half; the first band may be huge."""
+    """Computes vertical limits for an estimate and the last half of its band, whose beginning may be huge."""
     half = value.size // 2
     low = min(float(value.min()), float((value - band)[half:].min()))
     high = max(float(value.max()), float((value + band)[half:].max()))
@@ -198,7 +198,7 @@ _TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a f
 
 
 def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
-    """Plots innovations of a filter, a panel per axis."""
+    """Plots the innovations of a filter at the samples used, a panel per axis."""
     used = run.nonzero_rows(f"{filtered}_used")
     time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
     bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
@@ -222,7 +222,7 @@ _EDGE, _EDGE_SIZE = 0.94, 5.0  # where a value beyond the limits stands, of them
 
 
 def _innovation_range(values: Array, band: Array) -> float:
-    """Computes the range of an axis that shows the usual band, and 3 sigma of the values by their median; 0: none.
+    """Computes a panel's half range from medians: the usual band, and 3 sigma of the values; 0: no values.
 
     Half of the values may be anywhere beyond. A median is a value that is there, the lower one of two, so that a page
     finds the same for a part of them.
@@ -236,7 +236,7 @@ def _innovation_range(values: Array, band: Array) -> float:
 
 
 def _edge_triangles(time_s: Array, values: Array, limit: float, color: str) -> list[Mark]:
-    """Makes triangles at the edges for the values beyond them; for a zoomed part of the time a page makes its own."""
+    """Makes triangles at a panel's edges for the values beyond its limits, of either sign."""
     high, low = values > limit, values < -limit
     count = int(high.sum() + low.sum())
     said = f"{count} beyond the axis" if count else ""
@@ -249,7 +249,7 @@ def _edge_triangles(time_s: Array, values: Array, limit: float, color: str) -> l
 
 
 def _nis_label(run: Source, name: str, nis: Array) -> str:
-    """Labels a curve of the NIS with its mean, or with that within the 99 % point where few samples dominate it."""
+    """Labels a NIS curve with its mean, or the mean within the 99 % point where few samples dominate it."""
     means = run.consistency
     if means is None:
         mean = float(nis.mean()) if nis.size else None

@@ -65,14 +65,14 @@ def write_replay(run: RunContent, path: str | Path, *, force: bool = False) -> P
 
 
 def replay_html(run: RunContent) -> str:
-    """Returns the replay as the text of one HTML file that needs no network."""
+    """Returns the replay of a run as the text of one HTML file that needs no network."""
     run = run.thin_for_plots()
     page, stage = build_scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
     return flight_page(run.scenario, page, _flight_data(run, stage))
 
 
 def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, live: bool = False) -> str:
-    """Returns the page of a flight.
+    """Returns the HTML page of a flight, from Meshcat's page and the replay's data.
 
     Args:
         scenario: that is flown.
@@ -93,7 +93,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
 
 
 def build_scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:
-    """Builds Meshcat's page with the vehicle, free of texts of the user's; returns the HTML and its stage.
+    """Builds Meshcat's page with the vehicle, free of user texts; returns its HTML and the stage.
 
     Args:
         scenario: that is flown.
@@ -119,7 +119,7 @@ LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each 
 
 
 def scenario_page_data(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[str, Any]:
-    """Collects the replay page's data that a scenario determines: scene, columns, limits and colors."""
+    """Collects the replay data that a scenario determines: scene, columns, limits and colors."""
     vehicle = scenario.vehicle_data
     return {
         "scene": {
@@ -149,7 +149,7 @@ def scenario_page_data(scenario: Scenario, stage: MeshcatStage, *, truth: bool) 
 
 
 def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
-    """Collects the replay page's data of a finished run: rows by sample, jets by state, texts and events.
+    """Collects the replay data of a finished run: rows by sample, jets by plume kind, texts and events.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
     attitude is turned on between two rows.
@@ -193,7 +193,7 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
 
 
 def plume_sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
-    """Lists plume lengths relative to full thrust: of jets with regular thrust, then of those that fire uncommanded.
+    """Lists plume lengths over full-thrust lengths: of jets firing regularly, then of jets firing uncommanded.
 
     Args:
         scenario: of the vehicle.
@@ -221,19 +221,19 @@ def _positions(run: RunContent) -> Array | None:
 
 
 def _joint_positions(run: RunContent) -> Array:
-    """Returns the positions of the joints at every sample, shape (n, n_joints)."""
+    """Returns the positions of the model's joints at every sample, shape (n, n_joints)."""
     return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
 
 def _to_lists(values: Array) -> list[Any]:
-    """Converts rows to lists of numbers, or numbers where there is one in a row; None for what is not finite."""
+    """Converts rows to lists of numbers, or one-column rows to numbers; None for what is not finite."""
     flat = interactive.rounded_numbers(values.ravel(), digits=DIGITS)
     width = values.shape[1]
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
 
 def _marked_jets(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
-    """Mask of the jets that are marked at each sample, shape (n, n_jets)."""
+    """Flags the jets that any mark covers at each sample, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
     for mark in marks:
@@ -246,7 +246,7 @@ def _marked_jets(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[
 def narration(
     scenario: Scenario, start_s: float, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
-    """Lists the texts shown during a flight, on commands, failures and detections, each with its starting time, s."""
+    """Lists times, s, at which the replay's texts change, each with command, failures and declarations."""
     edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}
@@ -270,7 +270,7 @@ def narration(
 def _slider_events(
     run: RunContent, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
-    """Lists the events for the slider: failures and jumps, and declarations."""
+    """Lists events for the time slider: injected failures and mass-property jumps, and declarations."""
     end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
     ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
     ticks += [
@@ -286,7 +286,7 @@ def _slider_events(
 
 
 def _camera_target(run: RunContent) -> Array:
-    """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
+    """Returns the points that the camera tracks: the true or else the nominal center of mass, shape (n, 3)."""
     if "truth" in run.signals:
         return np.asarray(run["truth"])[:, CENTER_OF_MASS]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))

@@ -50,7 +50,7 @@ DIAGRAMS = {
 
 
 def build(name: str, scenario: Scenario | None = None) -> Diagram:
-    """Builds a diagram of the gallery.
+    """Builds a Drake diagram of the gallery, by its name, for a scenario.
 
     Args:
         name: of it.
@@ -63,7 +63,7 @@ def build(name: str, scenario: Scenario | None = None) -> Diagram:
 
 
 def as_diagram(made: Any, source: str) -> Diagram:
-    """Returns the diagram to draw of a user function's result: a diagram, a builder of one, or one system.
+    """Returns a Drake diagram of what a user's function returns: a diagram, a builder, or one system.
 
     Args:
         made: by the function.
@@ -91,7 +91,7 @@ def as_diagram(made: Any, source: str) -> Diagram:
 
 
 def names_for(scenario: Scenario | None) -> list[str]:
-    """Names the diagrams that a scenario has, those that fly it last; None: the whole gallery."""
+    """Returns names of the Drake diagrams that a scenario uses, those that fly it last; None: the whole gallery."""
     if scenario is None:
         return list(DIAGRAMS)
     flown = ["open_loop"] if scenario.open_loop else ["autopilot", "closed_loop"]
@@ -99,7 +99,7 @@ def names_for(scenario: Scenario | None) -> list[str]:
 
 
 def describe(name: str) -> str:
-    """Returns a line about a diagram of the gallery."""
+    """Returns one line of description of a Drake diagram of the gallery, by its name."""
     drawn = DIAGRAMS[name]
     module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
     return drawn.said or (module.__doc__ or "").strip().splitlines()[0]
@@ -110,7 +110,7 @@ _FONT = "".join(f'{what} [fontname="Courier"]; ' for what in ("graph", "node", "
 
 
 def dot_text(diagram: Diagram, depth: int) -> str:
-    """Returns a diagram in Graphviz's language, independent of what else the process has built.
+    """Returns a Drake diagram in Graphviz's DOT, with the same names whatever else the process has built.
 
     Args:
         diagram: the one to draw.
@@ -139,7 +139,7 @@ _SIGNALS = 4  # on one arrow of an overview, in a line each
 
 
 def overview_text(diagram: Diagram) -> str:
-    """Returns the overview of a diagram in Graphviz's language: its parts, and between two of them one arrow.
+    """Returns the overview of a Drake diagram in DOT: its subsystems, and one arrow between any connected two.
 
     The arrow has the names of the signals that it carries; exported ports are left out.
     """
@@ -182,7 +182,7 @@ _PORT = re.compile(r'PORT="([uy]?\d+)"[^>]*>([^<]*)</TD>')
 
 
 def _label_arrows(connections: list[str], text: str) -> list[str]:
-    """Labels arrows between systems with the signal they carry, which has the name of the port it leaves."""
+    """Returns the DOT lines of arrows between systems, labeled with the name of the output port that each leaves."""
     ports = {(node, port): name for node, inside in _NODE.findall(text) for port, name in _PORT.findall(inside)}
     labeled = []
     for line in connections:
@@ -194,7 +194,7 @@ def _label_arrows(connections: list[str], text: str) -> list[str]:
 
 
 def svg_text(dot: str) -> str | None:
-    """Draws a graph as SVG with `graphviz-pure` (pip) or `dot` (Graphviz); None if neither is installed."""
+    """Converts DOT to SVG text with `graphviz-pure` (pip) or `dot` (Graphviz); None if neither is installed."""
     beside = Path(sys.executable).parent / "graphviz-pure"
     program = str(beside) if beside.exists() else shutil.which("graphviz-pure") or shutil.which("dot")
     if program is None:
@@ -211,7 +211,7 @@ _SHEET = re.compile(r'class="graph"[^>]*>\s*<title>[^<]*</title>\s*<polygon[^>]*
 
 
 def widen_frames(svg: str, dot: str) -> str:
-    """Widens the frame of each diagram of a graph until the wires inside it are within, as far as the sheet goes.
+    """Returns the SVG text with each diagram's frame widened to hold its wires, as far as the sheet goes.
 
     Graphviz makes frames around systems, and leads wires around these.
 
@@ -230,6 +230,7 @@ def widen_frames(svg: str, dot: str) -> str:
     most = _box(_parse_points(sheet[1]), -_MARGIN)
 
     def widened(match: re.Match[str]) -> str:
+        """Returns the SVG of a matched frame with its corners moved outward to hold its wires."""
         own = _box(_parse_points(match[3]), 0.0)
         reach = _box(wires[match[2]], _MARGIN) if match[2] in wires else own
         left, low = (max(min(own[k], reach[k]), most[k]) for k in (0, 1))
@@ -240,7 +241,7 @@ def widen_frames(svg: str, dot: str) -> str:
 
 
 def _diagrams_around(dot: str) -> dict[str, list[str]]:
-    """Finds the frames of the diagrams that each node of a graph stands in."""
+    """Maps each node of a DOT graph to the names of the diagram frames that enclose it, outermost first."""
     found: dict[str, list[str]] = {}
     within: list[str] = []
     for group, node, closed in _OPENED.findall(dot):
@@ -254,11 +255,11 @@ def _diagrams_around(dot: str) -> dict[str, list[str]]:
 
 
 def _parse_points(text: str) -> list[tuple[float, float]]:
-    """Reads the points of a polygon or a path."""
+    """Parses the points of an SVG polygon or path."""
     return [(float(x), float(y)) for x, y in re.findall(r"(-?[\d.]+)[ ,](-?[\d.]+)", text)]
 
 
 def _box(points: list[tuple[float, float]], margin: float) -> tuple[float, float, float, float]:
-    """Makes the box around points: least x and y, greatest x and y."""
+    """Returns the bounding box of points with a margin: least x and y, greatest x and y."""
     x, y = zip(*points, strict=True)
     return min(x) - margin, min(y) - margin, max(x) + margin, max(y) + margin

@@ -24,11 +24,11 @@ APART_LIMITS = (4.0, 6.0)  # 1-sigma
 
 
 def columns(run: RunContent) -> dict[str, Array]:
-    """Returns the instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
+    """Returns the instrument readings at every sample, shape (n, 1) or (n, 3) each, by name; NaN: shows nothing.
 
     Returns:
         `rate`: true or else as read, deg/s; `nis`: of the rotation filter at the samples that it used;
-        `package_deviation`: see `package_deviation`.
+        ``apart``: see `package_deviation`.
     """
     scenario = run.scenario
     rate = motion.rate(scenario, run.signals)
@@ -41,14 +41,14 @@ def columns(run: RunContent) -> dict[str, Array]:
 
 
 def limits(scenario: Scenario) -> dict[str, object]:
-    """Returns limits at which the instruments' lights turn doubtful and bad; None for one that does not exist."""
+    """Returns limits by instrument at which its light turns doubtful and bad; None where it does not apply."""
     vehicle = scenario.vehicle_data
     several = max(len(vehicle.gyros), len(vehicle.accelerometers)) > 1
     return {"nis": NIS_LIMITS, "nis_window": NIS_WINDOW, "apart": APART_LIMITS if several else None}
 
 
 def package_deviation(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
-    """Computes the largest deviation of packages from the median of their kind, in its 1-sigma, shape (n,).
+    """Computes the largest deviation of sensor packages from the median of their kind, in 1-sigma, shape (n,).
 
     Compared are the changes of their readings over a sample; those of accelerometers with what their places make of
     the rotation, dw x r + w x (w x r) T.
@@ -78,7 +78,7 @@ def package_deviation(scenario: Scenario, time_s: Array, signals: Mapping[str, A
 
 
 def _median_deviation(changes: Sequence[Array], packages: Sequence[SensorPackage]) -> Array:
-    """Computes the largest distance from the median over packages and axes, in 1-sigma of a change; NaN for one."""
+    """Computes the largest deviation from the packages' median over axes, in 1-sigma, (n,); NaN for one package."""
     if len(packages) < 2:
         return np.full(changes[0].shape[0] if changes else 1, np.nan)
     sigmas = np.sqrt([2.0 * package.variance for package in packages])

@@ -54,7 +54,7 @@ _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, an
 
 
 def plotly_figure(plot: Plot) -> Json:
-    """Converts a plot to data for the page.
+    """Converts a plot to plotly's traces and layout, with titles and axis views, as data for the page.
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
@@ -122,7 +122,7 @@ def plotly_figure(plot: Plot) -> Json:
 
 
 def scripts() -> list[str]:
-    """Returns the texts of the scripts that draw such figures, in their order; the page's policy allows `NEEDS`."""
+    """Returns the texts of the scripts that draw plotly figures, in loading order; they require policy `NEEDS`."""
     return [(_HERE / name).read_text(encoding="utf-8") for name in _SCRIPTS]
 
 
@@ -138,7 +138,7 @@ class _Lists:
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
     def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Stores a list once and returns its number; or that of a stored one, with `minus` or `abs` to apply to it.
+        """Stores a list once; returns its number, or that of a stored list with `minus` or `abs` to apply to it.
 
         Args:
             values: the list.
@@ -157,7 +157,7 @@ class _Lists:
 
 
 def pack_figures(figures: Sequence[Json]) -> Json:
-    """Packs figures for a page: every list of numbers and every shape once.
+    """Packs plotly figures for a page, with every list of numbers and every shape stored once.
 
     Args:
         figures: as `plotly_figure` makes them, which are changed.
@@ -177,17 +177,17 @@ def pack_figures(figures: Sequence[Json]) -> Json:
 
 
 def round_times(plot_time_s: Array) -> list[float]:
-    """Rounds sample times for the page, s."""
+    """Rounds sample times, s, to nine digits."""
     return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
 
 
 def _panel_height(panel: Panel, *, alone: bool) -> int:
-    """Returns the height of a panel, pixels."""
+    """Returns the height of a panel on the page, pixels."""
     return max(_ROW * len(panel.rows), _ONE_PANEL if alone or panel.over else _PANEL)
 
 
 def _key_height(panel: Panel) -> int:
-    """Estimates the height of a panel's key, pixels; in a narrow card its entries wrap, into columns as wide as any."""
+    """Estimates the height of a panel's legend, pixels, in a narrow card where its entries wrap into columns."""
     widths = [
         _SYMBOL + _LETTER * len(mark.label)
         for mark in panel.marks
@@ -199,7 +199,7 @@ def _key_height(panel: Panel) -> int:
 
 
 def _horizontal_axis(over: Over, suffix: str) -> Json:
-    """Describes the horizontal axis of a panel that is not over the time."""
+    """Returns plotly's horizontal axis of a panel over a quantity other than time."""
     return {
         "title": {"text": escape_text(over.axis_label), "font": {"size": 10}},
         "range": list(over.limits),
@@ -209,7 +209,7 @@ def _horizontal_axis(over: Over, suffix: str) -> Json:
 
 
 def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
-    """Assigns a panel's traces to the axis of its quantity, not of time; only the first, the path, has readings."""
+    """Moves a panel's traces to the axis of its quantity, not of time; only the first, the path, has readings."""
     for trace in traces:
         trace["xaxis"] = f"x{suffix}"
         trace.pop("meta", None)
@@ -217,7 +217,7 @@ def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix:
 
 
 def _axis_label(panel: Panel, number: int) -> Json:
-    """Writes the label of a vertical axis beside it, in a fixed place: plotly's titles move into the numbers."""
+    """Returns plotly's annotation that labels a vertical axis in a fixed place, where titles overlap numbers."""
     suffix = "" if number == 1 else str(number)
     return {
         "text": escape_text(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
@@ -227,7 +227,7 @@ def _axis_label(panel: Panel, number: int) -> Json:
 
 
 def _vertical_axis(panel: Panel) -> Json:
-    """Describes the vertical axis of a panel."""
+    """Returns plotly's vertical axis of a panel: scale, range, and row names."""
     axis: Json = {"exponentformat": "power", "automargin": True, "nticks": 5}
     axis["type"] = "log" if panel.scale == "log" else "linear"
     if panel.limits is not None:
@@ -245,7 +245,7 @@ def _vertical_axis(panel: Panel) -> Json:
 
 
 def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
-    """Makes the traces of a panel; marks that span all times are shapes instead."""
+    """Converts the marks of a panel to plotly traces, except those that span all times, which are shapes."""
     found = []
     for mark in marks:
         match mark:
@@ -263,7 +263,7 @@ def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
 
 
 def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
-    """Makes a linear view and one of magnitudes, for plotly has no symmetric logarithmic axis."""
+    """Makes linear traces and logarithmic ones of magnitudes, as plotly has no symmetric logarithmic axis."""
     linear, log = [], []
     for mark in marks:
         match mark:
@@ -290,11 +290,12 @@ def _line_trace(plot: Plot, mark: Line) -> Json:
 
 
 def _reading_name(label: str, **more: Any) -> Json:
-    """Makes the metadata that name a trace in readings: its label without its final value."""
+    """Returns the metadata of a trace's readings: its label without the final value, and extra entries."""
     return {"label": label.partition(",")[0], **more}
 
 
 def _points_trace(mark: Points) -> Json:
+    """Converts points to a plotly trace, hidden if they are only for readings."""
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol != "dot":
         marker["symbol"] = _SYMBOLS[mark.symbol]
@@ -313,6 +314,7 @@ _SYMBOLS = {"tick": "line-ns-open", "up": "triangle-up", "down": "triangle-down"
 
 
 def _whiskers_trace(mark: Whiskers) -> Json:
+    """Converts vertical ranges to one plotly trace of separate segments."""
     gap = np.full(mark.x.shape, np.nan)
     x, y = (np.stack(parts, axis=1).ravel() for parts in ((mark.x, mark.x, gap), (mark.low, mark.high, gap)))
     style = {"color": mark.color, "width": mark.width * _PIXELS_PER_POINT}
@@ -320,7 +322,7 @@ def _whiskers_trace(mark: Whiskers) -> Json:
 
 
 def _band_traces(plot: Plot, mark: Band) -> list[Json]:
-    """Makes two edges without lines, the upper one filled down to the lower."""
+    """Converts a band to two plotly traces without lines, the upper one filled down to the lower."""
     edge = {**_trace_times(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _line_shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": rounded_numbers(mark.low), "hoverinfo": "skip"})
@@ -330,6 +332,7 @@ def _band_traces(plot: Plot, mark: Band) -> list[Json]:
 
 
 def _bars_trace(mark: Bars, rows: Sequence[str]) -> Json:
+    """Converts horizontal bars to one plotly trace of separate segments, named by row."""
     gap = np.full(mark.begin.shape, np.nan)
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
@@ -355,12 +358,12 @@ def _trace(label: str, content: Json) -> Json:
 
 
 def escape_text(text: str) -> str:
-    """Escapes HTML and dollar signs in a text, which plotly would take for markup and TeX."""
+    """Escapes HTML and dollar signs in a text, which plotly takes for markup and TeX."""
     return html.escape(text, quote=False).replace("$", "&#36;")
 
 
 def _trace_times(plot: Plot, x: Array) -> Json:
-    """Returns the horizontal values of a trace as plotly data; empty where they are the sample times."""
+    """Returns the horizontal values of a trace as plotly data by key; empty where they are the sample times."""
     return {} if x is plot.time_s else {"x": rounded_numbers(x)}
 
 
@@ -369,7 +372,7 @@ def _line_shape(steps: bool) -> str:
 
 
 def rounded_numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
-    """Returns plain numbers, rounded as plots need them; None for what is not finite."""
+    """Converts an array to a list of numbers rounded to some digits; None for what is not finite."""
     return [_round_number(value, digits) if math.isfinite(value) else None for value in values.tolist()]
 
 
@@ -381,7 +384,7 @@ def _round_number(value: float, digits: int = _DIGITS) -> float:
 
 
 def _spanning_shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
-    """Makes shapes that span a panel: windows and moments over all values, levels and zones over all times."""
+    """Makes plotly shapes that span a panel: time windows and events in height, levels and zones in width."""
     over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
     found: list[Json] = []

@@ -50,7 +50,7 @@ class Links:
         self.drawn = any(self._plant.GetVisualGeometriesForBody(link) for link in self._links)
 
     def draw(self, meshcat: Meshcat, path: str) -> None:
-        """Draws the links below a path, `<path>/<number>` each."""
+        """Draws the bodies' visual geometries below a Meshcat path, `<path>/<number>` each."""
         inspector = self._graph.model_inspector()
         with logged_by_drake():
             for number, link in enumerate(self._links):
@@ -60,14 +60,14 @@ class Links:
                     meshcat.SetTransform(below, inspector.GetPoseInFrame(geometry))
 
     def poses(self, joint_positions: Array) -> Array:
-        """Returns places of the links in the vehicle frame.
+        """Returns positions and quaternions of the bodies in the vehicle frame, for some joint positions.
 
         Args:
             joint_positions: of all joints, in the order of the signal of that name, shape (n_joints,); empty: unknown,
                 so that they stand as the model has them.
 
         Returns:
-            Position, ft or m, and quaternion of each link, one after the other, shape (7 count,).
+            Position, ft or m, and quaternion of each body, one after the other, shape (7 count,).
         """
         positions = self._plant.GetPositions(self._context)
         if joint_positions.size:

@@ -64,7 +64,7 @@ class Live:
         return f"http://localhost:{self._server.server_address[1]}"
 
     def __call__(self, moment: Moment) -> None:
-        """Waits until a moment is due, then shows it."""
+        """Waits until a sample is due at the playback speed, then publishes it to the page."""
         if self._began is None:
             self._began = time.monotonic()
         ahead_s = moment.time_s / self._speed - (time.monotonic() - self._began)
@@ -77,14 +77,14 @@ class Live:
             self._news.notify_all()
 
     def wait_for_rows(self, after: int) -> list[str]:
-        """Returns the rows from a number on as JSON; waits up to a second where there is none."""
+        """Returns the samples from a number on as JSON texts; waits up to a second where there are none."""
         with self._news:
             if len(self._lines) <= after:
                 self._news.wait(_WAIT_S)
             return self._lines[after:]
 
     def _make_row(self, moment: Moment) -> dict[str, Any]:
-        """Makes the page's row of a moment: its values, and the jets in each state."""
+        """Makes the page's data of a sample: its values, and lists of the jets by plume kind and failure."""
         now = np.array([moment.time_s])
         failing = truly_failing(now, self._scenario)[0]
         asked = np.nan_to_num(moment.command) > 0.0
@@ -122,11 +122,11 @@ class Live:
 
 
 def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
-    """Makes a handler that serves the page, and the rows as events that a browser takes as they come."""
+    """Makes an HTTP handler class that serves the page, and streams the samples as server-sent events."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            """Serves the page, or streams its rows."""
+            """Sends the page for "/", or streams the samples for "/rows"."""
             if self.path == "/":
                 self._send_headers("text/html; charset=utf-8", len(page))
                 self.wfile.write(page)

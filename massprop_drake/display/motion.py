@@ -33,7 +33,7 @@ def onboard_rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
 
 
 def classify_plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
-    """Classifies the plumes of jets: regular thrust, thrust of a failed jet uncommanded, commanded thrust missing.
+    """Returns masks by kind of plume: given (regular), untold (uncommanded, failed jet), withheld (missing).
 
     Args:
         level: thrust over full thrust, of any shape.

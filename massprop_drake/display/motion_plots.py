@@ -86,7 +86,7 @@ def phase_plane(run: Source) -> Plot:
 def _phase_panel(
     axis: int, path: tuple[Array, Array], law: PhaseSpaceParams, deadbands: Mapping[str, float], *, key: bool
 ) -> Panel:
-    """Makes the path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by their use."""
+    """Makes an axis's phase-plane panel, deg and deg/s: path and switching lines, for named deadbands, rad/s."""
     error, rate = path
     held = np.where(np.isnan(error), np.nan, rate)
     wide = _symmetric_limit(error, 0.0)
@@ -107,7 +107,7 @@ def _phase_panel(
 
 
 def _symmetric_limit(values: Array, least: float) -> float:
-    """Computes half the width of a range around zero that holds all values with some margin."""
+    """Computes the half width of a range around zero that holds all values, with 10 % margin."""
     return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
 
 
@@ -156,13 +156,13 @@ def against_velocities(run: Source) -> Plot:
 
 
 def against_positions(run: Source) -> Plot:
-    """Plots the position of the first point that is followed, as read and as simulated with the same commands."""
+    """Plots the position of the first tracked point, as read and as simulated with the same commands."""
     name = next(pose.name for pose in run.vehicle.poses if pose.position_std is not None)
     return _plot_against_simulation(run, "against_positions", name, "Position", run.vehicle.unit_names["length"], 1.0)
 
 
 def against_attitudes(run: Source) -> Plot:
-    """Plots the rotation from the simulated attitude to the read one, of the first attitude that is read."""
+    """Plots the rotation from the simulated attitude to the measured one, of the first attitude sensor, deg."""
     name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
     left = DEGREES * rotation_differences(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
     panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.rotation_axes]
@@ -172,7 +172,7 @@ def against_attitudes(run: Source) -> Plot:
 
 
 def _plot_against_simulation(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
-    """Plots, for each axis that moves, what was read and simulated, and the difference."""
+    """Plots a package's readings and simulated readings, and their difference, for each axis that moves."""
     read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
     turns = any(gyro.name == package for gyro in run.vehicle.gyros)
@@ -227,7 +227,7 @@ class _Row(NamedTuple):
 
 
 def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row]) -> Plot:
-    """Makes bars of command and, where known, of true thrust below; uncommanded thrust in another color."""
+    """Plots rows of bars: commands, below them true thrust where known, uncommanded thrust in another color."""
     command = np.nan_to_num(run.signals["command"]) > 0.0
     marks = [
         _bars(run, rows, command, -0.2 if "thrust" in run.signals else 0.0, None, "commanded"),
@@ -246,7 +246,7 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
 def _bars(
     run: Source, rows: Sequence[_Row], on: NDArray[np.bool_], offset: float, color: str | None, label: str
 ) -> list[Bars]:
-    """Makes bars of one kind in all rows, by color; None: each in that of its cluster."""
+    """Makes bars of the intervals in which any jet of a row is on, by color; None: the color of each cluster."""
     by_color: dict[str, list[Array]] = {}  # rows of begin, end and row
     for number, row in enumerate(rows):
         begin, end = _intervals(run.time_s, np.asarray(on[:, list(row.jets)].any(axis=1)))
@@ -271,7 +271,7 @@ def propellant(run: Source) -> Plot:
 
 
 def _intervals(time_s: Array, on: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Finds beginnings and ends of the intervals in which a jet is commanded, s.
+    """Returns beginnings and ends of the intervals in which a mask is set, s, shape (k,) each.
 
     What a row commands lasts until the next row, also where rows are left out; the last row commands nothing.
     """
@@ -290,7 +290,7 @@ def _vector(
     steps: bool = False,
     axes: Sequence[int] = (0, 1, 2),
 ) -> Plot:
-    """Plots a vector signal, a panel for each of some axes."""
+    """Plots a vector signal, scaled to a unit, with a panel per axis."""
     values = scale * run.signals[signal]
     unit = unit or fill_unit_template(SIGNALS[signal].unit, run.vehicle.unit_names)
     panels = [Panel(AXES[axis], unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),)) for axis in axes]
@@ -298,7 +298,7 @@ def _vector(
 
 
 def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit: str, scale: float) -> Plot:
-    """Plots the readings of packages of one kind, a panel per axis and a color per package."""
+    """Plots readings of sensor packages of one kind, with a panel per axis and a color per package."""
     panels = []
     for axis, letter in enumerate(AXES):
         marks = [

@@ -30,7 +30,7 @@ _HERE = Path(__file__).parent
 
 
 def write_report(run: RunContent, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
-    """Writes the report of a run.
+    """Writes the report of a run as an HTML file and returns its path.
 
     Args:
         run: simulated, or estimated from telemetry.
@@ -47,7 +47,7 @@ def write_report(run: RunContent, path: str | Path, *, replay: str | None = None
 
 
 def summary_html(run: RunContent) -> str:
-    """Returns the verdict and the table of ten parameters as HTML for a notebook."""
+    """Returns the verdict and the table of ten mass properties as HTML for a notebook."""
     content = {
         "title": f"{run.results.vehicle}: {run.results.scenario}",
         "verdict": _verdict(run),
@@ -57,7 +57,7 @@ def summary_html(run: RunContent) -> str:
 
 
 def report_html(run: RunContent, *, replay: str | None = None) -> str:
-    """Returns the report as the text of one HTML file that needs no network."""
+    """Returns the report of a run as the text of one HTML file that needs no network."""
     run = run.thin_for_plots()
     results, scenario = run.results, run.scenario
     source = plots.source(run)
@@ -108,7 +108,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
 
 
 def _missing_sentences(results: Summary) -> Iterator[str]:
-    """Yields sentences on an early end of a run, and on parts of its output that could not be made."""
+    """Yields sentences on an early end of a run, and on outputs that could not be written."""
     if results.ended is not None:
         yield f"Ended early, at {moment(results.ended.time_s)} s: {results.ended.reason}."
     if results.missing:
@@ -116,7 +116,7 @@ def _missing_sentences(results: Summary) -> Iterator[str]:
 
 
 def _verdict(run: RunContent) -> list[dict[str, Any]]:
-    """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
+    """Returns the verdict on a run as sentences, each with `good`: True, False, or None for no judgment."""
     results = run.results
     sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _missing_sentences(results)]
 
@@ -155,7 +155,7 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
 
 
 def _consistency_sentence(judged: Consistency) -> list[dict[str, Any]]:
-    """Writes the verdict on the innovations, as one sentence; none where it is empty."""
+    """Returns a list of one verdict sentence on the innovations; none where their consistency is not judged."""
     if judged.verdict == INCONSISTENT:
         more = f" and {len(judged.reasons) - 1} more, below" if len(judged.reasons) > 1 else ""
         text = f"Inconsistent, so that a 1-sigma may say too little: {judged.reasons[0]}{more}."
@@ -168,7 +168,7 @@ def _consistency_sentence(judged: Consistency) -> list[dict[str, Any]]:
 
 
 def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
-    """Yields sentences of the verdict on findings besides jets and jumps."""
+    """Yields verdict sentences on false readings, engines, disturbances and unexplained events."""
     false = [one for one in results.events if one.kind == "false_reading"]
     lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
     if lying:
@@ -182,7 +182,7 @@ def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str
 
 
 def _record_sentences(results: Summary) -> Iterator[str]:
-    """Yields sentences of the verdict on a record: whether it is whole, and its warnings."""
+    """Yields verdict sentences on a telemetry record: whether it is complete, and its warnings."""
     if results.completeness_detail:
         first, *others = results.completeness_detail
         yield f"The record is {results.completeness}: {first}{f', and {len(others)} more' if others else ''}."
@@ -190,7 +190,7 @@ def _record_sentences(results: Summary) -> Iterator[str]:
 
 
 def _failure_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
-    """Yields sentences of the verdict on failures: those declared, and those injected that were not found."""
+    """Yields whether each is good, and sentences on declared failures and injected ones that were not found."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     for entry in declared[:_WHOLE]:
         yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_onset_text(entry, results)}."
@@ -204,7 +204,7 @@ def _failure_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[t
 
 
 def _onset_text(entry: DetectionRecord, results: Summary) -> str:
-    """Formats onset and declaration time of a detection, and its probability at the end."""
+    """Formats onset and declaration time of a declaration, and its fault probability at the end."""
     since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
     of_jets = {} if results.fault_probability is None else results.fault_probability.jets
     sure = of_jets.get(entry.jet or "")
@@ -219,13 +219,13 @@ _BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
 
 
 def _failure_plot_name(source: Source) -> str | None:
-    """Returns the name of the plot that shows a failure best."""
+    """Returns the name of the plot that shows failures best in a run."""
     shown = plots.available_plots(source)
     return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
 
 
 def _times_to_visit(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
-    """Lists time windows for the page's links, each from before a failure or jump to after its declaration.
+    """Lists time windows for the page's buttons, each from before a failure or jump to after its declaration.
 
     Returns:
         The windows as JSON has them, and the place in that list by the number of each injected failure.
@@ -255,7 +255,7 @@ def _times_to_visit(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, in
 
 
 def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
-    """Formats the outcome of an injected failure or jump."""
+    """Makes the table row of an injected failure or jump: true values, what was found, and outcome."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
     said = (one.declared_s, one.magnitude)
@@ -283,7 +283,7 @@ def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> 
 
 
 def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
-    """Writes sentences on a detector that is off, never tested a sample, or began to test late; else none."""
+    """Returns verdict sentences on a detector that is off, never tested a sample, or began late; else none."""
     if "tested" not in source.signals:
         return [{"good": None, "text": "No failure was looked for: the detector is off."}]
     from_s = first_tested_s(source)
@@ -297,7 +297,7 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
 
 
 def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
-    """Formats a detection: what failed, when, by how much, and its certainty.
+    """Makes the table row of a declaration: what failed, when, by how much, and its certainty.
 
     Args:
         entry: what was declared.
@@ -318,7 +318,7 @@ def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypot
 
 
 def _autopilot_sentences(run: RunContent) -> list[str]:
-    """Describes in sentences the autopilot's activity."""
+    """Returns sentences on the autopilot: firings, propellant, jets out of use, and infeasible requests."""
     found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
     lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
     if found.jets_out_of_use:
@@ -331,7 +331,7 @@ def _autopilot_sentences(run: RunContent) -> list[str]:
 
 
 def _comparison_data(found: Against) -> dict[str, Any]:
-    """Formats a record beside a simulation: residuals by signal, and possible causes."""
+    """Returns page data of a record beside a simulation: residuals by signal, and possible causes."""
     return {
         "run": found.run,
         "words": found.in_words(),
@@ -342,7 +342,7 @@ def _comparison_data(found: Against) -> dict[str, Any]:
 
 
 def _quality_rows(results: Summary) -> list[tuple[str, str]]:
-    """Formats the findings about a record as rows of heading and text; empty ones are left out."""
+    """Returns heading and text of each finding on a telemetry record's quality; empty ones are left out."""
     if results.data_quality is None:
         return []
     rows: list[tuple[str, str]] = [
@@ -360,7 +360,7 @@ def _quality_rows(results: Summary) -> list[tuple[str, str]]:
 
 
 def _in_words(value: Any) -> str:
-    """Formats a value of the summary; empty for zero, null and empty values."""
+    """Formats a nested value of the summary as text; empty for zero, null and empty values."""
     if isinstance(value, dict):
         parts = ((name.replace("_", " "), _in_words(part)) for name, part in value.items())
         return ", ".join(f"{name} {text}" for name, text in parts if text)

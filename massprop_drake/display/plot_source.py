@@ -44,7 +44,7 @@ class Source(NamedTuple):
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle of the scenario."""
+        """Vehicle of the scenario."""
         return self.scenario.vehicle_data
 
     @property
@@ -54,12 +54,12 @@ class Source(NamedTuple):
 
     @property
     def rotation_axes(self) -> tuple[int, ...]:
-        """The axes about which the vehicle turns."""
+        """Indices of the axes about which the vehicle turns."""
         return (2,) if self.vehicle.motion == "planar" else (0, 1, 2)
 
     @property
     def translation_axes(self) -> tuple[int, ...]:
-        """The axes along which it moves."""
+        """Indices of the axes along which the vehicle moves."""
         return (0, 1) if self.vehicle.motion == "planar" else (0, 1, 2)
 
     @property
@@ -68,17 +68,17 @@ class Source(NamedTuple):
         return len({jet.cluster for jet in self.vehicle.jets}) < len(self.vehicle.jets)
 
     def nonzero_rows(self, name: str) -> NDArray[np.int_]:
-        """Returns rows at which a signal of one component exists and is not zero, shape (k,)."""
+        """Returns indices of the rows at which a one-column signal is known and not zero, shape (k,)."""
         return np.flatnonzero(np.nan_to_num(self.signals[name][:, 0]) != 0.0)
 
 
 def source(run: RunContent) -> Source:
-    """Makes a source of plots of a run, or some of its rows."""
+    """Makes the plots' source of a run, or of a thinned run."""
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
 
 def failing_jets(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
-    """Mask of the jets that truly fail during each sample, from its row to the next, shape (n, n_jets)."""
+    """Flags the jets that truly fail during each sample, from its row to the next, shape (n, n_jets)."""
     vehicle = scenario.vehicle_data
     found = np.zeros((time_s.size, len(vehicle.jets)), dtype=bool)
     for failure in scenario.failures:
@@ -89,13 +89,13 @@ def failing_jets(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
 
 
 def first_tested_s(run: Source) -> float | None:
-    """Returns when the detector tested a sample for the first time, s; None: it never did."""
+    """Returns the first time at which the detector tested a sample, s; None: it never did."""
     tested = run.nonzero_rows("tested")
     return float(run.time_s[tested[0]]) if tested.size else None
 
 
 def plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meaning: str = "") -> Plot:
-    """Makes a plot with what every plot of a run has: the run's name, and its events."""
+    """Makes a plot of panels, with the run's caption, time windows and event times."""
     drawn = f", seed {run.scenario.seed}" if run.simulated else ""
     caption = f"{run.vehicle.name}, {run.scenario.name}{drawn}"
     windows, moments = _windows(run), _moments(run)
@@ -110,7 +110,7 @@ def plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meaning
 
 
 def _windows(run: Source) -> tuple[ShadedWindow, ...]:
-    """Returns windows in which a hand controller is out of detent, or the detector is not armed."""
+    """Returns time windows in which a hand controller is out of detent, or the detector is not armed yet."""
     commanded = tuple(
         ShadedWindow(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
         for window in run.scenario.maneuver
@@ -124,7 +124,7 @@ def _windows(run: Source) -> tuple[ShadedWindow, ...]:
 
 
 def _moments(run: Source) -> tuple[MomentLine, ...]:
-    """Returns moments at which jets fail and mass properties jump, and at which the detector declares it."""
+    """Returns times at which jets fail or mass properties jump, and times of the detector's declarations."""
     happens = [failure.start_s for failure in run.scenario.failures] + [jump.time_s for jump in run.scenario.jumps]
     declared = run.time_s[run.nonzero_rows("detector_event")].tolist() if "detector_event" in run.signals else []
     return (

@@ -19,7 +19,7 @@ from massprop_drake.maths.signals import AGAINST, SYMBOLS, is_user_signal
 
 
 def available_plots(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """Returns the plots of a run by name, in the order to read them."""
+    """Maps names of the plots that a run's signals allow to the functions that make them, in reading order."""
     signals, vehicle = run.signals, run.vehicle
     beside = any(name.startswith(AGAINST) for name in signals)  # a simulation of a record's commands
     poses = vehicle.poses if beside else ()
@@ -67,7 +67,7 @@ def available_plots(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 
 def own_signals(run: Source) -> Plot:
-    """Plots signals of the user's own systems that nothing else shows, a panel for each."""
+    """Plots the signals of the user's own systems that no other plot shows, one panel each."""
     panels = []
     for name in _own_signal_names(run):
         values = run.signals[name]
@@ -84,7 +84,7 @@ _READABLE = 12  # components of a signal that are drawn, at the most
 
 
 def _own_signal_names(run: Source) -> list[str]:
-    """Returns names of the user's own signals that no other plot shows; long vectors are left out."""
+    """Returns names of the user's own signals that no other plot shows, without long vectors."""
     drawn = {
         f"{name}.estimate" for element in range(len(SYMBOLS)) for name in filter_plots.other_estimates(run, element)
     }

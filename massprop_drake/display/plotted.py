@@ -15,7 +15,7 @@ _SCRIPTS = (_HERE / "plotly-cartesian.min.js", _HERE / "themed.js", _HERE / "plo
 
 
 def page(template: Path, content: Mapping[str, Any]) -> str:
-    """Returns a page as the text of one HTML file that needs no network.
+    """Returns a page of tables and plots, filled from a template, as one HTML text that needs no network.
 
     Args:
         template: see `templates.page`; it has a place `plot-<name>` for each plot.

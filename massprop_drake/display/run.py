@@ -35,7 +35,7 @@ class Run(RunContent):
 
     @staticmethod
     def load(folder: str | Path) -> Run:
-        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
+        """Reads a run from its folder, or from the unfinished one beside it that a killed process left.
 
         Raises:
             InputError: when the folder holds no run that can be read.
@@ -102,20 +102,18 @@ class Run(RunContent):
         return place.shown
 
     def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder; parts that cannot be made are noted in its summary.
+        """Writes the run's folder, and notes in its summary any file that fails; returns the first such error or None.
 
         Args:
             place: of the folder.
             pages: whether figures, replay and report are wanted.
             missing: parts that are known to be missing.
-
-        Returns:
-            The first error that was noted.
         """
         data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
 
             def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
+                """Writes one file of the folder; notes an error of it, except OSError of data, which it raises."""
                 try:
                     write(partial / name)
                 except Exception as error:
@@ -162,7 +160,7 @@ class Run(RunContent):
         _write_text(path, report_html(self, replay=replay.name if replay.exists() else None))
 
     def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
-        """Writes the run for viewers of others: signals with units, frames, a scene and messages.
+        """Exports the run for Foxglove, PlotJuggler or Rerun: signals with units, frames, a scene and messages.
 
         Args:
             to: "mcap", for Foxglove and PlotJuggler, or "rerun".
@@ -182,7 +180,7 @@ class Run(RunContent):
         return target
 
     def _repr_html_(self) -> str:
-        """Shows the ten parameters and what was found in a notebook."""
+        """Returns the verdict and the table of ten mass properties as HTML for a notebook."""
         from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
 
         return summary_html(self)
@@ -201,7 +199,7 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _remove_unfinished(path: Path) -> None:
-    """Removes a file that has been begun, or an empty folder."""
+    """Removes an incomplete file, or an empty folder."""
     if not path.is_dir():
         path.unlink(missing_ok=True)
     elif not any(path.iterdir()):

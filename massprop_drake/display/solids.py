@@ -19,7 +19,7 @@ _MARKS = {"failed": 0.022, "found": 0.033}  # radius over the vehicle's extent
 
 
 def vehicle_solids(vehicle: Vehicle) -> tuple[Solid, ...]:
-    """Returns solids of a vehicle; one that has none is a box that spans its jets."""
+    """Returns the solids of a vehicle; a box that spans its jets if it has none."""
     return vehicle.shape or (_box(vehicle),)
 
 
@@ -43,12 +43,12 @@ def radius(vehicle: Vehicle) -> float:
 
 
 def nozzle_length(vehicle: Vehicle) -> float:
-    """Returns the length that a nozzle is drawn with, ft or m; its width is the same."""
+    """Returns the length and width of a drawn nozzle, ft or m."""
     return _NOZZLE * extent(vehicle)
 
 
 def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
-    """Returns lengths that plumes are drawn with, ft or m: by the root of the thrust, so that small ones are seen.
+    """Returns drawn lengths of plumes, ft or m, by the square root of thrust, which shows small ones.
 
     Args:
         vehicle: for its size and its strongest jet.
@@ -59,7 +59,7 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def plume_scales(vehicle: Vehicle, levels: Array) -> Array:
-    """Returns lengths of plumes over those at full thrust.
+    """Returns drawn lengths of plumes relative to full thrust, shape (..., n_jets).
 
     Args:
         vehicle: whose jets they are of.
@@ -70,7 +70,7 @@ def plume_scales(vehicle: Vehicle, levels: Array) -> Array:
 
 
 def round_length(length: float) -> float:
-    """Returns the longest length with one digit that is no longer, of an axis."""
+    """Rounds a length down to one significant digit."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
 
@@ -91,18 +91,18 @@ def center_radius(vehicle: Vehicle) -> float:
 
 
 def spread_limits(vehicle: Vehicle) -> tuple[float, float]:
-    """Returns least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m."""
+    """Returns the least and the largest drawn half axis of the 3-sigma ellipsoid, ft or m."""
     return 0.002 * extent(vehicle), 0.35 * extent(vehicle)
 
 
 def payload_radius(vehicle: Vehicle, mass: float) -> float:
-    """Returns the radius of a payload's ball, by the root of its share of the vehicle's mass, ft or m."""
+    """Returns the radius of a payload's ball, ft or m, by the root of its mass over the vehicle's."""
     share = mass / vehicle.nominal.mass
     return 0.1 * extent(vehicle) * float(min(max(share, 0.02), 2.0) ** (1.0 / 3.0))
 
 
 def triangles(solid: Solid) -> Array:
-    """Computes a solid's surface in the vehicle frame, ft or m, corners counterclockwise from outside, (n, 3, 3)."""
+    """Computes a solid's surface triangles in the vehicle frame, ft or m, counterclockwise, shape (n, 3, 3)."""
     match solid:
         case BoxSolid():
             x, y, z = 0.5 * np.array(solid.size)
@@ -120,7 +120,7 @@ def triangles(solid: Solid) -> Array:
 
 
 def nozzle(vehicle: Vehicle, jet: int) -> Array:
-    """Computes the surface of a jet's nozzle in the vehicle frame, open towards its plume, shape (n, 3, 3)."""
+    """Computes a nozzle's surface triangles in the vehicle frame, open towards its plume, shape (n, 3, 3)."""
     length = nozzle_length(vehicle)
     vertices, faces = _cone(length, (0.5 * length, 0.5 * length), _NOZZLE_CORNERS)
     outwards = -vehicle.thrusts[jet] / np.linalg.norm(vehicle.thrusts[jet])
@@ -131,7 +131,7 @@ def nozzle(vehicle: Vehicle, jet: int) -> Array:
 
 
 def plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
-    """Returns vertices of a plate across z, shape (n, 3), and its triangles by their indices, shape (k, 3).
+    """Returns vertices of a flat plate normal to z, shape (n, 3), and its triangles' vertex indices, shape (k, 3).
 
     Args:
         outline: corners of the plate in order, x and y, shape (m, 2); convex.
@@ -151,7 +151,7 @@ def plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
 
 
 def cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
-    """Returns vertices of a cylinder along x, shape (n, 3), and its triangles, shape (k, 3).
+    """Returns vertices of a cylinder along x, shape (n, 3), and its triangles' vertex indices, shape (k, 3).
 
     Args:
         length: along x.
@@ -167,7 +167,7 @@ def _circle(count: int) -> Array:
 
 
 def _cone(length: float, radii: tuple[float, float], count: int) -> tuple[Array, NDArray[np.int_]]:
-    """Returns vertices and triangles of a cone that points toward +x, its center halfway."""
+    """Returns vertices, shape (n, 3), and triangles' indices of a cone toward +x, the origin at half its length."""
     base = np.column_stack([np.full(count, -0.5 * length), _circle(count) * radii])
     vertices = np.vstack([base, [[0.5 * length, 0.0, 0.0], [-0.5 * length, 0.0, 0.0]]])
     faces = []
@@ -177,7 +177,7 @@ def _cone(length: float, radii: tuple[float, float], count: int) -> tuple[Array,
 
 
 def _ball() -> tuple[Array, NDArray[np.int_]]:
-    """Returns vertices and triangles of a ball of radius 1."""
+    """Returns vertices, shape (n, 3), and triangles' vertex indices, shape (k, 3), of a sphere of radius 1."""
     around, rings = _AROUND // 2, _AROUND // 4
     height = np.linspace(0.0, np.pi, rings + 1)
     circle = _circle(around)
@@ -196,13 +196,13 @@ def _ball() -> tuple[Array, NDArray[np.int_]]:
 
 
 def _outer_points(vehicle: Vehicle) -> Array:
-    """Returns points on the outside of a vehicle, jets and solids, ft or m, shape (n, 3)."""
+    """Returns points on the outside of a vehicle: jets and corners of solids, ft or m, shape (n, 3)."""
     solids = [_solid_corners(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
     return np.vstack([vehicle.positions, *solids])
 
 
 def _solid_corners(solid: Solid) -> Array:
-    """Returns corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
+    """Returns corners of a solid, or of its bounding box, in its own axes, ft or m, shape (n, 3)."""
     match solid:
         case PlateSolid():
             outline = np.array(solid.outline)
@@ -218,7 +218,7 @@ def _solid_corners(solid: Solid) -> Array:
 
 
 def _box(vehicle: Vehicle) -> BoxSolid:
-    """Returns the box that spans the jets of a vehicle without a shape."""
+    """Returns a box solid that spans the jets of a vehicle without solids."""
     low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
     size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
     middle = 0.5 * (low + high)

@@ -77,14 +77,14 @@ class MeshcatStage:
         self.meshcat.SetLine("/world/path", np.asfortranarray(positions.T), 2.0, _rgba(PATH_COLOR, 1.0))
 
     def add_mark(self, kind: str, jet: int) -> None:
-        """Adds a hidden mark to a jet, "failed" or "found"."""
+        """Adds a hidden ball that marks a jet as truly failed, "failed", or declared failed, "found"."""
         path = f"{_STRUCTURE}/marks/{kind}{jet}"
         self.meshcat.SetObject(path, Sphere(solids.mark_radius(self._vehicle, kind)), _rgba(_MARKS[kind], 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
         self.meshcat.SetProperty(path, "visible", False)
 
     def add_payload(self, number: int, mass: float, position: Array) -> None:
-        """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
+        """Adds the ball of a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
         path = f"{_STRUCTURE}/payloads/{number}"
         self.meshcat.SetObject(path, Sphere(solids.payload_radius(self._vehicle, mass)), _rgba(PAYLOAD_COLOR, 0.6))
         self.meshcat.SetTransform(path, RigidTransform(position))
@@ -118,6 +118,7 @@ class MeshcatStage:
             self.meshcat.SetTransform(path, RigidTransform(_rotation_from_z(direction), 0.5 * length * direction))
 
     def _draw_jets(self) -> None:
+        """Draws nozzles, and hidden plumes at full-thrust length."""
         vehicle = self._vehicle
         lengths = solids.plume_lengths(vehicle, np.array([jet.thrust for jet in vehicle.jets])).tolist()
         for index, jet in enumerate(vehicle.jets):
@@ -132,6 +133,7 @@ class MeshcatStage:
             self.meshcat.SetProperty(f"{path}/plume", "visible", False)
 
     def _draw_centers(self, truth: bool) -> None:
+        """Draws the estimated center of mass with its 3-sigma ellipsoid, and the true one if known."""
         radius = solids.center_radius(self._vehicle)
         if truth:
             self.meshcat.SetObject(f"{_BODY}/center", Sphere(radius), _rgba(TRUTH_COLOR, 0.45))
@@ -140,7 +142,7 @@ class MeshcatStage:
         self.meshcat.SetObject(f"{path}/spread", Sphere(1.0), _rgba(ESTIMATE_COLOR, 0.22))
 
     def _draw_surroundings(self) -> None:
-        """Draws what does not turn: a floor below a vehicle that moves in a plane, stars around any other."""
+        """Draws the fixed background: a floor below a planar vehicle, stars around any other."""
         if self._vehicle.motion == "planar":
             reach = self.axis * _TILES
             along = self.axis * np.arange(-_TILES, _TILES + 1)
@@ -190,13 +192,13 @@ def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
 
 
 def _draw_mesh(meshcat: Meshcat, path: str, mesh: tuple[Array, NDArray[np.int_]], color: Rgba) -> None:
-    """Draws triangles, each seen from both sides."""
+    """Draws a mesh of triangles, visible from both sides."""
     vertices, faces = mesh
     meshcat.SetTriangleMesh(path, vertices.T, np.vstack([faces, faces[:, ::-1]]).T, color)
 
 
 def _rotation_from_z(direction: Array) -> RotationMatrix:
-    """Returns a rotation that takes z to a direction."""
+    """Returns a rotation matrix that takes the z axis to a direction."""
     return RotationMatrix.MakeFromOneVector(direction, 2)
 
 

@@ -35,7 +35,7 @@ def page(
     scripts: Sequence[str] = (),
     needs: Mapping[str, str] | None = None,
 ) -> str:
-    """Returns a page as the text of one HTML file.
+    """Fills a template with content, data, styles and scripts; returns one HTML text with its security policy.
 
     Args:
         template: the file; it extends `frame.html` and fills its block `body`.
@@ -69,14 +69,14 @@ def page(
 
 
 def fragment(template: Path, content: Mapping[str, Any]) -> str:
-    """Returns a part of a page of someone else's, such as a notebook's, with no script; values are escaped."""
+    """Fills a template as HTML to embed in another page, such as a notebook; values are escaped, no scripts."""
     filled: str = environment(template.parent).get_template(template.name).render(content)
     return filled
 
 
 @functools.cache
 def environment(folder: Path) -> jinja2.Environment:
-    """Returns the environment that fills the templates of a folder and those here; each is compiled once."""
+    """Returns the Jinja environment of a folder's templates and the common ones, cached."""
     loader = jinja2.FileSystemLoader([folder, _HERE])
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
@@ -84,7 +84,7 @@ def environment(folder: Path) -> jinja2.Environment:
 
 
 def _digests(texts: Sequence[str], element: str) -> str:
-    """Lists SHA-256 digests of inline styles or scripts, as a Content-Security-Policy has them."""
+    """Lists SHA-256 digests of inline styles or scripts, as sources of a Content-Security-Policy."""
     if any(f"</{element}" in text.lower() for text in texts):
         raise ValueError(f"the text of a {element} ends its element")
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]

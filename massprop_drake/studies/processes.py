@@ -16,7 +16,7 @@ _R = TypeVar("_R")
 
 @contextlib.contextmanager
 def defer_ctrl_c() -> Iterator[None]:
-    """Defers Ctrl-C to this process until after the block: processes and threads started in it never see one."""
+    """Blocks SIGINT during a block; processes and threads that are started in it never receive one."""
     resource_tracker.ensure_running()  # which would let it through again when the first process starts
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -26,7 +26,7 @@ def defer_ctrl_c() -> Iterator[None]:
 
 
 def call_in_process(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs) -> _R:
-    """Calls a function in a process of its own, whose memory is freed with it.
+    """Calls a function in a process of its own, whose memory is freed after; returns its result.
 
     Args:
         function: of a module; what it takes, returns and raises must be picklable.

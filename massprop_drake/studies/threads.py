@@ -12,5 +12,5 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 
 def default_blas_threads(environment: Mapping[str, str]) -> dict[str, str]:
-    """Returns additions to an environment so that BLAS has one thread; none where the user has chosen a number."""
+    """Returns environment variables that limit BLAS to one thread; none where the user has set a number."""
     return {} if any(name in environment for name in ONE_THREAD) else dict(ONE_THREAD)

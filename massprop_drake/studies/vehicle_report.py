@@ -31,7 +31,7 @@ _THROUGH = 1e-3  # of the RMS arm: a line this close to the center of mass passe
 
 
 def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
-    """Reports the capabilities of a vehicle's jets and sensors, at its nominal mass properties.
+    """Returns what jets and sensors can do at nominal mass properties: control, observability, isolation.
 
     It goes by the first gyro and the preferred accelerometer.
 
@@ -76,7 +76,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
 
 
 def _vehicle_dimensions(vehicle: Vehicle) -> dict[str, Any]:
-    """Returns the dimensions of a vehicle: mass, radii of gyration, arms and thrusts."""
+    """Returns mass, radii of gyration, jets' lever arms and thrusts of a vehicle, by name."""
     nominal = vehicle.nominal
     return {
         "mass": nominal.mass,
@@ -87,7 +87,7 @@ def _vehicle_dimensions(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def largest_accelerations(activity: Array) -> list[float]:
-    """Finds the largest acceleration in each of `DIRECTIONS` that changes nothing else, no jet beyond full thrust.
+    """Computes the largest acceleration in each of `DIRECTIONS`, others zero, with no jet beyond full thrust.
 
     Args:
         activity: activity vectors as columns, shape (6, n_jets).
@@ -105,33 +105,34 @@ def largest_accelerations(activity: Array) -> list[float]:
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
-    """Returns unobservable combinations of the ten parameters, as weights by name."""
+    """Returns unobservable combinations of the ten parameters, each as nonzero weights by parameter name."""
     known = _not_estimated(vehicle)
     rows = unobservable_combinations(vehicle, accelerometer=_has_velocity_sensor(vehicle), known=known)
     return [{name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0} for row in rows]
 
 
 def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:
-    """Mask of the parameters that are fixed, or have no effect in a plane, shape (10,)."""
+    """Flags the parameters that are fixed, or have no effect in planar motion, shape (10,)."""
     if not vehicle.needs_pose_filter:
         return np.zeros(10, dtype=bool)
     return params.known_parameters(resolve_scenario({"vehicle": vehicle}))
 
 
 def _has_velocity_sensor(vehicle: Vehicle) -> bool:
-    """Tests whether any sensor shows the vehicle's translation: accelerometers, velocity or position sensors."""
+    """Tests whether any sensor measures translation: accelerometer, velocity or position sensor."""
     placed = any(pose.position_std is not None for pose in vehicle.poses)
     return bool(vehicle.accelerometers or vehicle.velocities or placed)
 
 
 def _accelerometer(vehicle: Vehicle) -> Accelerometer | None:
+    """Returns the preferred accelerometer, or else the first; None without any."""
     packages = vehicle.accelerometers
     preferred = (package for package in packages if package.name == vehicle.preferred_accelerometer)
     return next(preferred, packages[0] if packages else None)
 
 
 def _whitened_signatures(vehicle: Vehicle) -> Array:
-    """Scales each jet's signature per unit force by one sample's noise, shape (n_jets, 6), or 3 without accelerometer.
+    """Computes each jet's signature per unit force over one sample's noise, shape (n_jets, 6 or 3).
 
     The noise is that of the increments of rate and of velocity, the latter compensated for rotation as in
     the mass filter. The mass properties are taken as known.
@@ -160,7 +161,7 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
 
 
 def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
-    """Lists the pairs of jets with the smallest angle between their whitened signatures, rad."""
+    """Lists the pairs of jets with the smallest angles between whitened signatures, rad, smallest first."""
     names = vehicle.designations
     return [
         {"jets": [names[pair.first], names[pair.second]], "angle_rad": pair.angle, "opposed": pair.opposed}
@@ -169,7 +170,7 @@ def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict
 
 
 def _smallest_isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
-    """Lists the smallest isolable force of each jet, stuck on or lost, and the jet hardest to tell from it."""
+    """Lists the smallest isolable force of each jet, stuck on or lost, and the jet most similar to it."""
     names, margin = vehicle.designations, CglrBlock().margin
     found = {kind: observability.smallest_isolable(seen, margin, lost=kind == "lost") for kind in ("on", "lost")}
     return [
@@ -188,7 +189,7 @@ def _smallest_isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
 
 
 def _geometry_notes(vehicle: Vehicle) -> list[str]:
-    """Lists what jets and sensors leave unobservable or uncontrolled, in words."""
+    """Returns sentences on what jets and sensors leave unobservable or uncontrolled."""
     notes = []
     if not _has_velocity_sensor(vehicle):
         notes.append("no accelerometer: the mass cannot be observed")
@@ -225,7 +226,7 @@ def _geometry_notes(vehicle: Vehicle) -> list[str]:
 
 
 def _direction_text(direction: Array) -> str:
-    """Formats a unit vector, largest element positive, by its axis where it lies along one."""
+    """Formats a unit vector with its largest element positive, or the axis it lies along."""
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     axis = int(direction.argmax())
     if direction[axis] > 1.0 - 1e-9:

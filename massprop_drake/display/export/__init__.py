@@ -46,7 +46,7 @@ FORMATS = {
 
 
 def find_format(name: str) -> Format:
-    """Returns the format of a name.
+    """Returns the export format of a name; InputError if there is none.
 
     Raises:
         InputError: when there is none, or the package that writes it is not installed.
@@ -58,7 +58,7 @@ def find_format(name: str) -> Format:
 
 
 def write(content: Content, to: str, path: Path) -> None:
-    """Writes a run into a new file of a format.
+    """Writes a run's content into a new file in an export format, chosen by name.
 
     Raises:
         InputError: when the format is not known, or its package is missing.
@@ -96,7 +96,7 @@ class Replay:
         self.is_served: bool = self._viewer.is_served
 
     def play(self) -> None:
-        """Waits for a viewer, then sends everything at its time; ends with the run."""
+        """Waits for a viewer, then sends it the run's samples at their times; returns at the end of the run."""
         try:
             while not self._viewer.wait(_LOOK_S):
                 pass
@@ -111,12 +111,12 @@ class Replay:
             self.close()
 
     def close(self) -> None:
-        """Ends the connection; `play` does so itself."""
+        """Closes the connection to the viewer; `play` does so itself."""
         self._viewer.close()
 
 
 def _split_block(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
-    """Splits a sample block into parts as long as a viewer's frame, or of one row."""
+    """Yields a sample block in shorter blocks, each as long as a viewer's frame, or of one row."""
     first, times = 0, rows.time_ns
     for row in range(1, times.size + 1):
         if row == times.size or times[row] - times[first] >= length_ns:
@@ -125,7 +125,7 @@ def _split_block(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
 
 
 def _load_stream_module(form: Format) -> Any:
-    """Loads the module that writes a format."""
+    """Imports the module that writes an export format; InputError if its package is missing."""
     try:
         return import_module(f"{__name__}.{form.module}")
     except ImportError:

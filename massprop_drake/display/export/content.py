@@ -155,7 +155,7 @@ class SampleBlock(NamedTuple):
     messages: list[tuple[int, LogEntry]]
 
     def part(self, first: int, last: int) -> SampleBlock:
-        """Returns rows `first` to `last - 1` with the messages due by then; the last rows take all that are left."""
+        """Returns rows `first` to `last - 1` as a block with the messages due by then; the last rows take all left."""
         since = int(self.time_ns[first - 1]) if first else -1
         until = int(self.time_ns[last - 1]) if last < self.time_ns.size else _MOST_NS
         return SampleBlock(
@@ -204,7 +204,7 @@ class Content:
         self.outline = self._make_outline(int(self._to_ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
     def stretches(self) -> Iterator[SampleBlock]:
-        """Yields the run in blocks of some thousand samples, each with the messages due by its end."""
+        """Yields the run in sample blocks of some thousand rows, each with the messages due by its end."""
         self._before = {}
         signals = self._run.signals
         if isinstance(signals, Spool):
@@ -222,14 +222,14 @@ class Content:
     # --------------------------------------------------------------------------------------- parts
 
     def _memory_blocks(self) -> Iterator[dict[str, Array]]:
-        """Yields times and signals of a run in memory, some rows at a time."""
+        """Yields times and signals of a run held in memory, as dicts of arrays, some thousand rows at a time."""
         times = np.asarray(self._run.time_s)
         for first in range(0, times.size, _ROWS):
             rows = slice(first, first + _ROWS)
             yield {"time_s": times[rows], **{name: self._run.signals[name][rows] for name in self._names}}
 
     def _make_outline(self, start_ns: int, *, has_epoch: bool) -> Outline:
-        """Makes the constant part: series of the signals, frames, and the surfaces of body and nozzles."""
+        """Makes the constant content: series of the signals, frames, and surfaces of body and nozzles."""
         vehicle, run = self._vehicle, self._run
         series = {
             name: Series(
@@ -262,16 +262,16 @@ class Content:
 
     @property
     def _plume_directions(self) -> Array:
-        """Directions of the plumes, shape (n_jets, 3)."""
+        """Unit vectors of the jets' plumes in the vehicle frame, shape (n_jets, 3)."""
         thrusts = self._vehicle.thrusts
         return np.asarray(-thrusts / np.linalg.norm(thrusts, axis=1, keepdims=True))
 
     def _vehicle_frame(self, source: str) -> str:
-        """Returns the name of the vehicle's frame by a source of poses: an estimate if nothing else is known."""
+        """Returns the frame name for a source of poses: its own, or the vehicle's where no truth is known."""
         return source if VEHICLE in self._sources else VEHICLE
 
     def _notes(self) -> tuple[str, ...]:
-        """Lists notes on units, and on poses and thrust that are not known."""
+        """Lists texts for the export's log: unit of lengths, and that poses or thrust are estimated or unknown."""
         unit = self._vehicle.unit_names["length"]
         notes = [f"lengths of frames and scene are in {unit}"]
         if not self._sources:
@@ -286,7 +286,7 @@ class Content:
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
     def _make_block(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
-        """Makes a block of samples: signals, poses of the frames, changes of the scene, and the messages due."""
+        """Makes a sample block from signals: with the poses of the frames, changes of the scene, and due messages."""
         time_ns = self._to_ns(time_s)
         scene: dict[str, list[tuple[int, Arrows | Balls]]] = {
             "plumes": self._changed_parts("plumes", self._plume_arrows(time_s, signals)),
@@ -299,7 +299,7 @@ class Content:
         return SampleBlock(time_ns, signals, self._frame_poses(signals), scene, list(zip(times, due, strict=True)))
 
     def _frame_poses(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
-        """Returns origin, shape (n, 3), ft or m, and quaternion, shape (n, 4), of each moving frame."""
+        """Maps each moving frame to its origins, shape (n, 3), ft or m, and quaternions, shape (n, 4)."""
         frames = {}
         for source, (position, attitude, properties) in self._sources.items():
             rotation, center = signals[attitude], signals[properties][:, CENTER_OF_MASS]
@@ -315,7 +315,7 @@ class Content:
         return frames
 
     def _changed_parts(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
-        """Returns the rows in which a part of the scene changes, with the part."""
+        """Returns the rows at which an element of the scene differs from the row before, each with the element."""
         found = []
         for row, part in enumerate(parts):
             before = self._before.get(name)
@@ -325,7 +325,7 @@ class Content:
         return found
 
     def _plume_arrows(self, time_s: Array, signals: Mapping[str, Array]) -> Iterator[Arrows]:
-        """Yields the plumes of all jets at each sample, colored by kind: regular, uncommanded or missing thrust."""
+        """Yields arrows of all plumes per sample, colored by kind: regular, uncommanded or missing thrust."""
         vehicle = self._vehicle
         full = np.linalg.norm(vehicle.thrusts, axis=1)
         command = np.nan_to_num(signals["command"])
@@ -341,7 +341,7 @@ class Content:
             yield Arrows(vehicle.positions[places], vectors[row, places], [colors[kind] for _, kind in jets])
 
     def _jet_marks(self, time_s: Array) -> Iterator[Balls]:
-        """Yields the marks of jets that truly fail or are declared failed, at each sample."""
+        """Yields balls per sample that mark the jets that truly fail or are declared failed."""
         vehicle = self._vehicle
         marks = [(mark, "failed") for mark in self._failures()] + [(mark, "found") for mark in self._found]
         radii = {kind: solids.mark_radius(vehicle, kind) for kind in _MARKS}
@@ -355,10 +355,11 @@ class Content:
             )
 
     def _failures(self) -> list[event_marks.Mark]:
+        """Returns marks of the injected jet failures; none if the run is not simulated."""
         return event_marks.failure_marks(self._scenario, self._end_s) if self._simulated else []
 
     def _center_balls(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
-        """Returns true and estimated center of mass, and the latter's 3-sigma ellipsoid along the axes."""
+        """Yields balls per sample: true and estimated center of mass, and the estimate's 3-sigma ellipsoid."""
         radius = solids.center_radius(self._vehicle)
         estimate, deviation = (signals[name][:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
         truth = signals["truth"][:, CENTER_OF_MASS] if "truth" in signals else np.full(estimate.shape, np.nan)
@@ -373,7 +374,7 @@ class Content:
             )
 
     def _payload_balls(self, time_s: Array) -> Iterator[Balls]:
-        """Yields the payloads on board at each sample, as balls sized by mass."""
+        """Yields balls per sample for the payloads on board, sized by mass."""
         for now_s in time_s.tolist():
             there = [jump for jump in self._scenario.jumps if (now_s >= jump.time_s - 1e-9) == (jump.kind == "dock")]
             radii = [solids.payload_radius(self._vehicle, jump.mass) for jump in there]
@@ -382,7 +383,7 @@ class Content:
 
 
 def component_units(unit: str, count: int) -> tuple[str, ...]:
-    """Returns units of a signal's columns, from all of them in one, such as "rad/s (3); ft/s (3); s; -".
+    """Splits the unit text of a signal, such as "rad/s (3); ft/s (3); s; -", into one unit per column.
 
     Args:
         unit: of the signal, in the vehicle's units.
@@ -396,7 +397,7 @@ def component_units(unit: str, count: int) -> tuple[str, ...]:
 
 
 def _messages(run: RunContent, notes: Sequence[str]) -> list[LogEntry]:
-    """Returns all messages about a run, in the order of time."""
+    """Returns all log messages about a run, in order of time; the last is the verdict."""
     scenario, results = run.scenario, run.results
     units = scenario.vehicle_data.unit_names
     start_s, end_s = float(run.time_s[0]), float(run.time_s[-1])
@@ -441,7 +442,7 @@ def _messages(run: RunContent, notes: Sequence[str]) -> list[LogEntry]:
 
 
 def _verdict(run: RunContent) -> tuple[Literal["info", "warning"], str, str]:
-    """Returns level, source and words of the message that closes a run."""
+    """Returns severity, source and text of the message that closes a run: its consistency and declarations."""
     judged, standing = run.results.consistency, [one for one in run.results.detections if one.withdrawn_s is None]
     reasons = f": {'; '.join(judged.reasons)}" if judged.reasons else ""
     what = counted(len(standing), "declaration") if standing else "no failure found"
@@ -456,12 +457,13 @@ def _are_equal(one: Arrows | Balls, other: Arrows | Balls) -> bool:
 
 
 def _rgba(color: str, opacity: float) -> Color:
+    """Converts a color "#rrggbb" and an opacity to red, green, blue and opacity from 0 to 255."""
     red, green, blue = (int(color[start : start + 2], 16) for start in (1, 3, 5))
     return red, green, blue, round(255 * opacity)
 
 
 def _rotation_from_z(direction: Array) -> Array:
-    """Returns the quaternion (w, x, y, z) of a rotation that takes z to a direction of length 1."""
+    """Returns the quaternion (w, x, y, z) of a rotation that takes the z axis to a unit vector."""
     x, y, z = direction.tolist()
     if z < -1.0 + 1e-12:
         return np.array([0.0, 1.0, 0.0, 0.0])

@@ -80,7 +80,7 @@ class FoxgloveStream:
         }
 
     def begin(self, time_ns: int) -> None:
-        """Logs the constant part: the vehicle's surface and the frames of its jets."""
+        """Logs the constant content: the vehicle's surface and the frames of its jets."""
         now = _timestamp(time_ns)
         surfaces = [
             TriangleListPrimitive(
@@ -97,7 +97,7 @@ class FoxgloveStream:
         self._jets.log(FrameTransforms(transforms=jets), log_time=time_ns)
 
     def put(self, rows: SampleBlock) -> None:
-        """Logs rows and messages in the order of time."""
+        """Logs a block's samples and messages in the order of time."""
         encoded = {name: protobuf.encode_rows(values) for name, values in rows.signals.items()}
         changes: dict[int, list[tuple[str, Arrows | Balls]]] = {}
         for name, found in rows.scene.items():
@@ -116,7 +116,7 @@ class FoxgloveStream:
             self._log_event(*one)
 
     def _log_frames(self, rows: SampleBlock, row: int, time_ns: int) -> None:
-        """Logs the poses of the frames that are known in a row."""
+        """Logs the poses of the frames that are known at a row of the block."""
         now = _timestamp(time_ns)
         known = [
             _make_transform(now, PARENTS[name], name, places[row], quaternions[row])
@@ -130,6 +130,7 @@ class FoxgloveStream:
         self._scene[name].log(SceneUpdate(entities=[entity]), log_time=time_ns)
 
     def _log_event(self, time_ns: int, message: LogEntry) -> None:
+        """Logs a message with its severity and source on the channel of events."""
         log = Log(
             timestamp=_timestamp(time_ns), level=_LEVELS[message.level], message=message.text, name=message.source
         )
@@ -156,7 +157,7 @@ class _Audience(ServerListener):
         self.came = threading.Event()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Notes a subscription, in the server's thread."""
+        """Notes that a viewer has subscribed, in the server's thread."""
         self.came.set()
 
 
@@ -197,20 +198,20 @@ class FoxgloveServer:
         self._now_ns = outline.start_ns
 
     def wait(self, seconds: float) -> bool:
-        """Waits for a viewer; tells whether one has come since it was last asked."""
+        """Waits up to some seconds for a viewer; returns True if one has subscribed since the last call."""
         if not self._audience.came.wait(seconds):
             return False
         self._audience.came.clear()
         return True
 
     def begin(self) -> None:
-        """Sends the constant part, once viewers have asked for all that they want."""
+        """Sends the constant content, once viewers have subscribed to all that they want."""
         while self.wait(_SETTLES_S):
             pass
         self._stream.begin(self._now_ns)
 
     def put(self, rows: SampleBlock) -> None:
-        """Sends rows at once."""
+        """Sends a block's samples and messages at once."""
         if self.wait(0.0):  # somebody has come later
             self._stream.begin(self._now_ns)
         self._stream.put(rows)
@@ -273,11 +274,12 @@ def _make_entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity
 
 
 def _vehicle_entity_fields(now: Timestamp, name: str) -> dict[str, Any]:
-    """Returns fields of an entity that stands in the vehicle frame and moves with it."""
+    """Returns the common fields of a scene entity that moves with the vehicle: time, frame, name."""
     return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
 
 def _make_transform(now: Timestamp, parent: str, child: str, place: Array, quaternion: Array) -> FrameTransform:
+    """Makes the transform of a child frame in its parent, from a position and a quaternion (w, x, y, z)."""
     return FrameTransform(
         timestamp=now,
         parent_frame_id=parent,
@@ -302,7 +304,7 @@ def _quaternion(values: Array) -> Quaternion:
 
 
 def _rotation_from_x(direction: Array) -> Quaternion:
-    """Returns a rotation that takes x, along which arrows point, to a direction of length 1."""
+    """Returns the quaternion of a rotation that takes the x axis, along which arrows point, to a unit vector."""
     x, y, z = direction.tolist()
     if x < -1.0 + 1e-12:
         return Quaternion(x=0.0, y=0.0, z=1.0, w=0.0)

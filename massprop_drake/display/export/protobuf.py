@@ -20,7 +20,7 @@ PACKAGE = "massprop"
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
-    """Converts names to field names: letters, digits and underscores, none twice."""
+    """Converts names to distinct field names of letters, digits and underscores."""
     found: list[str] = []
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -34,7 +34,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
 
 
 def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> bytes:
-    """Makes a google.protobuf.FileDescriptorSet with one message of package `massprop`.
+    """Returns a google.protobuf.FileDescriptorSet, encoded, with one message of numbers in package `massprop`.
 
     Args:
         message: its name, an identifier.
@@ -57,7 +57,7 @@ def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> byt
 
 
 def encode_rows(values: Array) -> list[bytes]:
-    """Encodes rows as messages, shape (n, components), the first column in field 1."""
+    """Encodes each row of an array, shape (n, components), as a message, the first column in field 1."""
     tags = [_varint(number << 3 | _DOUBLE) for number in range(1, values.shape[1] + 1)]
     template = np.frombuffer(b"".join(tag + bytes(8) for tag in tags), dtype=np.uint8)
     table = np.tile(template, (values.shape[0], 1))
@@ -71,7 +71,7 @@ def encode_rows(values: Array) -> list[bytes]:
 
 
 def _varint(value: int) -> bytes:
-    """Encodes a nonnegative integer in groups of seven bits, least significant first."""
+    """Encodes a nonnegative integer as a varint: groups of seven bits, least significant first."""
     parts = []
     while value > 127:
         parts.append(value & 127 | 128)
@@ -80,12 +80,15 @@ def _varint(value: int) -> bytes:
 
 
 def _number(field: int, value: int) -> bytes:
+    """Encodes an integer field."""
     return _varint(field << 3 | _VARINT) + _varint(value)
 
 
 def _bytes(field: int, content: bytes) -> bytes:
+    """Encodes a length-delimited field."""
     return _varint(field << 3 | _BYTES) + _varint(len(content)) + content
 
 
 def _text(field: int, text: str) -> bytes:
+    """Encodes a text field."""
     return _bytes(field, text.encode())

@@ -60,7 +60,7 @@ class RerunStream:
         self._outline, self._recording = outline, recording
 
     def begin(self) -> None:
-        """Logs the constant part: the vehicle's surface, the frames of its jets, and names of curves."""
+        """Logs the constant content: the vehicle's surface, the frames of its jets, and names of curves."""
         outline, put = self._outline, partial(self._recording.log, static=True)
         self._recording.send_recording_name(outline.title)
         put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
@@ -82,7 +82,7 @@ class RerunStream:
         put("about", rr.TextDocument(f"# {outline.title}\n\n{notes}\n", media_type=rr.MediaType.MARKDOWN))
 
     def put(self, rows: SampleBlock) -> None:
-        """Logs rows and messages."""
+        """Logs a block's samples and messages."""
         for name, values in rows.signals.items():
             series = self._outline.series[name]
             for path, columns in _curves(series):
@@ -105,7 +105,7 @@ class RerunStream:
             self._send_columns(_EVENTS, times, texts)
 
     def _send_columns(self, path: str, time_ns: NDArray[np.int64], columns: Iterable[Any]) -> None:
-        """Sends columns at their times, those of the calendar if the run has an epoch."""
+        """Sends columns of components at their times, those of the calendar if the run has an epoch."""
         if not time_ns.size:
             return
         if self._outline.has_epoch:
@@ -157,15 +157,15 @@ class RerunViewer:
         self._stream = RerunStream(outline, self._recording)
 
     def wait(self, seconds: float) -> bool:
-        """Returns True: a viewer is there."""
+        """Returns True: a viewer was connected at construction."""
         return True
 
     def begin(self) -> None:
-        """Sends the constant part."""
+        """Sends the constant content."""
         self._stream.begin()
 
     def put(self, rows: SampleBlock) -> None:
-        """Sends rows at once."""
+        """Sends a block's samples and messages at once."""
         self._stream.put(rows)
         self._flush()
 
@@ -175,7 +175,7 @@ class RerunViewer:
         self._recording.disconnect()
 
     def _flush(self) -> None:
-        """Sends what is buffered; raises InputError where no viewer receives it."""
+        """Sends buffered data; raises InputError where no viewer receives it."""
         try:
             self._recording.flush(timeout_sec=_FLUSH_S)
         except RuntimeError:
@@ -188,7 +188,7 @@ connected = RerunViewer
 
 
 def _curves(series: Series) -> list[tuple[str, slice]]:
-    """Returns paths of a signal's curves with the columns of each: columns of several units have their own."""
+    """Returns entity paths of a signal's curves, each with its columns; one path if all columns share a unit."""
     path = f"signals/{rr.escape_entity_path_part(series.name)}"
     if not series.is_mixed:
         return [(path, slice(None))]
@@ -199,7 +199,7 @@ def _curves(series: Series) -> list[tuple[str, slice]]:
 
 
 def _curve_names(series: Series) -> list[str]:
-    """Returns names of a signal's curves, with their units."""
+    """Returns the name of each of a signal's curves, with its unit."""
     alone = len(series.components) == 1
     return [
         (series.name if alone else f"{series.name} {component}") + ("" if unit == "-" else f", {unit}")
@@ -208,12 +208,12 @@ def _curve_names(series: Series) -> list[str]:
 
 
 def _frame_path(frame: str) -> str:
-    """Returns the path of a frame: below that of its parent."""
+    """Returns the entity path of a frame: below that of its parent."""
     return frame if frame == WORLD else f"{_frame_path(PARENTS[frame])}/{frame}"
 
 
 def _make_mesh(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
-    """Makes triangles with the normal of each at its corners, so that a viewer shades them."""
+    """Makes a mesh of triangles, shape (n, 3, 3), with normals at the corners, so that a viewer shades them."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return rr.Mesh3D(
@@ -222,7 +222,7 @@ def _make_mesh(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
 
 
 def _draw_parts(parts: Sequence[Arrows | Balls]) -> Any:
-    """Draws parts of a scene, one a row."""
+    """Converts arrows or balls to Rerun's columns, one set per row."""
     lengths = [len(part.colors) for part in parts]
     colors = [color for part in parts for color in part.colors]
     first, second = (np.vstack([part[index] for part in parts] or [np.empty((0, 3))]) for index in (0, 1))

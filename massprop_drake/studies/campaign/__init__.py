@@ -8,7 +8,7 @@ TO_FLY = ("dask", "distributed", "psutil", "threadpoolctl")  # packages that pla
 
 
 def require(what: str, *packages: str) -> None:
-    """Checks that packages are installed.
+    """Checks that packages can be imported; InputError names the missing ones, and what needs them.
 
     Args:
         what: needs them, in the plural.

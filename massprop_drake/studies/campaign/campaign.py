@@ -47,7 +47,7 @@ class Campaign:
 
     @staticmethod
     def load(campaign: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """Loads a bundled campaign by name, a file, or the folder of one that has been planned or run.
+        """Loads a bundled campaign by name, a campaign file, or the folder of a planned or flown campaign.
 
         Raises:
             InputError: when there is none, or its data are wrong.
@@ -66,27 +66,27 @@ class Campaign:
         return Campaign(spec, files=files)
 
     def planned(self) -> list[PlannedCase]:
-        """Returns every case, fully resolved."""
+        """Returns every case of the plan, fully resolved, from the folder if there is one."""
         if self.folder is not None:
             return store.read_plan(self.folder)[0]
         return plan_cases(self.spec)
 
     def advice(self) -> list[str]:
-        """Lists advice on entries that are valid, but could be better."""
+        """Returns warnings on entries of the campaign that are valid, but doubtful."""
         return self.spec.doubts
 
     def reason(self, case_id: int) -> str | None:
-        """Returns why a case failed to run; None where it did not, or has not been flown."""
+        """Returns why a case failed to run; None where it did not fail, or has not been flown."""
         rows = store.read_rows(self._require_folder(), ["case_id", "reason"])
         found = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
         return found.get(case_id)
 
     def case_folder(self, case_id: int) -> Path:
-        """Returns the folder of the whole run of a case, if it is kept."""
+        """Returns the path of a case's run folder, which exists if the run is kept."""
         return self._require_folder() / store.CASES / case_name(case_id)
 
     def plan(self, folder: str | Path, *, force: bool = False) -> Campaign:
-        """Writes file, base scenario and plan into a folder that has none yet, or a plan that this one extends.
+        """Writes campaign file, base scenario and plan into a new folder, or extends the plan in it.
 
         Args:
             folder: to write.
@@ -105,7 +105,7 @@ class Campaign:
         return [*self.files, *(case.record for case in cases if case.record is not None)]
 
     def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
-        """Writes file and plan, unless a plan exists that these cases do not extend; returns the facts of the plan."""
+        """Writes campaign file and plan, returns its metadata; InputError if it does not extend an earlier plan."""
         facts = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
         earlier: list[PlannedCase] = []
         if exists(path / store.PLAN):
@@ -143,7 +143,7 @@ class Campaign:
         progress: Callable[[int, int], None] | None = None,
         dashboard: Callable[[str], None] | None = None,
     ) -> Campaign:
-        """Flies the cases that have no row yet.
+        """Flies the planned cases that have no result row yet, and returns the campaign in its folder.
 
         Args:
             folder: to write; default `runs/<name>`.
@@ -204,7 +204,7 @@ class Campaign:
         return Campaign(self.spec, target)
 
     def _make_work(self, folder: Path, todo: Sequence[PlannedCase], alone: frozenset[int]) -> engine.CampaignWork:
-        """Makes the work for the workers: cases, their common settings, and limits of time and memory."""
+        """Makes the work to distribute: cases, their common settings, and limits of time and memory."""
         file = self.spec.file
         setup = {
             "base": self.spec.base.model_dump(mode="json"),
@@ -218,7 +218,7 @@ class Campaign:
     def _write_chunks(
         self, client: Client, folder: Path, facts: dict[str, str], done: set[int], work: engine.CampaignWork
     ) -> Generator[int]:
-        """Writes chunks of cases as they are flown, and yields the number of those that have a row."""
+        """Writes result rows chunk by chunk as cases are flown; yields the number of cases that have a row."""
         columns = store.schema(self.spec.file.times_s)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
         with contextlib.closing(engine.fly_chunks(client, work, execution, folder)) as chunks:
@@ -233,11 +233,11 @@ class Campaign:
                 yield len(done)
 
     def status(self) -> Status:
-        """Returns progress and outcomes of its cases, from the folder alone."""
+        """Returns progress and outcomes of the cases, read from the folder."""
         return reading.status(self._require_folder(), self.spec)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Returns every case that has been flown: draws and results, indexed by `case_id`.
+        """Returns a data frame of all flown cases, draws and results, indexed by `case_id`.
 
         Raises:
             ImportError: when pandas is not installed.
@@ -251,7 +251,7 @@ class Campaign:
         return rows.to_pandas().set_index("case_id").join(drawn)
 
     def _repr_html_(self) -> str | None:
-        """Shows in a notebook the beginning of the report; nothing of its own before any case has been flown."""
+        """Returns title and verdict as HTML for a notebook; None before any case has been flown."""
         if self.folder is None or not store.flown_ids(self.folder):
             return None
         from massprop_drake.studies.campaign import campaign_report  # noqa: PLC0415 (templates and scipy are slow to load)
@@ -265,7 +265,7 @@ class Campaign:
 
 
 def _digest(spec: CampaignSpec) -> str:
-    """Computes a digest of all that makes a plan, but for the number of cases."""
+    """Computes a SHA-256 digest of all settings that determine the plan, except the number of cases."""
     file = spec.file
     content = file.model_dump(mode="json", exclude={"cases", "gates", "keep", "limits", "description", "base", "set"})
     return hashlib.sha256(json.dumps([content, spec.base.model_dump(mode="json")]).encode()).hexdigest()

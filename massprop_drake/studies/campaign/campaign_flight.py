@@ -37,7 +37,7 @@ class Flights:
         return self._base.execution.compiled
 
     def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Flies one case and returns its row; its folder is written where it is to be kept.
+        """Flies one case and returns its row of results; writes its run folder where that is to be kept.
 
         Args:
             request: the fields of a `PlannedCase`, and `keep`: whether to keep it whatever becomes of it.
@@ -55,7 +55,7 @@ class Flights:
 
 
 def fly_case(case: PlannedCase, base: Scenario, campaign: str) -> Run:
-    """Flies one case, simulated or estimated from its record: as `massprop run` does, less the batch analysis."""
+    """Simulates one case, or estimates it from its record, without the batch analysis; returns the run."""
     scenario = case.scenario(base, campaign)
     if case.record is not None:
         from massprop_drake.runners.recorded import estimate  # noqa: PLC0415 (the other cases need it not)

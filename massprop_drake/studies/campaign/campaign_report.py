@@ -29,7 +29,7 @@ _DISPLAY = Path(templates.__file__).parent
 
 
 def summary_data(study: Study) -> dict[str, Any]:
-    """Returns the summary of a campaign that has been read: counts, figures by cell, and gates with their verdicts.
+    """Returns the summary of a campaign's results: counts, figures by cell, and gates with their verdicts.
 
     Gates hold for every cell. The figures at the top are those of the reference: the cell with the base scenario's own
     settings, or the first.
@@ -71,7 +71,7 @@ def summary_data(study: Study) -> dict[str, Any]:
 
 
 def figure_data(figure: Figure) -> dict[str, float | None]:
-    """Returns a figure as JSON has it: null for what is not known or not bounded."""
+    """Converts a figure, value with bounds, to JSON's numbers by name; null for unknown or unbounded."""
     return {name: value if math.isfinite(value) else None for name, value in figure._asdict().items()}
 
 
@@ -81,7 +81,7 @@ def _gate_data(passed: Passed) -> dict[str, Any]:
 
 
 def _count_reasons(rows: Sequence[Row]) -> dict[str, int]:
-    """Counts reasons for which cases failed to run, the most frequent first."""
+    """Maps each reason for which cases failed to run to their number, the most frequent first."""
     return dict(Counter(str(row["reason"]) for row in rows if row["status"] != "flown").most_common())
 
 
@@ -89,12 +89,12 @@ def _count_reasons(rows: Sequence[Row]) -> dict[str, int]:
 
 
 def report_page(study: Study) -> str:
-    """Returns the report of a campaign that has been read."""
+    """Returns the report of a campaign's results as the text of one HTML file."""
     return plotted.page(_HERE / "campaign.html", contents(study))
 
 
 def notebook(study: Study) -> str:
-    """Returns the HTML that a notebook shows of a campaign."""
+    """Returns title and verdict of a campaign as HTML for a notebook."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 
@@ -147,7 +147,7 @@ def contents(study: Study) -> dict[str, Any]:
 
 
 def _headline(study: Study) -> str:
-    """Describes in a line what was flown: scenario, vehicle, cases, hours, method and seed."""
+    """Formats one line on what was flown: scenario, vehicle, cases, hours, method and seed."""
     file, base = study.spec.file, study.spec.base
     cells = f" in {len(study.cells)} cells of a sweep" if len(study.cells) > 1 else ""
     return (

@@ -39,7 +39,7 @@ _DIVERGING = [[0.0, FAILED_COLOR], [0.5, "#f4f6f9"], [1.0, ESTIMATE_COLOR]]
 
 
 def _style(number: int) -> tuple[str, str]:
-    """Returns color and dash of the n-th series; black is left to expected values."""
+    """Returns color and dash pattern of the n-th series; black is left to expected values."""
     colors = [color for color in COLORS if color != TRUTH_COLOR]
     return colors[number % len(colors)], _DASHES[number // len(colors) % len(_DASHES)]
 
@@ -49,7 +49,7 @@ def _axis(title: str, **more: Any) -> Json:
 
 
 def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
-    """Makes a logarithmic axis over a range, with few round numbers at its ticks."""
+    """Makes a plotly logarithmic axis over a range, with few round numbers at its ticks."""
     ends = [math.log10(low), math.log10(high)]
     decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
     steps = (1.0,) if ends[1] - ends[0] > 2.5 else (1.0, 2.0, 5.0) if ends[1] - ends[0] > 0.6 else (1, 1.5, 2, 3, 5, 7)
@@ -61,7 +61,7 @@ def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
 def _make_plot(
     name: str, title: str, traces: Sequence[Json], layout: Json, note: str = "", *, wide: bool = False
 ) -> Json:
-    """Makes a plot as the page takes it: its texts, traces and layout."""
+    """Makes a plot for the page from its texts, plotly traces and layout."""
     return {
         "name": name,
         "title": title,
@@ -76,7 +76,7 @@ _KEY = {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom", "font": {"
 
 
 def _error_bars(figures: Sequence[Figure]) -> Json:
-    """Makes error bars of figures; a bound that is missing or open has none."""
+    """Makes plotly error bars from the figures' intervals; a bound that is missing or open has none."""
 
     def size(of: float, to: float) -> float | None:
         return abs(to - of) if math.isfinite(of) and math.isfinite(to) else None
@@ -96,7 +96,7 @@ def _finite_values(figures: Sequence[Figure]) -> list[float | None]:
 
 
 def _line_trace(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
-    """Makes the trace of a line; without a label it is not in the legend."""
+    """Makes a plotly trace of a line; without a label it is not in the legend."""
     style = {"color": color, "width": 1.6, **more.pop("line", {})}
     return {
         "type": "scatter", "mode": "lines", "x": rounded_numbers(x), "y": rounded_numbers(y), "line": style,
@@ -106,7 +106,7 @@ def _line_trace(x: Array, y: Array, color: str, label: str = "", **more: Any) ->
 
 
 def _band_traces(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Json]:
-    """Makes the traces of a shaded band between two curves."""
+    """Makes two plotly traces of a shaded band between two curves."""
     shape = more.pop("shape", "linear")
     edge = {"line": {"width": 0, "shape": shape}, "hoverinfo": "skip", **more}
     return [
@@ -119,7 +119,7 @@ def _band_traces(x: Array, low: Array, high: Array, color: str, **more: Any) -> 
 
 
 def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "by kind of failure") -> Json:
-    """Plots Kaplan-Meier curves, a color for each group; delays below 50 ms stand there."""
+    """Plots Kaplan-Meier curves of detection delay, one color per group; delays below 50 ms are drawn at 50 ms."""
     traces: list[Json] = []
     longest = max([curve.followed_s for curve in curves.values()], default=0.0)
     for number, (label, curve) in enumerate(curves.items()):
@@ -148,7 +148,7 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
 def operating_curve(
     curve: Sequence[OperatingPoint], cells: Sequence[OperatingPoint], flown: OperatingPoint, swept: str
 ) -> Json:
-    """Plots share found, and delay, against false declarations per hour: by threshold, by cell, and as flown.
+    """Plots share found, and delay, over false declarations per hour: by threshold, by cell, and as flown.
 
     Args:
         curve: by threshold.
@@ -219,7 +219,7 @@ def operating_curve(
 
 
 def _rate_position(point: OperatingPoint) -> float:
-    """Returns the rate to draw on a logarithmic axis, that of half a declaration where there was none."""
+    """Returns the false declarations per hour to draw on a logarithmic axis: for none, that of half of one."""
     figure = point.false_per_hour
     return figure.value or 0.5 / figure.n
 
@@ -228,7 +228,7 @@ def _rate_position(point: OperatingPoint) -> float:
 
 
 def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name: str, title: str) -> Json:
-    """Plots a heat map of declarations against truth: blue right, red wrong, gray not found.
+    """Plots a heat map of declared against true jet or jump: blue right, red wrong, gray not found.
 
     Args:
         counts: by true and declared name.
@@ -284,7 +284,7 @@ def _sort_names(names: set[str], order: Sequence[str]) -> list[str]:
 
 
 def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
-    """Plots the probability of detection over the size of failures: shares by size, and the fitted curve."""
+    """Plots the probability of detection over failure size: shares by bin of size, and the fitted curve."""
     traces: list[Json] = []
     if curve is not None:
         x = np.geomspace(curve.smallest, curve.largest, 80)
@@ -326,7 +326,7 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
 
 
 def _level_line(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json:
-    """Makes a dashed horizontal line across a panel."""
+    """Makes a plotly shape of a dashed horizontal line across a panel."""
     return {
         "type": "line", "xref": f"{x_axis} domain", "yref": y_axis, "x0": 0, "x1": 1, "y0": y, "y1": y,
         "line": {"color": color, "width": 1, "dash": "dash"},
@@ -334,7 +334,7 @@ def _level_line(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) ->
 
 
 def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json:
-    """Plots declared against true force."""
+    """Plots declared over true force of failures, by group."""
     traces: list[Json] = []
     everything: list[float] = []
     for number, (kind, found) in enumerate(groups.items()):
@@ -380,7 +380,7 @@ _EDGES = np.linspace(-6.0, 6.0, 25)
 
 
 def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
-    """Makes bars of z, outliers in the outermost ones, and expected numbers; also counts the outliers."""
+    """Makes plotly bars of errors over sigma with their normal expectation; also counts those beyond 6 sigma."""
     centers = 0.5 * (_EDGES[1:] + _EDGES[:-1])
     counts, _ = np.histogram(np.clip(z, -5.99, 5.99), _EDGES)
     expected = z.size * np.diff(stats.norm.cdf(_EDGES))
@@ -400,7 +400,7 @@ def _normal_note(outside: int, n: int) -> str:
 
 
 def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
-    """Plots errors over claimed sigma, a panel for each parameter."""
+    """Plots histograms of errors over claimed sigma, one panel per parameter."""
     traces: list[Json] = []
     layout: Json = {"height": 420, "bargap": 0.06, "annotations": [], "legend": {**_KEY, "x": 1.0, "xanchor": "right"}}
     outside = total = 0
@@ -429,7 +429,7 @@ def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
 
 
 def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str], n: int = 1) -> Json:
-    """Plots a histogram of a statistic on a logarithmic axis, with its band and the numbers expected.
+    """Plots a histogram of a chi-square statistic on a logarithmic axis, with its 95 % band and expected numbers.
 
     Args:
         values: means of n chi-square statistics each.
@@ -464,7 +464,7 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
 
 
 def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
-    """Plots shares within 1, 2 and 3 sigma, by parameter, beside the expected ones."""
+    """Plots shares of estimates within 1, 2 and 3 sigma, by parameter, beside the expected ones."""
     traces: list[Json] = []
     layout: Json = {
         "xaxis": _axis("", tickvals=list(range(len(found))), ticktext=[PARAMETERS[name] for name in found]),
@@ -486,7 +486,7 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
 
 
 def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
-    """Plots the share of estimates within 3 sigma at some times, of rotational parameters and of 1/m."""
+    """Plots shares within 3 sigma at chosen times, of the rotational parameters and of 1/m."""
     traces: list[Json] = []
     for number, label in enumerate(next(iter(found.values()))):
         color, _ = _style(number)
@@ -507,7 +507,7 @@ def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
 
 
 def correlations(found: Mapping[str, Mapping[str, Figure]], name: str, title: str) -> Json:
-    """Plots rank correlations of errors with draws; in bold those whose interval leaves out zero."""
+    """Plots a heat map of rank correlations of errors with draws; bold where the interval excludes zero."""
     draws = list(dict.fromkeys(draw for by_draw in found.values() for draw in by_draw))
     cells = [[by_draw.get(draw) for by_draw in found.values()] for draw in draws]
     sure = sum(cell is not None and cell.low * cell.high > 0.0 for line in cells for cell in line)
@@ -526,7 +526,7 @@ def _bold(cell: Figure) -> str:
 
 
 def sobol(found: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequence[str], order: str) -> Json:
-    """Plots Sobol indices of each parameter's error."""
+    """Plots a heat map of Sobol indices of each parameter's error, by draw."""
     cells = [[by_draw[number] for by_draw in found] for number in range(len(draws))]
     text = [[f"{cell.value:.2f}" for cell in line] for line in cells]
     note = f"Share of the variance of the error that is due to a draw {order}; point at a cell for its 95 % interval."
@@ -541,7 +541,7 @@ def _heat_map(
     cells: Sequence[Sequence[Figure | None]],
     text: Sequence[Sequence[str]],
 ) -> Json:
-    """Plots a heat map of figures from -1 to 1; `what` are name, title and note of the plot."""
+    """Plots a heat map of figures from -1 to 1, with cell texts; `what` are name, title and note of the plot."""
     interval = [
         ["" if cell is None else f"{cell.low:.2f} to {cell.high:.2f} (n = {cell.n:g})" for cell in line]
         for line in cells

@@ -24,7 +24,7 @@ IDLE_S = 60  # without a request: whoever ran the campaign has been killed, and 
 
 
 def main() -> None:
-    """Serves until standard input ends."""
+    """Flies the cases requested on standard input and replies with a JSON line each, until the input ends."""
     _end_with_the_parent()
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # whatever prints must not come between
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _make_flights(setup: Mapping[str, Any]) -> Any:
-    """Loads the module that flies the cases, and makes its flights, see `worker.fly_chunk`."""
+    """Loads the module that flies cases, and makes an object of its class Flights, see `worker.fly_chunk`."""
     if "program" not in setup:
         from massprop_drake.studies.campaign.campaign_flight import Flights  # noqa: PLC0415 (loads Drake)
 
@@ -67,7 +67,7 @@ def _make_flights(setup: Mapping[str, Any]) -> Any:
 
 
 def _read_requests() -> Iterator[dict[str, Any]]:
-    """Yields requests from standard input; an alarm ends the process when none comes for `IDLE_S`."""
+    """Yields requests, JSON lines on standard input; an alarm ends the process when idle for `IDLE_S`."""
     while True:
         signal.alarm(IDLE_S)
         line = sys.stdin.readline()
@@ -82,7 +82,7 @@ def _reply(replies: TextIO, content: dict[str, Any]) -> None:
 
 
 def _end_with_the_parent() -> None:
-    """Ends this process when the one that asked for flights has been killed."""
+    """Arranges that this process ends when its parent process has been killed."""
     parent = os.getppid()
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
@@ -90,6 +90,7 @@ def _end_with_the_parent() -> None:
         os._exit(1)
 
     def watch() -> None:
+        """Polls the parent process, and exits when it is gone."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)

@@ -65,7 +65,7 @@ class Measure(NamedTuple):
 
 
 def columns(studies: Sequence[Study]) -> list[Column]:
-    """Returns the cells of all campaigns, each with its baseline, after checking that they can be compared.
+    """Returns a column for each cell of all campaigns, with the index of the column it is compared with.
 
     A cell is compared with the first campaign's cell of the same settings of the sweep, or with its reference; a cell
     of the first campaign with its reference.
@@ -91,7 +91,7 @@ def columns(studies: Sequence[Study]) -> list[Column]:
 
 
 def _require_same_draws(baseline: Column, column: Column) -> None:
-    """Checks that two columns have cases with the same draws, and differ in settings alone."""
+    """Checks that cases of two columns have the same draws and differ in settings alone, else InputError."""
     here, there = column.study.folder, baseline.study.folder
     file, other = column.study.spec.file, baseline.study.spec.file
     refused = "cases cannot be compared in pairs"
@@ -121,13 +121,13 @@ def _require_same_draws(baseline: Column, column: Column) -> None:
 
 
 def pair_cases(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
-    """Pairs cases with the same draws that both have flown, by sample."""
+    """Pairs the rows of cases with the same sample number that both columns have flown."""
     rows = {row["sample"]: row for row in select_flown(baseline.cell.rows)}
     return [(rows[row["sample"]], row) for row in select_flown(column.cell.rows) if row["sample"] in rows]
 
 
 def pair_events(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, InjectedEvent]]:
-    """Pairs the same failures of jets in pairs of cases, where they acted in both."""
+    """Pairs the injected failures of the same jet in paired cases, where they acted in both."""
     found = []
     for first, second in paired:
         events = [{event.injected["jet"]: event for event in merit.events([row])} for row in (first, second)]
@@ -139,7 +139,7 @@ def pair_events(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, 
 
 
 def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
-    """Computes differences of the second cases of some pairs from the first ones."""
+    """Computes paired differences, second less first case, of shares, delays, errors and NEES."""
     events = pair_events(paired)
     known = [pair for pair in paired if None not in (pair[0]["largest_sigmas"], pair[1]["largest_sigmas"])]
     nees = [pair for pair in paired if None not in (pair[0]["nees.rotation"], pair[1]["nees.rotation"])]
@@ -170,7 +170,7 @@ def _has_outcome(outcome: str) -> Callable[[InjectedEvent], bool]:
 def _share_measure(
     words: str, of: Sequence[tuple[Any, Any]], holds: Callable[[Any], bool], measured_on: str
 ) -> Measure:
-    """Measures the share for which a condition holds in both members of pairs, and the paired difference."""
+    """Computes the shares of pairs whose first and second member fulfill a condition, and the paired difference."""
     first, second = [holds(pair[0]) for pair in of], [holds(pair[1]) for pair in of]
     n = max(len(of), 1)
     return Measure(words, "%", (sum(first) / n, sum(second) / n), statistics.paired_share(first, second), measured_on)
@@ -179,7 +179,7 @@ def _share_measure(
 def _median_measure(
     words: str, unit: str, of: Sequence[tuple[Any, Any]], value: Callable[[Any], float], measured_on: str
 ) -> Measure:
-    """Measures the medians of a value in both members of pairs, and their paired difference."""
+    """Computes medians of a value over the first and second members of pairs, and their paired difference."""
     first, second = [value(pair[0]) for pair in of], [value(pair[1]) for pair in of]
     paired = statistics.paired_median([b - a for a, b in zip(first, second, strict=True)])
     middle = statistics.median(first).value, statistics.median(second).value
@@ -187,7 +187,7 @@ def _median_measure(
 
 
 def _false_rate_measure(of: Sequence[tuple[Row, Row]]) -> Measure:
-    """Measures false declarations per hour of both campaigns, and their paired mean difference."""
+    """Computes false declarations per hour of both campaigns, and their paired mean difference."""
     hours = [sum(pair[which]["duration_s"] for pair in of) / _HOUR_S for which in (0, 1)]
     counts = [sum(pair[which]["n_false"] for pair in of) for which in (0, 1)]
     differences = [second["n_false"] - first["n_false"] for first, second in of]
@@ -200,7 +200,7 @@ def _false_rate_measure(of: Sequence[tuple[Row, Row]]) -> Measure:
 
 
 def summary(folders: Sequence[str | Path]) -> dict[str, Any]:
-    """Returns differences between campaigns, or the cells of one, as plain data.
+    """Returns differences between campaigns, or between the cells of one, as data for JSON.
 
     Args:
         folders: of campaigns; the first is what the others are compared with.
@@ -247,7 +247,7 @@ def _column_measures(found: Sequence[Column], number: int) -> list[Measure]:
 
 
 def _differing_settings(found: Sequence[Column]) -> list[dict[str, Any]]:
-    """Returns settings of the scenario, and versions, that are not the same in all columns."""
+    """Lists settings and versions that differ between columns, by key, with each column's value."""
     flat = []
     for column in found:
         one = leaves(column.study.spec.base.model_dump(mode="json"), vectors=False)
@@ -263,7 +263,7 @@ def _differing_settings(found: Sequence[Column]) -> list[dict[str, Any]]:
 
 
 def page(folders: Sequence[str | Path]) -> str:
-    """Returns the comparison as the text of one HTML file that needs no network.
+    """Returns the comparison of campaigns as the text of one HTML file that needs no network.
 
     Args:
         folders: of campaigns; the first is what the others are compared with.
@@ -275,7 +275,7 @@ def page(folders: Sequence[str | Path]) -> str:
 
 
 def contents(found: Sequence[Column]) -> dict[str, Any]:
-    """Makes the content of the comparison page as plain values."""
+    """Makes the content of the comparison page: texts, tables and plots as plain values."""
     figures = [merit.figures(column.cell.rows) for column in found]
     labels = [column.label for column in found]
     plots = []
@@ -316,11 +316,12 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
 
 
 def _measure_row(measure: Measure) -> dict[str, Any]:
-    """Formats a difference, its interval and its p-value as a row of the page's table."""
+    """Makes the table row of a paired difference: values, difference, interval and p-value as text."""
     difference, up, down, p = measure.paired
     scale, unit = (100.0, "points") if measure.unit == "%" else (1.0, measure.unit)
 
     def number(value: float) -> str:
+        """Formats a signed difference, in percentage points for shares."""
         if not math.isfinite(value):
             return "-" if math.isnan(value) else "unknown"
         return f"{scale * value:+.3g}" if value else "0"
@@ -343,7 +344,7 @@ def _measure_row(measure: Measure) -> dict[str, Any]:
 
 
 def _changed_cases(baseline: Column, column: Column) -> dict[str, Any]:
-    """Returns cases with another outcome: the first ones, and how many there are."""
+    """Returns the number of cases with another outcome than in the baseline, and rows of the first ones."""
     found = []
     for first, second in pair_cases(baseline, column):
         became = [_outcome_text(row) for row in (first, second)]
@@ -353,7 +354,7 @@ def _changed_cases(baseline: Column, column: Column) -> dict[str, Any]:
 
 
 def _outcome_text(row: Row) -> str:
-    """Describes the outcome of a case, without its numbers."""
+    """Describes the outcome of a case in words, without numbers."""
     parts = [f"{one['jet'] or one['kind']} {one['outcome'].replace('_', ' ')}" for one in row["injected"]]
     parts += [f"taken for {one['taken_for']}" for one in row["injected"] if one["taken_for"]]
     if row["n_false"]:

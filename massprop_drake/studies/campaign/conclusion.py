@@ -21,7 +21,7 @@ class Concluded(NamedTuple):
 
 
 def make_conclusion(folder: str | Path, *, with_page: bool) -> Concluded:
-    """Makes the conclusion of the campaign in a folder, which is read once for all of it.
+    """Returns summary, verdict and report page of the campaign in a folder, whose results are read once.
 
     Raises:
         InputError: when the folder holds no campaign that has been run.

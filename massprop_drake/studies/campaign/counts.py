@@ -50,22 +50,22 @@ class Status(NamedTuple):
 
 
 def select_flown(rows: Iterable[Row]) -> list[Row]:
-    """Selects the cases that could be run."""
+    """Returns the rows of the cases that could be run."""
     return [row for row in rows if row["status"] == FLOWN]
 
 
 def select_judgeable(rows: Iterable[Row]) -> list[Row]:
-    """Selects the cases whose failures are known: those flown here, and none of a telemetry record."""
+    """Returns the rows of simulated cases, whose true failures are known, without telemetry records."""
     return [row for row in select_flown(rows) if row["n_false"] is not None]
 
 
 def ends_wrong(row: Row) -> bool:
-    """Tests whether a parameter of a case ends farther from the truth than `WRONG_SIGMAS`."""
+    """Tests whether a case's final error exceeds `WRONG_SIGMAS` claimed sigmas in any parameter."""
     return row["largest_sigmas"] is not None and bool(row["largest_sigmas"] > WRONG_SIGMAS)
 
 
 def count_cases(rows: Sequence[Row], planned: int) -> Counts:
-    """Counts cases by outcome.
+    """Counts cases by outcome: planned, tried, flown, judged, failing, wrong at the end, failed to run.
 
     Args:
         rows: those that were tried, with the columns `COLUMNS`.
@@ -85,7 +85,7 @@ def count_cases(rows: Sequence[Row], planned: int) -> Counts:
 
 
 def sum_counts(parts: Iterable[Counts]) -> Counts:
-    """Adds the counts of the cells of a sweep."""
+    """Adds the counts of cases by outcome over the cells of a sweep."""
     return Counts(*map(sum, zip(*parts, strict=True)))
 
 
@@ -96,19 +96,19 @@ WRONG = f"a parameter more than {WRONG_SIGMAS:g} sigma off"
 
 
 def progress(counts: Counts) -> str:
-    """Describes how many cases have been flown."""
+    """Returns a sentence on how many planned cases have been flown."""
     if counts.tried < counts.planned:
         return f"{counts.tried} of {counts.planned} planned cases have been flown so far."
     return f"All {counts.planned} planned cases have been flown."
 
 
 def failed_to_run_text(counts: Counts) -> str:
-    """Describes how many cases failed to run; empty: none."""
+    """Returns a sentence on how many cases failed to run; empty for none."""
     return f"{counts.failed_to_run} of {counts.tried} cases failed to run." if counts.failed_to_run else ""
 
 
 def outcome_sentences(found: Status) -> list[str]:
-    """Describes how many cases are failing, and how many end wrong, in all and in each cell; empty if unknown."""
+    """Returns sentences on how many cases fail, and end wrong, in all and by cell; none if nothing is known."""
     kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
     sentences = []
     for name, of, words in kinds:

@@ -43,7 +43,7 @@ class Case(Protocol):
 
     @property
     def case_id(self) -> int:
-        """Number of the case, one of its own."""
+        """Unique number of the case."""
 
     def _asdict(self) -> dict[str, Any]: ...
 
@@ -79,7 +79,7 @@ class Flown(NamedTuple):
 
 @contextlib.contextmanager
 def local_client(workers: int) -> Iterator[Client]:
-    """Yields a client of a cluster on this machine, which ends with the block.
+    """Yields a Dask client of a cluster on this machine, which is closed after the block.
 
     Args:
         workers: processes, each with one thread.
@@ -111,7 +111,7 @@ def local_client(workers: int) -> Iterator[Client]:
 
 @contextlib.contextmanager
 def remote_client(address: str) -> Iterator[Client]:
-    """Yields a client of an existing scheduler.
+    """Yields a Dask client of an existing scheduler, by its address.
 
     Raises:
         InputError: when none answers.
@@ -147,7 +147,7 @@ def dashboard(client: Client) -> str | None:
 def fly_chunks(
     client: Client, work: CampaignWork, execution: Mapping[str, str] | None, folder: Path
 ) -> Generator[Flown]:
-    """Yields each chunk as it is done.
+    """Flies the cases of a campaign on Dask, and yields each chunk's rows as soon as it is done.
 
     Args:
         client: of a scheduler with workers.
@@ -176,9 +176,10 @@ def fly_chunks(
 
 
 def _tidy_with_timeout(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
-    """Calls a cleanup for a limited time: workers that are being lost may never answer, and end by themselves."""
+    """Calls a cleanup function for a limited time, as workers that are being lost may never answer."""
 
     def tried() -> None:
+        """Calls the cleanup and ignores errors of a lost connection."""
         # lost anyway; a client without a scheduler may have no connection object to ask
         with contextlib.suppress(*_LOST_ERRORS, RuntimeError, AttributeError):
             tidy(*arguments, **options)
@@ -190,7 +191,7 @@ def _tidy_with_timeout(tidy: Callable[..., Any], *arguments: Any, **options: Any
 
 @contextlib.contextmanager
 def _folder_token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
-    """Makes a file by which workers know the campaign's folder; None where they need not see it."""
+    """Makes a file for the block by which workers recognize the campaign's folder; yields its name or None."""
     if not wanted:
         yield None
         return
@@ -203,7 +204,7 @@ def _folder_token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
 
 
 def _require_workers(client: Client, setup: Mapping[str, Any]) -> None:
-    """Checks that there are workers, and that each can do the work."""
+    """Checks that Dask has workers, and that each can fly cases; InputError if not."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError:
@@ -231,7 +232,7 @@ class _Chunks:
         self._per_case_s: float | None = None
 
     def fly(self) -> Iterator[Flown]:
-        """Flies all chunks, and yields each as it is done."""
+        """Flies all chunks, and yields the rows of each as soon as it is done; resubmits cases of lost workers."""
         from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
@@ -258,11 +259,11 @@ class _Chunks:
             done.update(self._submit_chunks())
 
     def cancel(self) -> None:
-        """Cancels the work in progress."""
+        """Cancels the chunks that are submitted and not done."""
         self._client.cancel(list(self._under_way), force=True)
 
     def _submit_chunks(self) -> list[Future[Any]]:
-        """Submits chunks until every worker has some."""
+        """Submits chunks until every worker thread has several waiting; returns their futures."""
         submitted = []
         threads = max(1, sum(self._client.nthreads().values()))
         while self._waiting and len(self._under_way) < _WAITING * threads:
@@ -281,7 +282,7 @@ class _Chunks:
         return submitted
 
     def _chunk_size(self, threads: int) -> int:
-        """Computes the number of cases in the next chunk."""
+        """Computes the number of cases in the next chunk, from the time that a case takes."""
         share = len(self._waiting) // (_WAITING * threads)
         if self._per_case_s is None:
             return max(1, min(_FIRST, share))
@@ -289,7 +290,7 @@ class _Chunks:
         return min(most, max(least, share))
 
     def _collect_chunk(self, chunk: Sequence[Case], result: Mapping[str, Any]) -> Flown:
-        """Checks that a chunk was executed like the others, and makes its rows."""
+        """Checks that a chunk was executed like those before it, and returns its rows."""
         here, answers = result["execution"], result["answers"]
         if self._execution is not None and differences(here, self._execution):
             raise InputError(
@@ -303,7 +304,7 @@ class _Chunks:
 
 
 def _result_row(case: Case, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
-    """Makes the row of a case, flown or failed to run."""
+    """Makes the row of a case from a worker's answer: results, or the reason why it failed to run."""
     common = {"case_id": case.case_id, "wall_s": answer["wall_s"], "cpu_s": answer["cpu_s"], "worker": worker}
     if "row" in answer:
         return {**common, "status": FLOWN, "reason": None, **answer["row"]}

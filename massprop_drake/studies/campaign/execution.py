@@ -13,7 +13,7 @@ _PACKAGES = ("massprop-drake", "drake", "numpy", "scipy")
 
 
 def execution(*, compiled: bool = False) -> dict[str, str]:
-    """Describes how this process executes a case, with compiled kernels or without.
+    """Returns versions and processor features on which results depend, by name, of this process.
 
     Two processes for which this is equal give the same bits.
     """
@@ -35,7 +35,7 @@ def execution(*, compiled: bool = False) -> dict[str, str]:
 
 
 def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
-    """Lists the differences between two executions, in words."""
+    """Lists differences between two executions' versions and processors, in words; empty if equal."""
     return [
         f"{name} {here.get(name, 'unknown')} instead of {there.get(name, 'unknown')}"
         for name in dict.fromkeys([*there, *here])

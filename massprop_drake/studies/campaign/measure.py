@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def measure_case(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
-    """Makes the row of one case.
+    """Returns the row of results of one case: errors, sigmas, NEES, NIS, detections and cost, by column.
 
     Args:
         run: of the case, simulated or estimated from telemetry.
@@ -46,7 +46,7 @@ def measure_case(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
 
 
 def failing_reasons(row: dict[str, Any]) -> list[str]:
-    """Lists reasons for which a case counts as failing; empty: it does not."""
+    """Returns the reasons for which a case counts as failing, in words; empty if it does not."""
     reasons = []
     if ends_wrong(row):
         reasons.append(f"{row['worst_parameter']} {row['largest_sigmas']:.3g} sigma off")
@@ -67,7 +67,7 @@ def _number(value: float) -> float | None:
 
 
 def _error_columns(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[str, Any]:
-    """Makes columns of estimates, errors and sigmas; at the end also of the truth and the largest error in sigma."""
+    """Returns estimate, error and sigma by column; at the end also truth and largest error in sigma."""
     row: dict[str, Any] = {}
     for name, x, s, t in zip(NAMES, estimate.tolist(), sigma.tolist(), truth.tolist(), strict=True):
         row[f"estimate{suffix}.{name}"] = _number(x)
@@ -85,7 +85,7 @@ def _error_columns(suffix: str, estimate: Array, sigma: Array, truth: Array) -> 
 
 
 def _nees_columns(error: Array, covariance: Array) -> dict[str, Any]:
-    """Computes normalized estimation error squared of the rotational state and of 1/m."""
+    """Computes NEES of the rotational parameters and of 1/m, by column; None where not known."""
     row: dict[str, Any] = {}
     for name, part in (("rotation", slice(0, N_ROTATION)), ("mass", slice(N_ROTATION, 10))):
         e, p = error[part], covariance[part, part]
@@ -100,7 +100,7 @@ def _nees_columns(error: Array, covariance: Array) -> dict[str, Any]:
 
 
 def _consistency_columns(run: Run) -> dict[str, Any]:
-    """Makes columns of mean NIS, samples used, and the time of convergence, s."""
+    """Returns mean NIS, number of samples used, and time of convergence, s, by column."""
     found = run.results.consistency
     converged = np.flatnonzero(run["converged"][:, 0])
     return {
@@ -112,7 +112,7 @@ def _consistency_columns(run: Run) -> dict[str, Any]:
 
 
 def _detection_columns(run: Run) -> dict[str, Any]:
-    """Returns injected failures and declarations; of a record nobody knows what is false."""
+    """Returns injected failures, declarations, and false ones by column; None of a record, whose truth is unknown."""
     results = run.results
     known = results.injected is not None
     injected = results.injected or ()

@@ -41,7 +41,7 @@ class InjectedEvent(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """True if the declaration is right: the jet, a group with it, or the payload's jump."""
+        """True if the declaration is right: of the jet, a group with it, or the payload's jump."""
         return self.injected["outcome"] in ("named", "group")
 
     @property
@@ -55,7 +55,7 @@ class InjectedEvent(NamedTuple):
 
 
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent]:
-    """Returns injected failures that acted, or payloads that docked or were released."""
+    """Returns the injected jet failures that acted, or the payloads that docked or were released, of flown cases."""
     found = []
     for row in select_flown(rows):
         for one in row["injected"]:
@@ -68,7 +68,7 @@ def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent
 
 
 def count_outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
-    """Counts outcomes of injected failures and payloads, by kind in the order in which kinds appear."""
+    """Maps each kind of injected failure or payload event to the numbers of its outcomes."""
     found: dict[str, Counter[str]] = {}
     for row in select_flown(rows):
         for one in row["injected"]:
@@ -77,7 +77,7 @@ def count_outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
 
 
 def detection_curve(found: Sequence[InjectedEvent]) -> Detections:
-    """Computes the Kaplan-Meier curve of the delay to the right declaration."""
+    """Computes the Kaplan-Meier curve of the delay from failure to right declaration."""
     return statistics.detection_curve(
         [max(0.0, event.delay_s) for event in found if event.right],
         [max(0.0, event.present_s) for event in found if not event.right],
@@ -85,7 +85,7 @@ def detection_curve(found: Sequence[InjectedEvent]) -> Detections:
 
 
 def share_of_events(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent], bool]) -> Figure:
-    """Computes the share of failures for which something holds; failures of one case are not independent."""
+    """Computes the share of failures that fulfill a condition, with an interval clustered by case."""
     by_case: dict[int, list[bool]] = {}
     for event in found:
         by_case.setdefault(event.row["case_id"], []).append(holds(event))
@@ -98,12 +98,12 @@ def share_of_events(found: Sequence[InjectedEvent], holds: Callable[[InjectedEve
 
 
 def hours(rows: Iterable[Row], cause: str | None = None) -> float:
-    """Computes the time flown by all cases, h; or the part of it in which a given cause had acted last."""
+    """Computes the time flown in all cases, h, or the part in which a kind of event had acted last."""
     return sum(_exposure_s(row)[cause] if cause else row["duration_s"] for row in select_flown(rows)) / _HOUR_S
 
 
 def _exposure_s(row: Row) -> dict[str, float]:
-    """Splits a case's duration, s, by what had acted last: nothing, a failure or a payload."""
+    """Splits a case's duration by the kind of event that had acted last: healthy, failure or jump, s each."""
     acted = sorted(
         (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
         for one in row["injected"]
@@ -117,7 +117,7 @@ def _exposure_s(row: Row) -> dict[str, float]:
 
 
 def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Mapping[str, Any]]:
-    """Returns declarations that nothing explains; of one cause, or all."""
+    """Returns false declarations of all cases, of one cause or all."""
     return [
         entry
         for row in select_flown(rows)
@@ -127,7 +127,7 @@ def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Ma
 
 
 def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
-    """Computes false declarations per hour; of all time, or of one cause in the hours in which it could act."""
+    """Computes false declarations per hour, of all time, or of a cause per hour in which it had acted last."""
     return statistics.rate(len(false_declarations(rows, cause)), hours(select_judgeable(rows), cause))
 
 
@@ -135,7 +135,7 @@ def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
 
 
 def normalized_errors(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
-    """Returns error over claimed 1-sigma of one parameter in every case where both are known."""
+    """Returns a parameter's error over claimed 1-sigma of every flown case where both are known."""
     found = []
     for row in select_flown(rows):
         error, sigma = row[f"error{suffix}.{name}"], row[f"sigma{suffix}.{name}"]
@@ -155,12 +155,12 @@ def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3
 
 
 def known_values(rows: Iterable[Row], column: str) -> list[float]:
-    """Returns the values of a column where there are some."""
+    """Returns the values of a column of all rows except None."""
     return [row[column] for row in rows if row[column] is not None]
 
 
 def ended_wrong_share(rows: Sequence[Row]) -> Figure:
-    """Computes the share of cases in which a parameter ends farther from the truth than it can claim."""
+    """Computes the share of cases whose final error exceeds the claimed sigma several times in any parameter."""
     counts = count_cases(rows, len(rows))
     return statistics.share(counts.ended_wrong, counts.measured)
 
@@ -217,7 +217,7 @@ MEANINGS: dict[str, Meaning] = {
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Computes all figures that a gate can ask for, by name, in the order of `MEANINGS`."""
+    """Computes all figures of merit that a gate can ask for, by name, in the order of `MEANINGS`."""
     good, acted, jumps = select_flown(rows), events(rows), events(rows, payloads=True)
     judged = select_judgeable(rows)
     curve = detection_curve(acted)
@@ -274,7 +274,7 @@ class Passed(NamedTuple):
 
 
 def require_known(gates: Mapping[str, Gate], source: str) -> None:
-    """Checks that each gate asks for an existing figure.
+    """Checks that every gate names an existing figure of merit, else InputError.
 
     Raises:
         InputError: when one does not.
@@ -285,7 +285,7 @@ def require_known(gates: Mapping[str, Gate], source: str) -> None:
 
 
 def judge_gates(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
-    """Compares figures with gates."""
+    """Compares figures of merit with gates; returns the value compared and whether it passes, for each gate."""
     results = []
     for name, gate in gates.items():
         figure = found[name]
@@ -302,7 +302,7 @@ NOT_FOUND, NOT_TESTED, OWN_CLUSTER, JUMP_COLUMN = "not found", "not tested", "it
 
 
 def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
-    """Counts declarations by the true jet, or a jump, and the declared one: jet, cluster, or one of the words above."""
+    """Counts events by true and declared label: jet, own cluster, jump, not found or not tested."""
     counts: Counter[tuple[str, str]] = Counter()
     for event in found:
         one = event.injected
@@ -311,7 +311,7 @@ def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
 
 
 def _declared_label(one: Mapping[str, Any]) -> str:
-    """Names the column of the confusion table for what an injected failure was declared as."""
+    """Returns the confusion table's label of what an injected failure was declared as."""
     match one["outcome"]:
         case "named":
             return one["jet"] or JUMP_COLUMN
@@ -326,7 +326,7 @@ def _declared_label(one: Mapping[str, Any]) -> str:
 
 
 def sum_by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int]) -> Counter[tuple[str, str]]:
-    """Sums the counts by cluster of the jets.
+    """Sums the counts of a confusion table over the jets of each cluster, true and declared.
 
     Args:
         counts: of a confusion.
@@ -341,7 +341,7 @@ def sum_by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str,
 
 
 def group_events(found: Sequence[InjectedEvent], by: str) -> dict[str, list[InjectedEvent]]:
-    """Groups failures by `kind` or `jet`, in the order in which these appear."""
+    """Groups failures by `kind` or `jet`, in the order in which these first appear."""
     groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
         groups.setdefault(event.injected[by], []).append(event)
@@ -349,12 +349,12 @@ def group_events(found: Sequence[InjectedEvent], by: str) -> dict[str, list[Inje
 
 
 def failure_size(event: InjectedEvent) -> float:
-    """Returns the true size of a failure: the mean force that the jet gives too much or too little, lbf or N."""
+    """Returns the true size of a failure: the mean of missing or excess force of its jet, lbf or N."""
     return abs(event.injected["force"])
 
 
 def magnitude_errors(found: Sequence[InjectedEvent]) -> list[tuple[float, float]]:
-    """Returns declared minus true force, lbf or N, and that over the claimed 1-sigma, of all that was found right."""
+    """Returns declared minus true force, lbf or N, and the same over claimed sigma, of all right declarations."""
     pairs = []
     for event in found:
         one = event.injected
@@ -381,7 +381,7 @@ class OperatingPoint(NamedTuple):
 
 
 def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.inf) -> OperatingPoint:
-    """Computes the operating point if only declarations with at least some likelihood argument count.
+    """Computes false rate, share found and median delay, counting declarations with at least some statistic.
 
     A declaration below the threshold is struck out; the flight itself is not flown again, so that what would have been
     declared later, with more evidence, is not counted: the share found is a lower bound of the detector's.
@@ -416,7 +416,7 @@ def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]
 
 
 def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> dict[str, dict[str, Figure]]:
-    """Computes the rank correlation of each parameter's error with each draw, by parameter and draw.
+    """Computes rank correlations of each parameter's error with each draw, by parameter, then by draw label.
 
     Args:
         rows: with the draws in columns `draw.<label>`.
@@ -441,7 +441,7 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> di
 
 
 def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.SobolIndices] | None:
-    """Computes Sobol indices of each parameter's error, for a plan by `method: saltelli`.
+    """Computes names of parameters and Sobol indices of their errors, for `method: saltelli`; None if incomplete.
 
     Args:
         rows: of one cell, every sample in its order.
@@ -464,7 +464,7 @@ def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.
 
 
 def worst(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """Returns the cases that ended worst: failing ones, by number of reasons and by the largest error in sigma."""
+    """Returns the failing cases by number of reasons, then by largest error in sigma, the worst first."""
 
     def badness(row: Row) -> tuple[int, float]:
         size = row["largest_sigmas"]

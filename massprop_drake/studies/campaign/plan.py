@@ -58,7 +58,7 @@ class PlannedCase(NamedTuple):
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def scenario(self, base: Scenario, campaign: str) -> Scenario:
-        """Makes the case a scenario that can be run by itself.
+        """Returns the scenario that flies the case by itself: the base with its draws, seed and name.
 
         Args:
             base: the campaign's.
@@ -77,7 +77,7 @@ def case_name(case_id: int) -> str:
 
 
 def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
-    """Plans every case, and checks that each can be flown.
+    """Returns all cases of a campaign with their drawn values; checks that each can be flown.
 
     Raises:
         InputError: when a draw is impossible, naming the case.
@@ -112,7 +112,7 @@ def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
 
 
 def _problem_with_draws(problem: str, drawn: Mapping[str, Any]) -> str:
-    """Formats the error message of a case, with the draws in the block of fields that it names."""
+    """Returns a case's error message with the drawn values of the scenario block that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
     what = [f"{label} = {value}" for label, value in drawn.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block]
@@ -125,7 +125,7 @@ def _require_few(campaign: CampaignSpec, count: int) -> None:
 
 
 def _find_records(campaign: CampaignSpec) -> list[str]:
-    """Finds the telemetry records of a campaign, sorted, as many as it has cases; empty: its cases are simulated."""
+    """Returns paths of a campaign's telemetry records, sorted, one per case; empty for simulated cases."""
     if campaign.file.records is None:
         return []
     try:
@@ -143,7 +143,7 @@ def _find_records(campaign: CampaignSpec) -> list[str]:
 
 
 def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
-    """Computes coordinates of every sample in the unit cube, shape (n_samples, n_quantities).
+    """Computes coordinates of all samples in the unit cube, shape (n_samples, n_quantities), by the method.
 
     Args:
         campaign: for method, seed, number of cases and quantities.
@@ -185,7 +185,7 @@ def _sobol_points(generator: np.random.Generator, dimensions: int, count: int) -
 
 
 def _saltelli_points(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
-    """Computes Sobol points A and B, and A with each column of B in turn: n (d + 2) rows."""
+    """Computes Sobol points A and B, and A with each column of B in turn, shape (n (d + 2), d)."""
     dimensions = len(campaign.quantities)
     points, left = divmod(count, dimensions + 2)
     if left or points & (points - 1) or not points:
@@ -204,7 +204,7 @@ def _saltelli_points(campaign: CampaignSpec, generator: np.random.Generator, cou
 
 
 def _grid_points(campaign: CampaignSpec) -> Array:
-    """Lists every combination, the last quantity running fastest; coordinates are the numbers of the values."""
+    """Returns indices of all combinations of values, the last quantity running fastest, shape (n, n_quantities)."""
     sizes = []
     for quantity in campaign.quantities:
         values = quantity.distribution.grid()
@@ -224,7 +224,7 @@ def _grid_points(campaign: CampaignSpec) -> Array:
 
 
 def _draw_values(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
-    """Computes the values of each quantity in every sample."""
+    """Yields, quantity by quantity, its values in all samples."""
     for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
         values = quantity.distribution.grid() if campaign.file.method == "grid" else None
         if values is None:

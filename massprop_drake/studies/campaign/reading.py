@@ -36,7 +36,7 @@ class Cell(NamedTuple):
 
     @property
     def numbers(self) -> Counts:
-        """Numbers of its cases by outcome."""
+        """Counts of the cell's cases by outcome."""
         return count_cases(self.rows, self.planned)
 
 
@@ -86,12 +86,12 @@ class Study(NamedTuple):
 
     @property
     def status(self) -> Status:
-        """Progress, and outcomes of the cases."""
+        """Counts of the cases by outcome, in all and by cell."""
         return _status(self.cells)
 
 
 def read(folder: str | Path) -> Study:
-    """Reads a campaign's folder.
+    """Reads a campaign's folder for its report: results and draws, by cell of the sweep.
 
     Raises:
         InputError: when it holds no campaign, or nothing has been flown.
@@ -111,7 +111,7 @@ def read(folder: str | Path) -> Study:
 
 
 def status(folder: Path, spec: CampaignSpec) -> Status:
-    """Counts the cases of a campaign's folder, whatever has been flown of it.
+    """Counts the cases in a campaign's folder by outcome, in all and by cell; none need be flown.
 
     Raises:
         InputError: when it holds no campaign, or what it holds is damaged.
@@ -126,7 +126,7 @@ def _status(cells: Sequence[Cell]) -> Status:
 
 
 def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) -> list[Cell]:
-    """Reads the cells of a sweep.
+    """Reads the cells of a sweep: each with its settings, label, planned number and result rows.
 
     Args:
         path: the campaign's folder.
@@ -160,7 +160,7 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
 
 
 def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Finds keys that differ between the cells of a sweep, and their values in words, a row for each cell.
+    """Returns settings' keys that differ between cells, and their values as text, a row per cell.
 
     A key that only follows from those before it is left out, and so is what all cells share.
 
@@ -179,7 +179,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
 
 
 def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
-    """Flattens nested data to values by dotted path; `vectors`: a list of plain values stays one value."""
+    """Flattens nested data to a dict of values by dotted path; `vectors`: lists of plain values are not split."""
     nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
         parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
@@ -191,7 +191,7 @@ def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any
 
 
 def _value_text(value: Any) -> str:
-    """Formats a setting of the sweep as YAML has it."""
+    """Formats a setting of the sweep as YAML text."""
     if isinstance(value, bool) or value is None:
         return {True: "true", False: "false", None: "null"}[value]
     if isinstance(value, (int, float)):
@@ -202,7 +202,7 @@ def _value_text(value: Any) -> str:
 
 
 def _reference_cell(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
-    """Returns the number of the cell with the base scenario's own settings, or 0."""
+    """Returns the number of the cell whose settings are those of the base scenario, or 0."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
         if all(_is_same_value(_value_at_key(base, key), value) for key, value in one.items()):
@@ -227,7 +227,7 @@ def _is_same_value(one: Any, other: Any) -> bool:
 
 
 def _kept_case_folders(folder: Path) -> dict[int, str]:
-    """Finds the run folders of kept cases, relative to the campaign's, with their report, by number of the case."""
+    """Maps numbers of kept cases to the path of their report or folder, relative to the campaign's."""
     found = {}
     for path in (folder / store.CASES).glob("*"):
         if path.name.isdecimal() and path.name == case_name(int(path.name)) and path.is_dir():

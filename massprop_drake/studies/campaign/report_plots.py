@@ -13,7 +13,7 @@ from massprop_drake.studies.campaign.statistics import Figure
 
 
 def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Json]:
-    """Draws the curves of delays, by kind and by cell of a sweep, and the operating curve."""
+    """Makes plots of detection delays, by kind and by cell of a sweep, and of the operating curve."""
     cell = study.cells[study.reference]
     plots = []
     if acted:
@@ -39,7 +39,7 @@ def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Jso
 
 
 def confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequence[InjectedEvent]) -> list[charts.Json]:
-    """Draws what failed against what was declared, jet by jet and by cluster."""
+    """Makes heat maps of declared against true failures, by jet and by cluster."""
     if not acted and not moved:
         return []
     vehicle = study.spec.base.vehicle_data
@@ -60,7 +60,7 @@ def confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequenc
 
 
 def size_plots(sized: Mapping[str, Sequence[InjectedEvent]], force: str) -> list[charts.Json]:
-    """Draws the probability of detection over the size of failures, kind by kind."""
+    """Makes plots of the probability of detection over failure size, one per kind."""
     plots = []
     for kind, group in sized.items():
         sizes, right = [merit.failure_size(event) for event in group], [event.right for event in group]
@@ -70,7 +70,7 @@ def size_plots(sized: Mapping[str, Sequence[InjectedEvent]], force: str) -> list
 
 
 def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.Json]:
-    """Draws the magnitudes that were estimated, and their errors over the claimed sigma."""
+    """Makes plots of declared over true force of failures, and of its errors over the claimed sigma."""
     errors = [z for _, z in merit.magnitude_errors(acted)]
     if not errors:
         return []
@@ -83,7 +83,7 @@ def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.J
 
 
 def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]:
-    """Draws NEES, NIS, coverage and errors over sigma of a cell."""
+    """Makes plots of NEES, NIS, coverage and errors over claimed sigma, of a cell."""
     rows, good = cell.rows, select_flown(cell.rows)
     plots: list[charts.Json] = []
     nees, mass = merit.known_values(good, "nees.rotation"), merit.known_values(good, "nees.mass")
@@ -116,12 +116,12 @@ def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]
 
 
 def coverage_by_sigma(rows: Sequence[Row], name: str) -> dict[float, Figure]:
-    """Computes the coverage of a parameter within one, two and three sigma."""
+    """Maps 1, 2 and 3 sigma to the share of a parameter's estimates within it."""
     return {sigma: merit.coverage(rows, (name,), sigma) for sigma in (1.0, 2.0, 3.0)}
 
 
 def sensitivity_plots(study: Study, cell: Cell) -> list[charts.Json]:
-    """Draws rank correlations of errors with draws, and Sobol indices where they were drawn for."""
+    """Makes plots of rank correlations of errors with draws, and of Sobol indices if the plan allows."""
     plots = []
     for size, name, title in (
         (False, "sensitivity", "Rank correlation of each error with each draw"),

@@ -27,7 +27,7 @@ _MAIN = (  # of a cell, side by side
 
 
 def sweep(study: Study) -> dict[str, Any] | None:
-    """Returns the main figures of each cell, side by side."""
+    """Makes the table of the main figures of all cells, side by side; None for a single cell."""
     if len(study.cells) < 2:
         return None
     found = [merit.figures(cell.rows) for cell in study.cells]
@@ -48,7 +48,7 @@ def sweep(study: Study) -> dict[str, Any] | None:
 
 
 def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
-    """Returns counts and rates of false declarations by their cause."""
+    """Makes table rows of false declarations by cause: number, hours, rate and interval."""
     table = []
     for cause in (*CAUSES, None):
         found = merit.false_declarations(rows, cause)
@@ -70,7 +70,7 @@ def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 
 def false_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
-    """Counts false declarations by jet, the most frequent first."""
+    """Returns declared jets, clusters or jumps with their number of false declarations, most frequent first."""
     names = (
         entry["jet"] or ("a jump of the mass properties" if entry["cluster"] is None else f"cluster {entry['cluster']}")
         for entry in merit.false_declarations(rows)
@@ -79,7 +79,7 @@ def false_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
 
 
 def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
-    """Counts healthy jets out of use at the end: beside a jet that failed, in its cluster, or elsewhere.
+    """Returns the share of cases with healthy jets out of use at the end, and such jets with their numbers.
 
     Args:
         rows: of a cell.
@@ -102,7 +102,7 @@ def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[s
 
 
 def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Counts failures by kind and outcome."""
+    """Makes table rows of numbers of injected failures by kind and outcome."""
     table: list[dict[str, Any]] = []
     for kind, counts in merit.count_outcomes(rows).items():
         acted = sum(counts.values()) - counts["never_acted"]
@@ -113,7 +113,7 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
-    """Returns shares found and delays by kind of failure."""
+    """Makes table rows of share found and detection delay by kind of failure."""
     table = []
     groups = merit.group_events(acted, "kind")
     for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
@@ -133,7 +133,7 @@ def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
 
 
 def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Counts failed jets and payloads that moved, by the declaration of each."""
+    """Makes a table row each for failed jets and moved payloads: numbers of cases by what was declared."""
     table = []
     for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
         found = merit.events(rows, payloads=payloads)
@@ -148,7 +148,7 @@ _DECLARED_AS = ("the jet or its cluster", "another jet", "a jump", "nothing")
 
 
 def _declaration_text(event: InjectedEvent) -> str:
-    """Names in words what a failure or a payload's jump was declared as."""
+    """Returns in words what an injected failure or payload event was declared as."""
     jet, a_jump = event.injected["jet"], event.injected["taken_for"] == JUMP
     if event.right:
         return "a jump" if jet is None else "the jet or its cluster"
@@ -158,7 +158,7 @@ def _declaration_text(event: InjectedEvent) -> str:
 
 
 def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
-    """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
+    """Makes table rows by jet: failures found, missed, and the size found with probability 0.9."""
     table = []
     for jet, group in merit.group_events(found, "jet").items():
         right = [merit.failure_size(event) for event in group if event.right]
@@ -177,13 +177,14 @@ def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict
 
 
 def _size_90_text(curve: SizeCurve | None, force: str) -> str:
+    """Formats the failure size found with probability 0.9."""
     if curve is None:
         return "-"
     return f"below {curve.smallest:.3g} {force}" if curve.finds_all else format_figure(curve.size_90, force)
 
 
 def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
-    """Returns bias, RMS and coverage of magnitudes by kind of failure."""
+    """Makes table rows of bias, RMS and coverage of declared forces by kind of failure."""
     table = []
     for kind, group in merit.group_events(acted, "kind").items():
         pairs = merit.magnitude_errors(group)
@@ -206,7 +207,7 @@ def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any
 
 
 def consistency_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Returns consistency by the kind of events in a case."""
+    """Makes table rows, by what failed and was found, of cases wrong at the end, coverage and NEES in band."""
     groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
     for row in select_flown(rows):
         happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
@@ -231,7 +232,7 @@ def consistency_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Returns coverage and mean error of each parameter."""
+    """Makes table rows of coverage and mean error of each parameter."""
     table = []
     for name in NAMES:
         sigmas = merit.normalized_errors(rows, name)
@@ -248,7 +249,7 @@ def coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def worst(study: Study) -> list[dict[str, str]]:
-    """Returns the worst cases of all cells, with commands to fly them again."""
+    """Makes table rows of the worst cases of all cells: reasons, and commands to fly and view them again."""
     cell_of = {row["case_id"]: f", {cell.label}" for cell in study.cells for row in cell.rows if len(study.cells) > 1}
     folder = shlex.quote(str(study.folder))
     table = []
@@ -269,7 +270,7 @@ def worst(study: Study) -> list[dict[str, str]]:
 
 
 def execution(study: Study) -> list[tuple[str, str]]:
-    """Returns how cases were executed, and the processor time they took."""
+    """Returns name and text of versions and processor features of the execution, and the processor time."""
     rows = study.rows
     spent = sorted(merit.known_values(rows, "cpu_s"))
     lines = list(study.execution.items())

@@ -20,7 +20,7 @@ from massprop_drake.studies.campaign.statistics import Figure
 
 
 def format_figure(figure: Figure, unit: str, *, interval: bool = True) -> str:
-    """Formats a figure, such as '12.5 % (8.1 to 18.4)'."""
+    """Formats a figure, value with bounds, such as '12.5 % (8.1 to 18.4)'."""
     if math.isnan(figure.value):
         bounded = figure.n and math.isfinite(figure.low)
         return f"at least {_number(figure.low, unit)}{_unit(unit)}" if bounded else "-"
@@ -29,7 +29,7 @@ def format_figure(figure: Figure, unit: str, *, interval: bool = True) -> str:
 
 
 def format_interval(figure: Figure, unit: str) -> str:
-    """Formats the interval of a figure."""
+    """Formats the interval of a figure, such as '8.1 to 18.4'."""
     if math.isnan(figure.low) or math.isnan(figure.high):
         return ""
     if math.isinf(figure.high):
@@ -38,6 +38,7 @@ def format_interval(figure: Figure, unit: str) -> str:
 
 
 def _number(value: float, unit: str) -> str:
+    """Formats a number in a unit, shares in percent."""
     if unit != "%":
         return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.3e}"
     return f"{100.0 * value:.1f}" if 0.0 < value < 1.0 else f"{100.0 * value:.0f}"
@@ -48,7 +49,7 @@ def _unit(unit: str) -> str:
 
 
 def figure_row(name: str, figure: Figure) -> dict[str, str]:
-    """Formats a figure as a row of a table."""
+    """Makes the table row of a figure of merit: words, value, interval and number of samples as text."""
     words, unit, measured_on = MEANINGS[name]
     text = format_figure(figure, unit, interval=False)
     return {
@@ -59,7 +60,7 @@ def figure_row(name: str, figure: Figure) -> dict[str, str]:
 
 
 def verdict(study: Study) -> list[dict[str, Any]]:
-    """Returns the sentences of the verdict, each a `text` and whether it is `good`: None where nothing was asked."""
+    """Returns the verdict's sentences, each a `text` with `good`: True, False, or None where not judged."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
@@ -106,7 +107,7 @@ def verdict(study: Study) -> list[dict[str, Any]]:
 
 
 def _gate_words(of_gate: Sequence[Passed], cells: Sequence[Cell]) -> str:
-    """Formats a gate, with the value of each cell."""
+    """Formats a gate's outcome: passed or failed, the figure's value in each cell, and the bounds asked."""
     gate, (words, unit, _) = of_gate[0].gate, MEANINGS[of_gate[0].name]
     asked = " and ".join(
         f"{word} {_number(bound, unit)}{_unit(unit)}"

@@ -73,7 +73,7 @@ def share(successes: int, n: int) -> Figure:
 
 
 def _clopper_pearson(successes: Array, n: float) -> tuple[Array, Array]:
-    """Computes bounds for numbers of successes, shape (k,); neither these nor n need be whole."""
+    """Computes 95 % bounds of shares of n, shape (k,) each; successes and n need not be whole numbers."""
     missed = n - successes
     inner = successes > 0.0
     low = np.where(inner, stats.beta.ppf(_TAIL, np.where(inner, successes, 1.0), missed + 1.0), 0.0)
@@ -83,7 +83,7 @@ def _clopper_pearson(successes: Array, n: float) -> tuple[Array, Array]:
 
 
 def clustered_share(successes: Sequence[int], sizes: Sequence[int]) -> Figure:
-    """Computes a share of values that come in clusters, such as the ten parameters of each case.
+    """Computes a share over clusters of dependent values, such as the ten parameters of each case.
 
     With one value in each it is `share`. Otherwise the Clopper-Pearson interval is that of as many independent values
     as have the variance that the clusters show (Korn and Graubard 1998); where all or none succeed, which shows
@@ -118,7 +118,7 @@ def mean(values: Sequence[float]) -> Figure:
 
 
 def median(values: Sequence[float]) -> Figure:
-    """Computes a median, with the interval between two values that holds it with 95 %; open for less than six."""
+    """Computes a median, with its interval by order statistics; open for less than six values."""
     x = np.sort(np.asarray(values, dtype=float))
     n = x.size
     if n == 0:
@@ -181,13 +181,13 @@ _SAME_S = 1e-9  # times that differ by less are equal
 
 
 def _first_crossing(x: Array, curve: Array, level: float) -> float:
-    """Returns where a rising curve first reaches a level; NaN where it does not."""
+    """Returns the first of x at which a rising curve reaches a level; NaN where it does not."""
     reached = np.flatnonzero(curve >= level - 1e-12)
     return float(x[reached[0]]) if reached.size else math.nan
 
 
 def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> Detections:
-    """Computes the curve from delays of the failures found, and durations of the others.
+    """Computes the probability of detection over delay (Kaplan-Meier), durations without detection censored.
 
     As long as nothing has been censored the curve is a share of all, with its Clopper-Pearson interval; from then on
     the interval is that of Greenwood's variance of log(-log), and the lower bound stays where it was once all that
@@ -234,7 +234,7 @@ def share_in_band(values: Sequence[float], degrees: int) -> Figure:
 
 
 def mean_band(degrees: int, n: int) -> tuple[float, float]:
-    """Computes the central 95 % of the mean of n such statistics, if they are independent."""
+    """Returns both ends of the central 95 % of the mean of n independent chi-square values."""
     low, high = stats.chi2.ppf([_TAIL, 1.0 - _TAIL], degrees * n) / n
     return float(low), float(high)
 
@@ -276,7 +276,7 @@ class SizeCurve(NamedTuple):
 
 
 def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.9) -> SizeCurve | None:
-    """Fits the probability of detection to the size of failures.
+    """Fits the probability of detection as a logistic function of log failure size; None where it cannot be.
 
     Logistic regression with Jeffreys's prior (Firth 1993), which is finite where sizes separate found from missed;
     the interval of the size found with a probability is by the profile likelihood, as for the sizes a90/95 of
@@ -317,14 +317,14 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
-    """Computes the Fisher information of both coefficients, shape (2, 2)."""
+    """Computes the Fisher information of the logistic curve's intercept and slope, shape (2, 2)."""
     p = special.expit(intercept + slope * z)
     weight = p * (1.0 - p)
     return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
 
 
 def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float:
-    """Computes the negative logarithm of the likelihood times Jeffreys's prior."""
+    """Computes the negative log likelihood of a logistic curve, penalized by Jeffreys's prior."""
     eta = intercept + slope * z
     information = _information(intercept, slope, z)
     determinant = float(information[0, 0] * information[1, 1] - information[0, 1] ** 2)
@@ -334,7 +334,7 @@ def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float
 
 
 def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, beyond: float) -> Figure:
-    """Computes the standardized size found with a probability, with its profile-likelihood interval.
+    """Computes the standardized size detected with a probability, with its profile-likelihood interval.
 
     A bound that lies farther from all sizes than `beyond` is infinite.
     """
@@ -347,7 +347,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
     steep_bounds = (math.log(1e-3 * slope), math.log(10.0 * slope + 10.0))
 
     def excess(size: float) -> float:
-        """Computes by how much the best curve through this size is worse than allowed."""
+        """Computes by how much the best curve through a size exceeds the loss that the interval allows."""
 
         def loss(logarithm: float) -> float:
             steep = math.exp(logarithm)
@@ -365,7 +365,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
 
 
 def shares_by_size(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
-    """Computes shares found by size: lower and upper edge of each bin, and the share in it.
+    """Returns bins of failure size, each with lower edge, upper edge and the share of failures found in it.
 
     Few sizes have a bin each; many are put into bins that are equally wide in the logarithm.
     """
@@ -384,7 +384,7 @@ def shares_by_size(sizes: Sequence[float], found: Sequence[bool], most: int = 8)
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Figure:
-    """Computes Spearman's rank correlation, with Bonett and Wright's interval (2000); NaN if either is constant."""
+    """Computes Spearman's rank correlation, with Bonett and Wright's interval (2000); NaN for constant values."""
     a, b = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     both = np.isfinite(a) & np.isfinite(b)
     a, b, n = a[both], b[both], int(both.sum())
@@ -423,6 +423,7 @@ def sobol_indices(values: Array, draws: int) -> SobolIndices:
     a, b, mixed = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, 2:], 1, 0)
 
     def indices(rows: NDArray[np.int64]) -> Array:
+        """Computes first-order and total indices from some of the points, shape (2, outputs, draws)."""
         chosen = {"f_A": a[:, rows], "f_B": b[:, rows], "f_AB": mixed[..., rows]}
         found = stats.sobol_indices(func=chosen, n=n)
         return np.array([np.reshape(part, (outputs, draws)) for part in (found.first_order, found.total_order)])
@@ -455,11 +456,12 @@ class Paired(NamedTuple):
 
 
 def _sign_test_p_value(up: int, down: int) -> float:
+    """Returns the two-sided p-value of the sign test; NaN without any difference."""
     return float(stats.binomtest(up, up + down).pvalue) if up + down else math.nan
 
 
 def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
-    """Computes the difference of two shares of the same cases: McNemar's exact test, and Tango's interval (1998)."""
+    """Computes the paired difference of two shares, with Tango's interval (1998) and McNemar's exact p-value."""
     a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     up, down, n = int((b & ~a).sum()), int((a & ~b).sum()), a.size
     if n == 0:
@@ -469,12 +471,13 @@ def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
 
 
 def _tango_bound(up: int, down: int, n: int, side: float) -> float:
-    """Computes the difference beyond the one found, on a side, at which the score statistic reaches its limit."""
+    """Computes the lower (side -1) or upper (+1) bound of the difference of two paired shares."""
     from scipy.optimize import brentq  # noqa: PLC0415 (slow to load)
 
     z = float(stats.norm.ppf(1.0 - _TAIL))
 
     def excess(difference: float) -> float:
+        """Computes the squared score minus its limit at a difference of shares."""
         # `other` is the likeliest share of pairs that are down, given the difference
         linear = -up - down + (2.0 * n - up + down) * difference
         constant = -down * difference * (1.0 - difference)
@@ -490,14 +493,14 @@ def _tango_bound(up: int, down: int, n: int, side: float) -> float:
 
 
 def paired_median(differences: Sequence[float]) -> Paired:
-    """Computes the median of differences, with the interval of the order statistics, and the sign test."""
+    """Computes the median of paired differences, with its order-statistics interval and sign test's p-value."""
     d = np.asarray(differences, dtype=float)
     up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
     return Paired(median(differences), up, down, _sign_test_p_value(up, down))
 
 
 def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
-    """Computes the mean of differences, with a bias-corrected and accelerated bootstrap interval, and the sign test.
+    """Computes the mean of paired differences, with its BCa bootstrap interval and sign test's p-value.
 
     Args:
         differences: of each pair.

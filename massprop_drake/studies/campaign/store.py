@@ -48,7 +48,7 @@ _INJECTED = pa.struct(
 
 
 def planned_spec(folder: Path) -> CampaignSpec:
-    """Returns the campaign that a folder was planned for, independent of where its file was."""
+    """Reads the campaign that a folder was planned for, from the files within the folder."""
     text = read_text(folder / FILE)
     document = Document(text, str(folder / FILE))
     document.data["base"] = str((folder / BASE).resolve())
@@ -57,7 +57,7 @@ def planned_spec(folder: Path) -> CampaignSpec:
 
 
 def schema(times_s: Sequence[float]) -> pa.Schema:
-    """Returns columns of the results of a campaign that keeps errors at some times besides the end."""
+    """Returns Parquet columns of a campaign's results, with errors at the end and at some times, s."""
     number, text = pa.float64(), pa.string()
     columns: list[tuple[str, pa.DataType]] = [
         ("case_id", pa.int64()),
@@ -94,7 +94,7 @@ def schema(times_s: Sequence[float]) -> pa.Schema:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file of text whole or not at all."""
+    """Writes a text file whole or not at all."""
     with stage(path.parent) as prepared:
         partial = prepared.partial / path.name
         partial.write_text(text, encoding="utf-8")
@@ -102,7 +102,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _write(path: Path, table: pa.Table) -> None:
-    """Writes a Parquet file whole or not at all, with sums that tell when it has been damaged."""
+    """Writes a Parquet file whole or not at all, with checksums."""
     with stage(path.parent) as prepared:
         partial = prepared.partial / path.name
         pq.write_table(table, partial, write_page_checksum=True)
@@ -110,7 +110,7 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> pa.Table:
-    """Reads a Parquet file of ours.
+    """Reads some columns of a campaign's Parquet file as a table; InputError if it is missing or damaged.
 
     Args:
         path: of the file.
@@ -137,7 +137,7 @@ def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> p
 
 
 def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, str]) -> None:
-    """Writes every case, with what is drawn in columns of their own.
+    """Writes the plan as a Parquet file: every case, with its draws in columns of their own.
 
     Args:
         folder: the campaign's.
@@ -161,12 +161,12 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, s
 
 
 def write_facts(folder: Path, facts: Mapping[str, str]) -> None:
-    """Replaces the facts that are stored with the plan."""
+    """Replaces the metadata that are stored with the plan."""
     _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
-    """Returns numbers, words or booleans as they are, anything else and any mixture as JSON."""
+    """Converts values to a Parquet column: numbers, words or booleans as such, others and mixtures as JSON."""
     kinds = {type(value) for value in values if value is not None}
     if kinds == {int} and all(value is None or abs(value) <= 2**53 for value in values):
         return pa.array(values, pa.int64())
@@ -178,7 +178,7 @@ def _column(values: Sequence[Any]) -> pa.Array:
 
 
 def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
-    """Reads back what `write_plan` wrote: cases and facts.
+    """Reads a plan's cases and its metadata.
 
     Raises:
         InputError: when there is no plan that can be read.
@@ -188,7 +188,7 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
 
 
 def read_facts(folder: Path) -> dict[str, str]:
-    """Reads the facts alone.
+    """Reads a plan's metadata, without the cases.
 
     Raises:
         InputError: when there is no plan that can be read.
@@ -201,7 +201,7 @@ def _facts(table: pa.Table) -> dict[str, str]:
 
 
 def read_draws(folder: Path) -> pa.Table:
-    """Reads the plan as a table: sample, cell, seed, draws and swept values, without the cases as such."""
+    """Reads the plan as a table of sample, cell, seed, draws and swept values, without the JSON of the cases."""
     return _plan(folder, None).drop_columns(["case", "digest"])
 
 
@@ -215,7 +215,7 @@ def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
 
 
 def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Schema) -> Path:
-    """Writes the rows of one chunk."""
+    """Writes the result rows of one chunk of cases as a new Parquet file and returns its path."""
     place = folder / RESULTS
     place.mkdir(exist_ok=True)
     first, last = rows[0]["case_id"], rows[-1]["case_id"]
@@ -225,7 +225,7 @@ def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Sche
 
 
 def flown_ids(folder: Path) -> set[int]:
-    """Returns numbers of the cases that have a row."""
+    """Returns the numbers of all cases that have a result row, failed ones included."""
     found: set[int] = set()
     for path in _chunks(folder):
         found.update(_rows(path, ["case_id"])["case_id"].to_pylist())
@@ -233,7 +233,7 @@ def flown_ids(folder: Path) -> set[int]:
 
 
 def forget_failed(folder: Path, ids: Collection[int]) -> None:
-    """Removes the rows of some cases where they say that the case failed to run."""
+    """Removes the result rows of those of some cases that failed to run."""
     for path in _chunks(folder):
         table = _rows(path, None)
         wanted = pc.and_(pc.is_in(table["case_id"], pa.array(ids, pa.int64())), pc.equal(table["status"], FAILED))
@@ -245,7 +245,7 @@ def forget_failed(folder: Path, ids: Collection[int]) -> None:
 
 
 def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """Reads all rows in the order of their cases; None where there are none.
+    """Reads all result rows as a table, sorted by case; None where there are none.
 
     Args:
         folder: the campaign's.

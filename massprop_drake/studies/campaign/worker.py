@@ -57,7 +57,7 @@ class Child:
         self.execution: dict[str, str] = {}
 
     def fly(self, case: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
-        """Flies one case: returns `row` or `failed`, with `wall_s` and `cpu_s`; never raises an exception of the case.
+        """Flies one case; returns its row, or text why it failed, with times; raises no exception of the case.
 
         Args:
             case: the request.
@@ -81,7 +81,7 @@ class Child:
         return {"failed": failed, "wall_s": time.perf_counter() - began, "cpu_s": None}
 
     def close(self) -> None:
-        """Ends the process; the next case gets another one."""
+        """Ends the process; the next case starts another one."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -92,13 +92,13 @@ class Child:
             self._process, self._rest, self._flown = None, b"", 0
 
     def end(self) -> None:
-        """Ends the process for good, from any thread: a case under way fails, and no other is flown."""
+        """Ends the process for good, from any thread: the case in progress fails, and no other is flown."""
         self._is_over = True
         if (process := self._process) is not None:
             process.kill()
 
     def _ensure_process(self) -> None:
-        """Starts a process where there is none, or the present one has flown enough."""
+        """Starts a process where none runs, or where the present one has flown its maximum of cases."""
         if self._process is not None and (self._flown >= LIFE or self._process.poll() is not None):
             self.close()
         problem = ""
@@ -115,7 +115,7 @@ class Child:
             raise CannotFlyError(f"{platform.node()}: no process for the cases can be started: {problem}")
 
     def _start(self) -> None:
-        """Starts the process, and sends it the setup."""
+        """Starts the process, and sends it the settings common to all cases."""
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
         program, package = ["-m", "massprop_drake.studies.campaign.child"], {}
         if "program" in self._setup:  # as a file: the package may be of a version that has no such child
@@ -131,7 +131,7 @@ class Child:
         self.execution = self._ask(self._setup, _START_S, float("inf"))["execution"]
 
     def _ask(self, request: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
-        """Returns the answer of the process, which is ended where there is none."""
+        """Sends a request to the process and returns its answer; ends the process where none comes."""
         try:
             line = self._exchange(json.dumps(request), time_s, memory_mb)
         except (_LostError, TimeoutError):
@@ -141,7 +141,7 @@ class Child:
         return answer
 
     def _exchange(self, request: str, time_s: float, memory_mb: float) -> bytes:
-        """Sends a line to the process and returns its reply, within limits of time and memory."""
+        """Sends a line to the process and returns its reply; raises an error beyond limits of time and memory."""
         process = self._process
         assert process is not None
         assert process.stdin is not None
@@ -168,7 +168,7 @@ class Child:
         return line
 
     def _describe_end(self, process: subprocess.Popen[bytes]) -> str:
-        """Describes how a process ended, with its last output."""
+        """Returns text on how a process ended, with its last output."""
         status = process.wait()
         assert self._stderr is not None
         self._stderr.seek(max(0, self._stderr.seek(0, os.SEEK_END) - _TAIL))
@@ -178,7 +178,7 @@ class Child:
 
 
 def _resident_mb(pid: int) -> float:
-    """Memory that a process has in use, MB; 0: it has ended."""
+    """Returns the resident memory of a process, MB; 0 where it has ended."""
     import psutil  # noqa: PLC0415 (optional, comes with Dask)
 
     try:
@@ -194,7 +194,7 @@ _children: dict[str, list[Child]] = {}  # all of a campaign
 def fly_chunk(
     setup: Mapping[str, Any], cases: Sequence[Mapping[str, Any]], time_s: float, memory_mb: float
 ) -> dict[str, Any]:
-    """Flies some cases; a task of Dask.
+    """Flies a chunk of cases in a child process, as a Dask task; returns answers, execution and worker.
 
     Args:
         setup: as of `campaign_flight.Flights`, with `key`, which tells it from others. With `program`, a file, its
@@ -220,7 +220,7 @@ def fly_chunk(
 
 
 def end_campaign_work(key: str) -> None:
-    """Ends all work of a worker for a campaign."""
+    """Ends all child processes of a worker for a campaign, by the campaign's key."""
     for child in _children.pop(key, []):
         child.end()
 
@@ -232,7 +232,7 @@ def _end_all() -> None:
 
 
 def require_shared(setup: Mapping[str, Any]) -> None:
-    """Checks that this folder of the campaign is the one that the driver sees, where run folders may be kept.
+    """Checks that this worker sees the driver's campaign folder, where run folders may be kept.
 
     Args:
         setup: `folder`, and `token`: the name of a file that the driver has put into it; None where none are kept.

@@ -57,7 +57,7 @@ def design(
     known: Run | str | Path | None = None,
     flights: int = 0,
 ) -> Design:
-    """Designs the firings that make mass properties known, or tell which jet fails, at least cost.
+    """Designs the firings of least cost that determine mass properties, or tell which jet fails.
 
         design(load_vehicle("servicer"), {"mass": "1%", "inertia": "0.5%"}, limits={"rate": "1 deg/s"}, flights=5)
 
@@ -119,7 +119,7 @@ def design(
 
 
 def _search_plan(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
-    """Finds the plan of least cost, and the task that it solves.
+    """Returns the plan of least cost and its task, whose filter takes products of errors as noise where needed.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
     filter to which these are noise, the plan is that of such a filter.
@@ -145,12 +145,12 @@ def _search_plan(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[
 
 
 def _default_scenario(vehicle: Vehicle) -> Scenario:
-    """Makes a scenario of a vehicle with default settings, its thrusts dispersed by the uncertainty in its file."""
+    """Makes a scenario of a vehicle with default settings, and thrusts dispersed by the file's uncertainty."""
     return Scenario(vehicle=vehicle, plant=PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max())))
 
 
 def _joint_filter_scenario(scenario: Scenario) -> Scenario:
-    """Returns the scenario with the joint filter, and without events."""
+    """Returns the scenario with the joint filter, its failures and jumps removed."""
     if scenario.vehicle_data.needs_pose_filter:
         raise InputError(
             f"design: vehicle '{scenario.vehicle_data.name}' is estimated in a fixed frame, by estimation.filter: "
@@ -164,7 +164,7 @@ def _joint_filter_scenario(scenario: Scenario) -> Scenario:
 
 
 def _craft_and_filter(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
-    """Returns the craft that a maneuver commands, and the joint filter's state before the maneuver."""
+    """Returns the craft model that a maneuver commands, and the joint filter's state before the maneuver."""
     vehicle = scenario.vehicle_data
     for name in without:
         if name not in vehicle.designations:

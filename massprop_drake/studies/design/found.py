@@ -121,7 +121,7 @@ class Design(NamedTuple):
 
     @property
     def commanded(self) -> list[ManeuverCommand]:
-        """Commands of the maneuver in order of time."""
+        """The maneuver's commands of jets and wheels, in order of time."""
         scenario = self.scenario
         found = [ManeuverCommand(one.jet, 0.0, one.start_s, one.end_s) for one in scenario.jet_schedule]
         found += [ManeuverCommand(one.wheel, one.torque, one.start_s, one.end_s) for one in scenario.wheel_schedule]

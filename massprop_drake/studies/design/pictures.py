@@ -11,12 +11,12 @@ from massprop_drake.studies.design.found import Design
 
 
 def plots(made: Design, vehicle: Vehicle) -> list[Plot]:
-    """Makes the plots of a design."""
+    """Makes the plots of a design: 1-sigma over propellant, and firings over time."""
     return [*([pareto_front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
 
 
 def pareto_front(made: Design, vehicle: Vehicle) -> Plot:
-    """Plots 1-sigma of each target over the asked one against propellant: of plans for looser aims, and flown."""
+    """Plots 1-sigma over requested 1-sigma of each target against propellant, of looser plans, and as flown."""
     most = 1.05 * max(float(made.front.propellant[-1]), made.propellant) or 1.0
     ends = np.array([0.0, most])
     marks: list[Mark] = [Line(ends, np.ones(2), TRUTH_COLOR, "asked", dashed=True)]
@@ -36,7 +36,7 @@ def pareto_front(made: Design, vehicle: Vehicle) -> Plot:
 
 
 def firings(made: Design, vehicle: Vehicle) -> Plot:
-    """Plots firings of jets and torques of wheels over time, and how well targets are known by then."""
+    """Plots firings of jets and torques of wheels over time, with 1-sigma over requested 1-sigma below."""
     begins, commanded = made.begins_s, made.commanded
     names = (*vehicle.designations, *(wheel.name for wheel in vehicle.wheels))
     rows = [name for name in names if any(name == one.name for one in commanded)]

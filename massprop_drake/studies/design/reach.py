@@ -31,7 +31,7 @@ _UNKNOWN = "the vehicle is not known well enough for failures to be looked for"
 def require_within_reach(
     sets: Sequence[tuple[int, ...]], task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle
 ) -> Reached:
-    """Checks that firings can reach the aims, and returns the floors of all aims.
+    """Checks that firings can reach all aims, else InputError; returns the least sigmas that firings reach.
 
     Raises:
         InputError: when that is more than an aim leaves, with the direction that nothing shows.
@@ -67,7 +67,7 @@ def require_within_reach(
 
 
 def _hidden_direction_text(shown: Sequence[Array], task: Task, worst: int, vehicle: Vehicle) -> str:
-    """Describes the direction that no firing shows, for a target that cannot be reached."""
+    """Describes the unobservable combination that keeps a target from being reached, as text."""
     places, sigma = task.craft.params.places, thrust_sigmas(task.craft.params)
     direction = unobservable_direction(shown, task, worst)
     thrusts = direction[N_PROPERTIES : N_PROPERTIES + places.n_thrust]
@@ -88,12 +88,13 @@ def _hidden_direction_text(shown: Sequence[Array], task: Task, worst: int, vehic
 
 
 def _with_unit(value: float, target: Target) -> str:
+    """Formats a target's sigma with its unit, and in percent of its value where it has one."""
     percent = f" ({100.0 * value / target.share:.3g} %)" if target.share else ""
     return f"{value:.3g} {target.unit}{percent}"
 
 
 def require_room(sets: Sequence[tuple[int, ...]], task: Task, limits: Mapping[str, str]) -> None:
-    """Checks that limits leave anything to fire.
+    """Checks that limits leave any firing allowed, else InputError.
 
     Args:
         sets: of jets that fire together.
@@ -114,7 +115,7 @@ def _in_words(limits: Mapping[str, str]) -> str:
 def require_reached(
     plan: Plan, task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle, limits: Mapping[str, str]
 ) -> None:
-    """Checks that a plan reaches all aims.
+    """Checks that a plan reaches all aims, else InputError with how close it comes and the limits.
 
     Raises:
         InputError: when it does not, with how far it comes and the limits that are set.

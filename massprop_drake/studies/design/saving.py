@@ -20,7 +20,7 @@ _END = "...\n"  # closes a YAML document
 
 
 def as_data(made: Design) -> dict[str, Any]:
-    """Returns the content of `design.json`."""
+    """Returns a design as data for `design.json`."""
     vehicle = made.scenario.vehicle_data
     return {
         "vehicle": vehicle.name,
@@ -39,7 +39,7 @@ def as_data(made: Design) -> dict[str, Any]:
 
 
 def verdict(made: Design) -> list[dict[str, Any]]:
-    """Returns the verdict on a design in sentences, each with whether it is good; None: neither."""
+    """Returns the verdict on a design as sentences, each with `good`: True, False, or None for no judgment."""
     vehicle = made.scenario.vehicle_data
     unit = vehicle.unit_names["mass"]
     lines: list[dict[str, Any]] = [
@@ -78,23 +78,25 @@ def verdict(made: Design) -> list[dict[str, Any]]:
 
 
 def _percent(one: TargetFound) -> str:
+    """Formats a target's predicted 1-sigma in percent, of mass and moments of inertia alone."""
     scaled = one.name == "mass" or one.name in ("Ixx", "Iyy", "Izz")
     return f" ({100.0 * one.predicted / one.value:.2g} %)" if scaled else ""
 
 
 def _spread(one: TargetFound) -> str:
+    """Formats the range of a target's 1-sigma over the flights."""
     return f"{min(one.flown):.3g} to {max(one.flown):.3g}"
 
 
 def firings(made: Design) -> list[tuple[str, float, float]]:
-    """Lists commands in order of time: jet, or wheel with its torque, start and end, s."""
+    """Lists the maneuver's commands in order of time: text of jet or wheel with torque, start and end, s."""
     return [
         (f"{one.name} {one.torque:+.3g}" if one.torque else one.name, one.start_s, one.end_s) for one in made.commanded
     ]
 
 
 def page(made: Design) -> str:
-    """Returns the page of a design as the text of one HTML file that needs no network."""
+    """Returns a design's page as the text of one HTML file that needs no network."""
     vehicle = made.scenario.vehicle_data
     content = {
         "title": f"Maneuver for {vehicle.name}",
@@ -128,7 +130,7 @@ def page(made: Design) -> str:
 def save(
     made: Design, folder: str | Path | Place, *, force: bool = False, draw: bool = True, report: bool = True
 ) -> Path:
-    """Writes a design's folder, whole or not at all, and returns where it is.
+    """Writes a design's folder, whole or not at all, and returns its path.
 
     Args:
         made: see `Design`.

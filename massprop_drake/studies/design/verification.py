@@ -18,7 +18,7 @@ from massprop_drake.studies.design.found import LISTENING_S, Design
 
 
 def fly_design(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
-    """Adds the results of flights to a design."""
+    """Returns a design with the results of flights added: sigmas and errors of targets, times until found."""
     quiet = made.scenario.model_copy(update={"detector": CglrBlock(kind="off")})
     results = [_fly_once(quiet, seed, wanted) for seed in range(flights)] if wanted else []
     targets = tuple(
@@ -36,7 +36,7 @@ def fly_design(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights
 
 
 def _fly_once(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[list[float], list[float]]:
-    """Computes 1-sigma and error of each target at the end of a flight's maneuver."""
+    """Simulates a maneuver; returns final 1-sigmas and errors, one of each per target."""
     run = simulate(scenario.model_copy(update={"seed": seed}), look_back=False)
     estimate, covariance, truth = run.results.estimates, run.covariance, run["truth"][-1]
     deviations, errors = [], []
@@ -49,7 +49,7 @@ def _fly_once(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[
 
 
 def fly_until_named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
-    """Flies a design whose suspect fails as it begins; returns the time until the jet is named, s; None: it is not."""
+    """Simulates a design with its suspect failing; returns time until its declaration, s, or None if never."""
     at_s = made.begins_s + LEAD * vehicle.sample_period_s
     thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))
     failure = (

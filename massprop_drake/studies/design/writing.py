@@ -38,7 +38,7 @@ class DesignRequest(NamedTuple):
 
 
 def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, run: Run | None) -> Design:
-    """Makes the design of a plan."""
+    """Makes the design of a found plan: its scenario, predicted sigmas, separable pairs and commands."""
     (plan, trace), (wanted, suspected, floors, hold) = found, asks
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
@@ -89,7 +89,7 @@ def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scen
 
 
 def _unroll_plan(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
-    """Computes the course of a plan sample by sample from the end of its lead, and the propellant used by then."""
+    """Returns the predicted filter courses sample by sample after the lead, and propellant used by then."""
     (flown,), used = begin_plan(task).flown, [0.0]
     rows = [flown]
     for action in plan.actions[1:]:
@@ -103,7 +103,7 @@ def _unroll_plan(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]
 def _sigmas_and_separation(
     rows: Sequence[FlownAction], task: Task, aims: Aims, n: int
 ) -> tuple[Array, list[float | None]]:
-    """Computes 1-sigma of each combination by sample, and when each pair is separable, s after the lead.
+    """Computes 1-sigmas by sample, and times at which pairs become separable, s after the lead, or None.
 
     Args:
         rows: see `_unroll_plan`.
@@ -120,7 +120,7 @@ def _sigmas_and_separation(
 
 
 def _naming_times_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
-    """Computes when each suspect is named, separable from every other jet whether it leaks or misses, s after the lead.
+    """Maps each suspect jet to when it is separable from all other jets, s after the lead, or None.
 
     Nothing fires after the maneuver, for as long as flights are listened to.
     """
@@ -150,7 +150,7 @@ def _naming_times_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, fl
 
 
 def _scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:
-    """Makes a scenario that flies a plan; after another one's end, if it goes on from there."""
+    """Makes a scenario that flies a plan, from the start or from the end of the base scenario."""
     period_s, vehicle = task.craft.period_s, base.vehicle_data
     pulses, turns, row = list[JetPulse](), list[WheelPulse](), 0
     for action, flown in zip(plan.actions, plan.flown, strict=True):
