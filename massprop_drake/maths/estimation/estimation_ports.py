@@ -327,7 +327,7 @@ _MASS_SEEN = MassSeen(
 
 
 def _count_numbers(bundle: tuple[Any, ...]) -> int:
-    """Counts the numbers in a bundle."""
+    """Counts the numbers in all arrays of a tuple."""
     return sum(np.size(field) for field in bundle)
 
 
@@ -455,7 +455,7 @@ def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> A
 
 @kernel
 def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
-    """Runs one cycle of the detector, from packed vectors to a packed one.
+    """Runs one cycle of the detector on packed vectors; returns its packed state, adaptation and log values.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.
