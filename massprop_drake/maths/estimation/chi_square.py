@@ -8,9 +8,7 @@ from functools import cache
 
 @cache
 def chi_square_limit(rate: float, degrees: int) -> float:
-    """Computes the value that chi-square of some degrees of freedom exceeds with a given probability.
-
-    It is found by bisection.
+    """Computes the value that chi-square of some degrees of freedom exceeds with a given probability, by bisection.
 
     Args:
         rate: probability, 1e-300 < rate < 1.

@@ -127,7 +127,7 @@ def _reduce_rows(rows: Array) -> Array:
 
 
 def whiten_signatures(signatures: Array, covariance: Array) -> Array:
-    """Whitens signatures by the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
+    """Whitens jets' signatures by the noise covariance Y = L L^T: returns L^-1 c, shape (n_jets, k).
 
     Args:
         signatures: c of every jet, shape (n_jets, k).
@@ -221,7 +221,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
 
 
 def span_basis(vectors: Array, tolerance: float = 1e-6) -> Array:
-    """Computes an orthonormal basis of the span of vectors, a row each, shape (rank, 3).
+    """Computes an orthonormal basis of the space that vectors span, as rows, shape (rank, 3).
 
     Args:
         vectors: shape (n, 3).

@@ -76,7 +76,7 @@ class Samples(NamedTuple):
 
 
 def allocate_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
-    """Allocates one sample of zeros for so many gyros, accelerometers and jets."""
+    """Allocates a block of one sample, zeros, for a number of gyros, accelerometers and jets."""
     velocities = np.zeros((1, accelerometers, 3))
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
 

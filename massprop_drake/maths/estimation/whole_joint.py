@@ -282,7 +282,7 @@ class Work:
         return over
 
     def _run(self, part: int, asked: Asked) -> Any:
-        """Runs one part of the cycle, compiled if so made; returns results of all parts, None for others."""
+        """Runs one part of a joint filter's cycle; returns the results of all parts, None for others."""
         given = make_shared_holder(asked, self._compiled)
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
@@ -294,5 +294,5 @@ class Work:
 
 
 def with_compiled(params: JointParams) -> JointParams:
-    """Returns the parameters with the joint filter's cycle compiled for them."""
+    """Returns the joint filter's parameters with its cycle compiled for them."""
     return params._replace(compiled=Work(params))

@@ -140,10 +140,7 @@ def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def likelihood_loss(each: Hypothesis) -> float:
-    """Computes half the newest sample's excess NIS less its mean before, nats; 0 with too few samples.
-
-    Each as it is expected, since not every sample has a reading of every sensor.
-    """
+    """Computes the newest sample's half excess NIS minus its mean over earlier samples, nats; 0 with too few."""
     records = each.watch.records if each.watch is not None else ()
     if len(records) < _FEWEST + 1:
         return 0.0

@@ -104,7 +104,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Key that equal hypotheses share: the parts of their history, and their present forces."""
+        """Key that equal hypotheses share: their events, and their present forces, push, disturbance and jump."""
         state = self.run.state
         slots = zip(state.slot_jet, state.slot_sign, state.slot_on_top, self.walks, strict=True)
         forces = frozenset((int(jet), int(sign), int(on_top), walk) for jet, sign, on_top, walk in slots if jet >= 0)

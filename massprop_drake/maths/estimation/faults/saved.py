@@ -68,7 +68,7 @@ class _Reader:
         return self._vector[self._at - count : self._at]
 
     def number(self) -> float:
-        """Reads the next number."""
+        """Reads the next number of the vector."""
         return float(self.take(1)[0])
 
     def count(self) -> int:

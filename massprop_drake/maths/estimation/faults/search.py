@@ -128,7 +128,7 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 def advance_search(
     search: StartSearch, before: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
-    """Advances the search for faults in the initialization by a sample, once readings contradict the filter.
+    """Keeps a sample of the initialization, and advances the search for faults once readings contradict it.
 
     Args:
         before: the filter's state before it.

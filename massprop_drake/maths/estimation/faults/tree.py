@@ -375,7 +375,7 @@ def _proposal_onset_key(child: Hypothesis) -> tuple[object, int]:
 
 
 def _remove_draw(births: Sequence[Birth], origin: object) -> list[Birth]:
-    """Returns the proposals but those of one draw, given by its origin."""
+    """Returns the proposals without those of one draw, identified by its origin."""
     return [birth for birth in births if birth.origin != origin]
 
 

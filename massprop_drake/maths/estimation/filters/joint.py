@@ -224,7 +224,7 @@ def _override_sigmas(one: float | None, each: Array) -> Array:
 
 
 def _normalize_sigmas(sigmas: Array) -> tuple[float, Array]:
-    """Returns the largest of some sigmas, and each divided by it, shape (n,); 0 and shape (0,) where all are zero."""
+    """Returns the largest sigma, and all divided by it, shape (n,); 0 and shape (0,) where all are zero."""
     largest = float(sigmas.max(initial=0.0))
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 

@@ -268,7 +268,7 @@ def _add_thrust_errors(
 def _innovation_effects(
     impulse: Array, sensitivity: Array | None, thrust_errors: Array | None, mass_reciprocal: float
 ) -> Array | None:
-    """Computes L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is known."""
+    """Computes the innovation's sensitivity to thrust errors, L = lambda Psi + G, shape (3, n_jets); or None."""
     if thrust_errors is None or sensitivity is None:
         return None
     return impulse[:, None] * sensitivity + thrust_errors * mass_reciprocal
@@ -276,7 +276,7 @@ def _innovation_effects(
 
 @kernel
 def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
-    """Computes Y^zeta (3-87), considered thrust errors included."""
+    """Computes the innovation covariance Y^zeta (3-87), thrust errors included, shape (3, 3)."""
     return add_effect_covariance(impulse[:, None] * (impulse * independent) + noise, effects)
 
 
@@ -357,7 +357,7 @@ def _repeat_update(
     thrust_errors: Array | None,
     effects: Array | None,
 ) -> tuple[MassState, Array]:
-    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
+    """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
         first: the first update.
@@ -378,7 +378,7 @@ def _repeat_update(
 def _joseph_update(
     state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
-    """Updates estimate (3-83), (3-86) and variance in Joseph's form; Schmidt-Kalman with effects."""
+    """Updates 1/m (3-83), (3-86) and its variance in Joseph's form; returns the state and the gain, shape (3,)."""
     independent = independent_variance(state.variance, state.sensitivity)
     gain = information @ _cross_covariance(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)

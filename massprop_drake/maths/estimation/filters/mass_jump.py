@@ -65,7 +65,7 @@ def jump_threshold(false_alarm_rate: float, window: int) -> float:
 
 @kernel
 def empty_window(length: int) -> Array:
-    """Returns a jump-test window of zeros, no sample in it, shape (length, 3)."""
+    """Returns the jump test's window of zeros, holding no sample, shape (length, 3)."""
     return np.zeros((length, 3))
 
 

@@ -153,7 +153,7 @@ def initial_state(params: PoseFilterParams) -> PoseFilterState:
 
 
 def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
-    """Returns the state with the ten parameters and covariance computed anew, NaN for variances of known ones."""
+    """Returns the state with its ten parameters and covariance recomputed, NaN variance for known ones."""
     bank, jets = delays.merge_delays(state.tried, params.pose), params.pose.pushes.shape[0]
     healthy = state.tried.known[:jets] == 0.0
     estimate, covariance = estimated_properties(bank.mean[0], bank.covariance[0], healthy, params.pose)

@@ -371,7 +371,7 @@ def _repeat_update(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> RotationState:
-    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
+    """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
         after: the first update.

@@ -284,7 +284,7 @@ def _add_error_coupling(
     moving: Array | None,
     turning: Array | None,
 ) -> None:
-    """Adds the cross-covariances by thrust errors to a `Joint`, where these are considered.
+    """Adds the filters' cross-covariances by thrust errors to the covariances of a `Joint`, in place.
 
     Args:
         covariances: of the parameters, and of innovations with them.
@@ -494,7 +494,7 @@ def _n_errors(params: ThesisParams) -> int:
 
 
 def pack_rotation(state: RotationState, memory: RotationMemory, layout: Layout) -> Array:
-    """Packs the rotation filter's state and memory into a vector."""
+    """Packs the rotation filter's state and memory (rates, coupling flag) into a vector."""
     sensitivity = _INSENSITIVE if state.sensitivity is None else state.sensitivity
     return layout.pack((state.estimate, state.covariance, memory.subtract_coupling, memory.rates, sensitivity))
 
@@ -507,13 +507,13 @@ def unpack_rotation(vector: Array, layout: Layout) -> tuple[RotationState, Rotat
 
 
 def pack_mass(state: MassState, velocities: Array, layout: Layout) -> Array:
-    """Packs the mass filter's state and readings into a vector."""
+    """Packs the mass filter's state and its last velocity readings into a vector."""
     sensitivity = _INSENSITIVE[0] if state.sensitivity is None else state.sensitivity
     return layout.pack((state.mass_reciprocal, state.variance, velocities, state.window, sensitivity))
 
 
 def unpack_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
-    """Unpacks the vector of `pack_mass`: state and readings, views of it."""
+    """Unpacks the vector of `pack_mass`: the mass filter's state and velocity readings, views of the vector."""
     mass_reciprocal, variance, velocities, window, sensitivity = layout.read(vector)
     return MassState(mass_reciprocal, variance, window, sensitivity if sensitivity.size else None), velocities
 
