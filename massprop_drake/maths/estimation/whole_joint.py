@@ -277,7 +277,7 @@ class Work:
     def repeat_start_cycle(
         self, state: JointState, sample: JointSample, about: Array
     ) -> tuple[JointState, float, float]:
-        """Repeats a cycle of the initialization, linearized anew; see `relinearization.repeat_start_cycle`."""
+        """Repeats a cycle of the initialization, relinearized; see `relinearization.repeat_start_cycle`."""
         _, _, over = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, about))
         return over
 

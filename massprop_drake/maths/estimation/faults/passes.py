@@ -102,7 +102,7 @@ def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
 
 
 def linearization_point(state: JointState, entry: JointState, params: JointParams) -> Array:
-    """Returns the next linearization point x*: the estimate, with failed jets' forces as at entry, shape (size,).
+    """Returns the next linearization point x*: a state's estimate, failed jets' forces as at entry, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """

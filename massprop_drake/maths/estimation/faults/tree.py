@@ -337,10 +337,7 @@ def _advance_reviews(tree: Tree, params: Params) -> Tree:
 
 
 def _is_rival(birth: Birth, each: Hypothesis) -> bool:
-    """Tests whether a proposal has another jet failure in place of a hypothesis's newest event.
-
-    What there was no room for has a weight by itself.
-    """
+    """Tests whether a drawn proposal has another jet failure in place of a hypothesis's newest event."""
     same = birth.child.events[:-1] == each.events[:-1]
     return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
 
@@ -396,10 +393,7 @@ def _join_new_draw(
 
 
 def _replay_proposals(tree: Tree, params: Params, *, starting: bool) -> Tree:
-    """Replays proposals to the newest sample within the step budget; those that arrive become hypotheses.
-
-    One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
-    """
+    """Replays proposals to the newest sample within the step budget; likely ones that arrive become hypotheses."""
     left, arrived, tried = _BUDGET, list(tree.hypotheses), set(tree.tried)
     best = max(tree.hypotheses, key=lambda each: each.weight)
     queue, waiting = list(tree.births), []
@@ -460,10 +454,7 @@ def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
 
 
 def _detach_reference(birth: Birth, tree: Tree) -> Birth | None:
-    """Rebases a proposal whose reference hypothesis is unlikely on the likeliest; None: the leader continues it.
-
-    What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
-    """
+    """Rebases a proposal on the likeliest if its reference is unlikely; None: the leader continues the reference."""
     than, best = birth.than, tree.leader.weight
     if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
         return birth
