@@ -58,7 +58,7 @@ def _passive_adaptation(action, mass_jumped):  # type: ignore[no-untyped-def] # 
 
 @idiom(_passive_adaptation)
 def passive_adaptation(action: int, mass_jumped: bool) -> Adaptation:
-    """Makes an adaptation with an action that takes nothing out of the innovations."""
+    """Makes a filter adaptation with an action and a jump flag, its corrections of the innovations zero."""
     if action == Action.NONE and not mass_jumped:
         return NO_ADAPTATION
     return NO_ADAPTATION._replace(action=Action(action), mass_jumped=mass_jumped)
@@ -77,12 +77,12 @@ _ACTION, _JUMPED = LAYOUT.slice("action").start, LAYOUT.slice("mass_jumped").sta
 
 
 def pack_adaptation(adaptation: Adaptation) -> Array:
-    """Packs an adaptation into a vector, shape (26,)."""
+    """Packs an adaptation of the filters' update into a vector, shape (26,)."""
     return LAYOUT.pack(adaptation)
 
 
 def unpack_adaptation(vector: Array) -> Adaptation:
-    """Unpacks an adaptation: the inverse of `pack_adaptation`."""
+    """Unpacks an adaptation from a vector of shape (26,): the inverse of `pack_adaptation`."""
     if vector.item(_ACTION) == 0.0 and vector.item(_JUMPED) == 0.0:  # Action.NONE
         return NO_ADAPTATION
     action, *parts = LAYOUT.read(vector)

@@ -8,9 +8,7 @@ from functools import cache
 
 @cache
 def chi_square_limit(rate: float, degrees: int) -> float:
-    """Computes the value that chi-square exceeds at a given rate.
-
-    It is found by bisection.
+    """Computes the value that chi-square of some degrees of freedom exceeds with a given probability, by bisection.
 
     Args:
         rate: probability, 1e-300 < rate < 1.
@@ -25,7 +23,7 @@ def chi_square_limit(rate: float, degrees: int) -> float:
 
 
 def _tail_probability(value: float, degrees: int) -> float:
-    """Computes the probability that chi-square of some degrees of freedom exceeds a value."""
+    """Computes the probability that chi-square of some degrees of freedom exceeds a value, 0 to 1."""
     half = 0.5 * value
     odd = degrees % 2
     tail = math.erfc(math.sqrt(half)) if odd else 0.0

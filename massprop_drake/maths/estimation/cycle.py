@@ -129,14 +129,14 @@ MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
 
 
 def initial_state(params: EstimationParams) -> EstimationState:
-    """Returns the state before the first sample: jets off, nothing read."""
+    """Returns the estimation's state before the first sample: jets off, filter and detector initial."""
     off = np.zeros(params.impulse_per_level.shape[0])
     detector = None if params.detector is None else params.detector.initial(params.detector_params)
     return EstimationState(off, off, params.filter.initial(params.filter_params), detector)
 
 
 def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
-    """Computes an interval's impulses from the commands, and the filter's measurement of the sample."""
+    """Runs a cycle's first part: the jets' impulses in the interval, and the filter's measurement."""
     outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
     impulses = interval_impulses(
         sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
@@ -150,7 +150,7 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 
 
 def collect_commands(sample: Sample) -> Told:
-    """Collects commands and other data of a sample for a filter with a thrust model of its own."""
+    """Collects commands, times and tracked readings of a sample for filters with their own thrust model."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
     onsets_s = sample.onset_s, sample.coming_onset_s
@@ -158,7 +158,7 @@ def collect_commands(sample: Sample) -> Told:
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
-    """Computes the effect of the forces of failed jets that are known already."""
+    """Computes wrench and covariances by forces of failed jets that the detector has declared already."""
     if params.detector is None or not has_nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
@@ -166,7 +166,7 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
 
 
 def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
-    """Judges the innovations by the detector, which must exist."""
+    """Runs the detector, which must exist, on a sample's innovations; returns its judgment."""
     assert params.detector is not None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
     evidence = seen
@@ -176,14 +176,14 @@ def judge(state: EstimationState, sample: Sample, measured: Measured, params: Es
 
 
 def make_evidence(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
-    """Joins the filter's innovations and the circumstances of the sample into the detector's evidence."""
+    """Makes the detector's evidence from the filter's innovations, the command and the interval's impulses."""
     return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
 
 
 def finish(
     state: EstimationState, sample: Sample, measured: Measured, judgment: Judgment | None, params: EstimationParams
 ) -> EstimationStep:
-    """Updates the filter, and makes the state with which the next cycle begins."""
+    """Runs a cycle's last part: the filter's update by the judgment, and the state for the next cycle."""
     interval, measurement = measured
     adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
@@ -198,13 +198,14 @@ def finish(
 
 
 def _call_directly(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Calls a function with its arguments; the cycle's part is ignored."""
     return function(*arguments)
 
 
 def step(
     state: EstimationState, sample: Sample, params: EstimationParams, call: Callable[..., Any] = _call_directly
 ) -> EstimationStep:
-    """Runs one cycle.
+    """Advances filter and detector by one sample: measures, judges and updates.
 
     Args:
         call: calls a part of it, of `ESTIMATORS` or the `DETECTOR`, with its arguments, and may take the time.
@@ -232,7 +233,7 @@ def reported_estimate(done: EstimationStep) -> tuple[Array, Array]:
 
 
 def save_state(state: EstimationState, params: EstimationParams) -> Groups:
-    """Packs the state into a dictionary of vectors, by the part of the diagram that holds each."""
+    """Maps each system of the diagram that holds a part of the estimation's state to that part as a vector."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
@@ -241,7 +242,7 @@ def save_state(state: EstimationState, params: EstimationParams) -> Groups:
 
 
 def restore_state(groups: Groups, params: EstimationParams) -> EstimationState:
-    """Unpacks a state: the inverse of `save_state`.
+    """Makes the estimation's state from vectors: the inverse of `save_state`.
 
     Raises:
         ValueError: when no run can have left such a state.

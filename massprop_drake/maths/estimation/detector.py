@@ -95,7 +95,7 @@ class KnownForce(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """True if the force has any effect on the sample: a jet stuck on gives no more when it is commanded."""
+        """Tests whether the known force has any effect on the sample; a commanded jet stuck on gives no more."""
         return self is not NO_KNOWN_FORCE and bool(self.wrench.any() or self.translation_spread.any())
 
 
@@ -106,7 +106,7 @@ NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
 def unpack_known_force(vector: Array) -> KnownForce:
-    """Unpacks a known force from its vector; `NO_KNOWN_FORCE` itself where all is zero."""
+    """Unpacks wrench and covariances of a known force from a vector; `NO_KNOWN_FORCE` where all is zero."""
     return KnownForce(*KNOWN_FORCE.read(vector)) if has_nonzero(vector) else NO_KNOWN_FORCE
 
 
@@ -192,14 +192,14 @@ class Detector(NamedTuple):
     report: Layout | None = None
 
     def pack_state(self, state: Any, params: Any) -> Array:
-        """Packs the state into a vector."""
+        """Packs the detector's state into a vector."""
         if self.layout is not None:
             return self.layout(params).pack(state)
         assert self.saved is not None, "a detector has a layout, or keeps its state itself"
         return self.saved(state, params)
 
     def unpack_state(self, vector: Array, params: Any) -> Any:
-        """Unpacks a state: the inverse of `pack_state`.
+        """Unpacks the detector's state from a vector: the inverse of `pack_state`.
 
         Raises:
             ValueError: when the detector cannot have left such a state.

@@ -63,7 +63,7 @@ class Lagging(NamedTuple):
 
 @kernel
 def impulses(memory: Array, command: Array, outside: Array, held: Any) -> Array:
-    """Computes an interval's impulses (8), then mean and last level of each jet, shape (8 + 2 n_jets,).
+    """Computes impulses and flags of an interval (8), then jets' mean and last levels, shape (8 + 2 n_jets,).
 
     Args:
         memory: packed as `cycle.MEMORY`.
@@ -171,7 +171,7 @@ class Rotating(NamedTuple):
 
 
 def make_rotation_filter(params: RotationParams, state: RotationVector) -> Rotating:
-    """Makes the rotation filter with its parameters, its initial state, and templates of its vectors."""
+    """Bundles the rotation filter's parameters, initial state, and templates of its packed vectors."""
     return Rotating(params, state, _TURNED, _ROTATION_SEEN._replace(rates=state.rates), _HEARD)
 
 
@@ -182,7 +182,7 @@ _ROTATION_SEEN = RotationSeen(_SQUARE, _THREE, _THREE, False, _SQUARE, _CROSS, _
 
 @kernel
 def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
-    """Runs the rotation filter's measurement of a sample, packed as `Turned`, then `RotationSeen`.
+    """Computes a sample's rotation innovation and predictions, packed as `Turned`, then `RotationSeen`.
 
     Args:
         vector: state, packed as `thesis.ROTATION_STATE`.
@@ -226,7 +226,7 @@ def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, hel
 
 @kernel
 def finish_rotation(measured: Array, adaptation: Array, held: Any) -> Array:
-    """Finishes the rotation filter's cycle: its report, packed as `ROTATION_REPORT`, and its state.
+    """Updates the rotation filter; returns its log row, packed as `ROTATION_REPORT`, then its state.
 
     Args:
         measured: what `measure_rotation` gave.
@@ -316,7 +316,7 @@ class Weighing(NamedTuple):
 
 
 def make_mass_filter(params: MassParams, state: MassVector) -> Weighing:
-    """Makes the mass filter with its parameters, its initial state, and templates of its vectors."""
+    """Bundles the mass filter's parameters, initial state, and templates of its packed vectors."""
     seen = _MASS_SEEN._replace(window=state.window, velocities=state.velocities)
     return Weighing(params, state, _TURNED, seen, _HEARD)
 
@@ -327,7 +327,7 @@ _MASS_SEEN = MassSeen(
 
 
 def _count_numbers(bundle: tuple[Any, ...]) -> int:
-    """Counts the numbers in a bundle."""
+    """Counts the numbers in all arrays of a tuple."""
     return sum(np.size(field) for field in bundle)
 
 
@@ -337,7 +337,7 @@ _N_ROTATION_SEEN, _N_MASS_SEEN = _count_numbers(_ROTATION_SEEN), _count_numbers(
 
 @kernel
 def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
-    """Computes the detector's evidence, packed as `filter.JOINT`, then `MassSeen`.
+    """Computes both filters' innovations for the detector, packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
         vector: state, packed as `thesis.MASS_STATE`.
@@ -395,7 +395,7 @@ def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, f
 
 @kernel
 def finish_mass(measured: Array, adaptation: Array, held: Any) -> Array:
-    """Finishes the mass filter's cycle: its report, packed as `MASS_REPORT`, and its state.
+    """Updates the mass filter; returns its log row, packed as `MASS_REPORT`, then its state.
 
     Args:
         measured: what `measure_mass` gave.
@@ -433,13 +433,13 @@ class Judging(NamedTuple):
 
 
 def make_detector(params: CglrParams) -> Judging:
-    """Makes the detector with its parameters, its initial state, and templates of its vectors."""
+    """Bundles the CGLR detector's parameters, initial state, and templates of its packed vectors."""
     return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, _HEARD.acted)
 
 
 @kernel
 def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> Array:
-    """Computes the effect of known forces, packed as `detector.KNOWN_FORCE`, where there are any.
+    """Computes wrench and covariances of failed jets' known forces, packed as `detector.KNOWN_FORCE`.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.
@@ -455,7 +455,7 @@ def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> A
 
 @kernel
 def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
-    """Runs one cycle of the detector, from packed vectors to a packed one.
+    """Runs one cycle of the detector on packed vectors; returns its packed state, adaptation and log values.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.

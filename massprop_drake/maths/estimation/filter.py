@@ -206,7 +206,7 @@ def _empty_joint():  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_empty_joint)
 def empty_joint() -> Joint:
-    """Returns the `Joint` of a sample that is not tested: NaN and zeros."""
+    """Returns the innovations (`Joint`) of a sample that is not tested: NaN and zeros."""
     return NOT_MEASURED
 
 
@@ -293,17 +293,17 @@ class FilterStep(NamedTuple):
 
 
 def replace_state(step: FilterStep, state: Any, _params: Any) -> FilterStep:
-    """Replaces the filter's state after a cycle."""
+    """Returns a filter step with the filter's state replaced."""
     return step._replace(state=state)
 
 
 def publish_own_state(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
-    """Returns the step unchanged: a filter of this kind reports no estimates but its own."""
+    """Returns the filter step unchanged: a filter of this kind reports no estimates but its own."""
     return step
 
 
 def replace_estimates(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
-    """Replaces the estimates in a cycle's reports; the innovations stay.
+    """Returns a filter step with the estimates in its log rows replaced; the innovations stay.
 
     Args:
         step: the cycle.

@@ -44,7 +44,7 @@ class Foretelling(NamedTuple):
 
 
 def begin_forecast(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
-    """Begins a forecast before the first sample; returns it and its parameters, without second-order terms.
+    """Returns the forecast of faults' information before the first sample, and the linear filter's parameters.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -62,7 +62,7 @@ def begin_forecast(properties: Array, params: JointFilterParams) -> tuple[Forete
 def step(
     before: Foretelling, read: tuple[Array, Array], told: Told, params: JointFilterParams, *, failing: bool = False
 ) -> Foretelling:
-    """Advances the forecast by one sample.
+    """Advances the filter, and the information that its innovations give on leaks, losses and jumps, by a sample.
 
     Args:
         before: the forecast up to then.

@@ -47,7 +47,7 @@ LAYOUT = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, fi
 
 
 def _classify_command(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `classify_command`."""
+    """Tests whether commands are steady, all known, and firing; see `classify_command`."""
     steady, known, firing = True, True, False
     for jet in range(command.size):
         told = command[jet]
@@ -59,7 +59,7 @@ def _classify_command(command, previous_command):  # type: ignore[no-untyped-def
 
 @idiom(_classify_command)
 def classify_command(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
-    """Returns whether a combination of jets is steady, whether all of it is known, and whether it fires."""
+    """Tests whether jet commands are steady over two intervals, all known, and firing: three booleans."""
     told = set(command.tolist())
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
     same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
@@ -76,7 +76,7 @@ def interval_impulses(
     lag: LagFactors,
     outside_impulse: Array | None = None,
 ) -> Impulses:
-    r"""Computes impulses over the interval that ended now.
+    r"""Computes the impulse of jets and outside forces over the interval that ended now, and new thrust levels.
 
     The steady-combination gate: a sample is usable when the commands of this interval and of the one
     before are equal and each is 0 or 1, so that build-up and tail-off have passed (section 5.4 of
@@ -113,6 +113,7 @@ def interval_impulses(
 
 @kernel
 def _is_acting(outside_impulse: Array | None) -> bool:
+    """Tests whether an outside impulse is stated and not zero."""
     if outside_impulse is None:
         return False
     return has_nonzero(outside_impulse)
@@ -120,6 +121,7 @@ def _is_acting(outside_impulse: Array | None) -> bool:
 
 @kernel
 def _add_outside_impulse(impulse: Array, outside_impulse: Array | None) -> Array:
+    """Returns the impulse with the outside impulse added, shape (6,); None: there is none."""
     if outside_impulse is None:
         return impulse
     return impulse + outside_impulse
@@ -127,7 +129,7 @@ def _add_outside_impulse(impulse: Array, outside_impulse: Array | None) -> Array
 
 @kernel
 def add_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
-    """Adds the impulse of a wrench about the vehicle origin that acts all along, shape (6,)."""
+    """Adds the impulse of a constant wrench about the vehicle origin, shape (6,), over a sample period."""
     impulse = wrench * period_s
     return Impulses(
         impulses.angular_impulse + impulse[:3],

@@ -97,7 +97,7 @@ class Besides(NamedTuple):
 
 
 def make_besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
-    """Makes the further readings and commands of some rows, as `Besides`; zeros where cycles fill them in.
+    """Allocates tracked readings and command onsets of rows, as `Besides`; zeros where cycles fill them in.
 
     Args:
         count: number of rows.
@@ -155,7 +155,7 @@ class JointDesk(NamedTuple):
 
 
 def empty_sample(places: Places) -> JointSample:
-    """Returns a sample of zeros, a template of its types."""
+    """Returns a joint filter's sample of zeros, a template of its types."""
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
@@ -164,7 +164,7 @@ def empty_sample(places: Places) -> JointSample:
 
 
 def initial_memory(state: JointState, places: Places) -> JointMemory:
-    """Returns the memory before the first cycle, from the filter's initial state."""
+    """Returns the compiled cycles' memory before the first cycle, from the filter's initial state."""
     none, since = np.zeros(places.jets), empty_bank(places).since
     clock = start_clock(0.0, state.level, none)
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
@@ -172,7 +172,7 @@ def initial_memory(state: JointState, places: Places) -> JointMemory:
 
 
 def empty_past(places: Places, links: int) -> Past:
-    """Returns empty storage of past states, with room for a number of links."""
+    """Allocates zeros for the filter states at onsets, and for the linearizations of so many past cycles."""
     states = np.zeros((ONSETS, state_layout(places).size))
     kept = np.zeros((links, link_layout(places).size))
     roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
@@ -180,7 +180,7 @@ def empty_past(places: Places, links: int) -> Past:
 
 
 def empty_desk(places: Places) -> JointDesk:
-    """Returns a desk with one row of zeros, a template of its types."""
+    """Returns inputs and log rows of compiled cycles, one row of zeros: a template of their types."""
     samples, nothing = allocate_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)
@@ -188,6 +188,6 @@ def empty_desk(places: Places) -> JointDesk:
 
 
 def link_layout(places: Places) -> Layout:
-    """Returns the layout of a vehicle's links."""
+    """Returns the layout of a cycle's linearization as a vector, sized for a vehicle."""
     counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
     return LINK.sized(size=places.size, slow=places.n_slow, swing=places.n_swing, disturbed=6 + places.n_slow, **counts)

@@ -51,7 +51,7 @@ class Activity(NamedTuple):
 
 
 def activity_rank(activity: Array, arm: float) -> Activity:
-    """Computes rank and condition of an activity matrix, whatever the units and the jets' thrusts.
+    """Computes rank and condition of the jets' activity matrix, independent of units and of thrusts.
 
     Rotation rows are multiplied by a typical arm, so that all are accelerations of a point, and each
     column is brought to length one, so that only where jets are and point to counts.
@@ -69,7 +69,7 @@ def activity_rank(activity: Array, arm: float) -> Activity:
 
 
 def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: bool) -> Array:
-    """Computes the Jacobian of each jet's unit-impulse increments by the ten parameters, shape (n_jets * 3 or 6, 10).
+    """Computes d(increments)/d(ten parameters) for a unit impulse of each jet, shape (n_jets * 3 or 6, 10).
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -84,7 +84,7 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
 
 
 def unobservable_combinations(jacobian: Array, scale: Array) -> Array:
-    """Computes the null space of a Jacobian: unobservable parameter combinations, a row each, shape (10 - rank, 10).
+    """Computes the null space of a Jacobian: unobservable parameter combinations, shape (10 - rank, 10).
 
     Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
     appears in no other.
@@ -127,7 +127,7 @@ def _reduce_rows(rows: Array) -> Array:
 
 
 def whiten_signatures(signatures: Array, covariance: Array) -> Array:
-    """Whitens signatures by the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
+    """Whitens jets' signatures by the noise covariance Y = L L^T: returns L^-1 c, shape (n_jets, k).
 
     Args:
         signatures: c of every jet, shape (n_jets, k).
@@ -137,7 +137,7 @@ def whiten_signatures(signatures: Array, covariance: Array) -> Array:
 
 
 def _sizes_and_directions(signatures: Array) -> tuple[Array, Array]:
-    """Computes lengths of signatures, shape (n,), and their unit vectors, shape (n, k), zero where negligibly short."""
+    """Computes lengths of signatures, shape (n,), and unit vectors, shape (n, k); both zero if negligible."""
     size = np.linalg.norm(signatures, axis=1)
     size = np.where(size > _RANK_TOLERANCE * size.max(), size, 0.0)
     return size, signatures * np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[:, None]
@@ -160,7 +160,7 @@ class Pair(NamedTuple):
 
 
 def jet_pairs(signatures: Array) -> list[Pair]:
-    """Returns all pairs of jets, those hardest to tell apart first.
+    """Lists all pairs of jets with the angle between their signatures, the smallest angle first.
 
     Args:
         signatures: in units of the noise, see `whiten_signatures`, shape (n_jets, k); a jet that shows nothing
@@ -193,7 +193,7 @@ class Isolability(NamedTuple):
 
 
 def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolability:
-    r"""Computes the magnitude at which a failure's expected margin over every other jet reaches a threshold.
+    r"""Computes the smallest failure of each jet that one sample isolates by a margin, and its hardest rival.
 
     Assumptions: the mass properties are known; the noise is at its mean, so half of all samples fall
     short; every other jet is off, and so can only be suspected of giving too much. A jet failing on
@@ -221,7 +221,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
 
 
 def span_basis(vectors: Array, tolerance: float = 1e-6) -> Array:
-    """Computes an orthonormal basis of the span of vectors, a row each, shape (rank, 3).
+    """Computes an orthonormal basis of the space that vectors span, as rows, shape (rank, 3).
 
     Args:
         vectors: shape (n, 3).

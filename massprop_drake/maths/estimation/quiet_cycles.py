@@ -73,7 +73,7 @@ class Quiet:
     def begin(
         self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: JointRows
     ) -> None:
-        """Sets the samples through which the cycles run, and the log rows that they fill in.
+        """Sets the samples that compiled cycles take, and the log rows that they fill in.
 
         Args:
             samples, stamps_s: see `JointDesk`.
@@ -85,7 +85,7 @@ class Quiet:
         self._desk = make_shared_holder(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
-        """Resumes the compiled cycles from a state, if it has no start, event or alarm."""
+        """Starts compiled cycles from a state, if it has no initialization, fault event or alarm; else turns off."""
         filtered, detector = state.filter, state.detector
         self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
         if not self.on:
@@ -118,7 +118,7 @@ class Quiet:
         self._memory = make_holder(memory, self._compiled)
 
     def advance(self, row: int, until: int) -> int:
-        """Runs cycles from a row to the first with an event or alarm, or up to `until`; returns the row reached."""
+        """Runs compiled cycles from a row to the first alarm or event, or to `until`; returns the row reached."""
         self._reached[:] = row, until
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
             self._work.run_quiet_cycles(self._memory, self._desk)
@@ -128,7 +128,7 @@ class Quiet:
         return reached
 
     def state(self) -> EstimationState:
-        """Returns the state with which the next cycle begins."""
+        """Makes the estimation's state after the last compiled cycle, with which the next begins."""
         kept: JointMemory = read_holder(self._memory)
         since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
         states = self._past.states.copy()
@@ -147,7 +147,7 @@ class Quiet:
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
-        """Returns the last cycles as watched ones; scores count from the first of them."""
+        """Returns the last cycles with sample, linearization and score, scores counted from the first of them."""
         layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
@@ -157,7 +157,7 @@ class Quiet:
         return tuple(found)
 
     def _past_sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
-        """Returns the sample of a past cycle: as it is kept, or rebuilt from its row."""
+        """Returns the joint filter's sample of a past cycle: as stored, or rebuilt from its row."""
         if isinstance(each, JointSample):
             return each
         samples, beside, row = each
@@ -185,7 +185,7 @@ class Quiet:
 
 
 def covers(made: EstimationParams) -> bool:
-    """Tests whether the compiled kernel can run most cycles of these parameters."""
+    """Tests whether the compiled kernel can run cycles with such filter, detector and vehicle."""
     return (
         made.filter is joint.FILTER
         and made.detector is faults.DETECTOR
@@ -197,12 +197,12 @@ def covers(made: EstimationParams) -> bool:
 
 
 def _is_plain(made: JointFilterParams) -> bool:
-    """Tests whether there are neither trackers, wheels nor on-times."""
+    """Tests whether the vehicle has no trackers, no wheels and no jets commanded by on-times."""
     return made.joint.places.trackers == 0 and made.joint.places.wheels == 0 and made.opens_at is None
 
 
 def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
-    """Tests whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
+    """Tests whether the compiled kernel may run the next cycle: initialized, no fault hypothesis, no alarm."""
     clock = filtered.clock
     if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
         return False

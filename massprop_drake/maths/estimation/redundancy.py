@@ -42,7 +42,7 @@ class Rule(IntEnum):
 def combine_packages(
     measurements: Array, covariances: Array, rule: int, *, correlated: bool = False
 ) -> tuple[Array, Array]:
-    """Combines the measurements of several packages into one, shape (3,), with its covariance, shape (3, 3).
+    """Combines several packages' measurements into one, shape (3,), with covariance, shape (3, 3).
 
     Args:
         measurements: of the packages that are there, at least one, in order of preference, shape (s, 3).

@@ -53,7 +53,7 @@ class Whitener(NamedTuple):
     kept: Array
 
     def __call__(self, x: Array) -> Array:
-        """Whitens quantities linear in the readings, shape (..., r); zeros stand in place of the initial values."""
+        """Whitens quantities linear in the readings, shape (..., r); the first of each comes out as zero."""
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
         rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)
@@ -86,7 +86,7 @@ def _factor_banded(bands: Array) -> Array:
 
 
 def make_whitener(time_s: Array, noise: Gathering) -> Whitener:
-    """Makes the whitener of a component that is read at some times.
+    """Makes the whitener of the noise of one component's readings at given times.
 
     Args:
         time_s: increasing, shape (r,), r > 1.

@@ -76,7 +76,7 @@ class Samples(NamedTuple):
 
 
 def allocate_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
-    """Allocates one sample of zeros for so many gyros, accelerometers and jets."""
+    """Allocates a block of one sample, zeros, for a number of gyros, accelerometers and jets."""
     velocities = np.zeros((1, accelerometers, 3))
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
 
@@ -115,7 +115,7 @@ class ThesisBlock(NamedTuple):
 
 
 def covers(params: EstimationParams) -> bool:
-    """Tests whether the kernel can make a cycle of these parameters."""
+    """Tests whether the compiled kernel can run cycles with such filters, sensor packages and detector."""
     made = params.filter_params
     return (
         params.filter is thesis.FILTER
@@ -128,7 +128,7 @@ def covers(params: EstimationParams) -> bool:
 
 
 def kernel_params(params: EstimationParams) -> WholeParams:
-    """Makes the kernel's parameters from those of a cycle that it covers."""
+    """Makes the compiled kernel's parameters from those of an estimation that it covers."""
     made = params.filter_params
     return WholeParams(
         params.period_s, params.impulse_per_level, params.lag, made.rotation, made.mass, params.detector_params
@@ -137,7 +137,7 @@ def kernel_params(params: EstimationParams) -> WholeParams:
 
 @kernel
 def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> None:
-    """Runs cycles from a row up to another, and writes their log rows and the requests after the last.
+    """Runs cycles of filters and detector over rows; writes their log rows, and the requests after the last.
 
     Args:
         holder: of the state, see `cycle.EstimationState`.
@@ -158,7 +158,7 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
 @kernel
 def run_cycle(state: EstimationState, block: ThesisBlock, row: int, params: WholeParams) -> EstimationState:
-    """Runs a single cycle; fills in its row and the requests after it, and returns the state.
+    """Runs a cycle on one row; writes its log row and the detector's requests, and returns the state.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
@@ -172,7 +172,7 @@ def run_cycle(state: EstimationState, block: ThesisBlock, row: int, params: Whol
 def step_cycle(
     state: EstimationState, samples: Samples, index: int, logged: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
-    """Runs one cycle of both filters and the detector on a sample, and fills in its log rows.
+    """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state.
 
     Args:
         samples, index: the sample among others.
@@ -224,6 +224,7 @@ def step_cycle(
 
 @kernel
 def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> Any:
+    """Returns both filters' joined innovations; NaN and zeros where the sample is not usable."""
     if usable:
         return thesis.join_innovations(told, moved, moving, mass)
     return empty_joint()
@@ -231,7 +232,7 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 
 @kernel
 def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
-    """Returns whether any known force of a failed jet acts, and the effect of all."""
+    """Computes the effect of failed jets' known forces; returns whether there is any, and the effect."""
     if params is None:
         return False, _no_force()
     return _acting_known_force(state, filters, command, params)
@@ -239,6 +240,7 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
 
 @kernel
 def _no_force() -> KnownForce:
+    """Returns a known force of zero."""
     return KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
@@ -246,7 +248,7 @@ def _no_force() -> KnownForce:
 def _acting_known_force(
     state: DetectorState, filters: Any, command: Array, params: CglrParams
 ) -> tuple[bool, KnownForce]:
-    """Runs `_known_force` of a vehicle with a detector."""
+    """Runs `_known_force` for a vehicle with a detector."""
     if not has_nonzero(state.variance):
         return False, _no_force()
     predicted = join_ten_parameters(filters.rotation.estimate, filters.mass.mass_reciprocal)
@@ -258,7 +260,7 @@ def _acting_known_force(
 def _run_detector(
     state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None
 ) -> tuple[Any, Adaptation]:
-    """Computes the detector's state after a cycle and the filters' adaptation; fills in its row."""
+    """Runs the detector, if any; writes its log row, and returns its state and the filters' adaptation."""
     if params is None:
         return state, passive_adaptation(0, False)
     done = cglr.run_cycle(state, seen, params)
@@ -269,7 +271,7 @@ def _run_detector(
 
 @kernel
 def _write_requests(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
-    """Writes the detector's requests after its last row; none without a detector."""
+    """Writes the detector's requests in place: failure declared, known forces, jets removed and closed."""
     if state is None:
         return
     asked.declared[0] = rows[last, _EVENT] == _DECLARED

@@ -74,7 +74,7 @@ class Asked(NamedTuple):
 
 @kernel
 def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
-    """Runs the part of the joint filter's cycle that `part` names; a kernel compiled once for all parts.
+    """Runs the part of the joint filter's cycle that `part` selects; a kernel compiled once for all parts.
 
     Args:
         part: GO_ON: see `run_quiet_cycles`; CYCLE: see `joint_cycle.run_cycle`; FOLLOW: see `bank.follow_cycle`;
@@ -105,7 +105,7 @@ def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, hold
 
 @kernel
 def run_quiet_cycles(memory: Any, desk: JointDesk, params: JointParams) -> None:
-    """Runs cycles up to a row, or to the first with an alarm or other event, whose cycle is not kept.
+    """Runs cycles up to a row or the first alarm or event, whose cycle is discarded; memory is updated in place.
 
     Args:
         memory: holder of a `JointMemory`.
@@ -121,7 +121,7 @@ def run_quiet_cycles(memory: Any, desk: JointDesk, params: JointParams) -> None:
 
 @kernel
 def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
-    """Runs a cycle; returns the memory after it, and whether the cycle was without alarm or other event."""
+    """Runs a cycle on a row; returns the memory, and False with the old memory if an alarm or event came up."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
     duration_s = _interval_length(kept.clock, stamp_s, rules.period_s, params)
@@ -160,7 +160,7 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
 
 @kernel
 def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
-    """Returns the length of the interval that ends with a stamp, s; 0: it is not as usual."""
+    """Returns the length of the interval that ends with a time stamp, s; 0: too long, or off the clock."""
     if params.rates.period_s == 0.0:
         return period_s if is_on_time(clock, stamp_s, period_s) else 0.0
     passed_s = stamp_s - clock.stamp_s
@@ -169,7 +169,7 @@ def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: Join
 
 @kernel
 def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
-    """Makes the sample of a row, and stores beside it the values that `Quiet` cannot get from the row again."""
+    """Makes the joint filter's sample of a row, and stores beside it what cannot be rebuilt from the row."""
     samples, beside = desk.samples, desk.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
     durations, commands = split_sample(command, onset_s, desk.rules.period_s, (0.0, duration_s))
@@ -202,7 +202,7 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
 
 @kernel
 def _store_onset(past: Past, after: JointState, found: Followed, cycle: float) -> None:
-    """Stores the newest onset in a free place, and its cycle beside it."""
+    """Stores the filter state as the newest onset in a free place, and the cycle's linearization."""
     stay = found.keep.shape[0]
     past.places[:stay] = past.places[found.keep]
     free = np.ones(ONSETS)
@@ -218,7 +218,7 @@ def _store_onset(past: Past, after: JointState, found: Followed, cycle: float) -
 
 @kernel
 def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> float:
-    """Computes the mean of half the excess NIS over cycles between oldest onset and newest; without any, `newest`."""
+    """Computes the mean of half the excess NIS over cycles since the oldest onset; without any, `newest`."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
         total += excess[number % excess.shape[0]]
@@ -230,7 +230,7 @@ def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> f
 def _fill_log_rows(
     rows: JointRows, row: int, impulses: Impulses, done: tuple[JointState, Report], params: JointParams
 ) -> None:
-    """Fills in the filter's log rows."""
+    """Writes impulses, rotation, mass and joint-filter values of a cycle into its log rows."""
     after, seen = done
     gyros, accelerometers = 3 * params.places.gyros, 3 * params.places.accelerometers
     fill(rows.impulses[row], (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
@@ -264,34 +264,35 @@ class Work:
             self.run_quiet_cycles(self._no_memory, self._no_desk)
 
     def run_quiet_cycles(self, memory: Any, desk: Any) -> None:
-        """Runs cycles up to a row, or to the first with an alarm or other event; arguments in holders."""
+        """Runs cycles up to a row, or to the first alarm or other event; both arguments are holders."""
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def run_cycle(
         self, state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray
     ) -> tuple[JointState, Report]:
-        """Runs a cycle after the first, see `joint_cycle.run_cycle`."""
+        """Runs a joint filter's cycle after the first; returns state and report, see `joint_cycle.run_cycle`."""
         one, _, _ = self._run(CYCLE, Asked(state, sample, thresholds, counts, state.mean))
         return one
 
     def repeat_start_cycle(
         self, state: JointState, sample: JointSample, about: Array
     ) -> tuple[JointState, float, float]:
-        """Repeats a cycle of the start, see `relinearization.repeat_start_cycle`."""
+        """Repeats a cycle of the initialization, relinearized; see `relinearization.repeat_start_cycle`."""
         _, _, over = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, about))
         return over
 
     def _run(self, part: int, asked: Asked) -> Any:
+        """Runs one part of a joint filter's cycle; returns the results of all parts, None for others."""
         given = make_shared_holder(asked, self._compiled)
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
     def follow_cycle(self, following: Following) -> Followed:
-        """Advances and tests a bank of onsets over a cycle, see `bank.follow_cycle`."""
+        """Advances a bank of possible fault onsets over a cycle and tests them, see `bank.follow_cycle`."""
         given = make_shared_holder(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found
 
 
 def with_compiled(params: JointParams) -> JointParams:
-    """Returns parameters of a filter whose work is compiled."""
+    """Returns the joint filter's parameters with its cycle compiled for them."""
     return params._replace(compiled=Work(params))

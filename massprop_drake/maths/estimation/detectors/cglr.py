@@ -105,7 +105,7 @@ class CglrParams(NamedTuple):
 
 
 def make_params(jets: KnownJets, options: Any) -> CglrParams:
-    """Makes the parameters from a scenario's block `detector`."""
+    """Makes the CGLR detector's parameters from the jets' data and a scenario's block `detector`."""
     limit = options.unexplained_limit
     return CglrParams(
         period_s=jets.period_s,
@@ -169,7 +169,7 @@ LAYOUT = Layout(
 
 
 def initial_state(n_jets: int) -> DetectorState:
-    """Returns the state with nothing suspected and nothing known."""
+    """Returns the detector's state without suspicion, known forces or jets removed."""
     return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
 
 
@@ -215,7 +215,7 @@ class DetectorCycle(NamedTuple):
 
 @kernel
 def run_cycle(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
-    """Runs one cycle of the detector on the filters' predictions and innovations.
+    """Tests a sample for jet failures; returns the new state, tests of all jets, finding and adaptation.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
@@ -276,7 +276,7 @@ def run_cycle(state: DetectorState, evidence: Evidence, params: CglrParams) -> D
 def _test_jets(
     state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
 ) -> tuple[Array, JetTests, Isolation]:
-    """Tests every jet, suspicious ones again with uncertain signatures; returns signatures, tests and isolation."""
+    """Tests all jets, suspicious ones again with uncertain signatures; returns signatures, tests, isolation."""
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
     known, off = state.variance > 0.0, evidence.command == 0.0
     impossible_negative, impossible_positive = off & ~known, np.zeros(off.size, dtype=np.bool_)
@@ -302,7 +302,7 @@ def _test_jets(
 
 @kernel
 def _skip_sample(state: DetectorState) -> DetectorCycle:
-    """Makes the result of a sample that cannot be tested: nothing found, the suspicion aged."""
+    """Makes the detector's result for a sample that cannot be tested: nothing found, the suspicion aged."""
     blank = np.full(state.force.size, np.nan)
     nothing = CglrFinding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
     return DetectorCycle(
@@ -312,13 +312,14 @@ def _skip_sample(state: DetectorState) -> DetectorCycle:
 
 @kernel
 def _rotation_nis(evidence: Evidence) -> float:
+    """Computes the NIS of the rotation part of the innovation."""
     rotation = evidence.innovation[3:]
     return quadratic_form(rotation, inverse_positive_definite(evidence.covariance[3:, 3:]))
 
 
 @kernel
 def _with_suspicion(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
-    """Replaces the suspicion in the detector's state: cluster, alarms in a row, and samples since the last."""
+    """Returns the detector's state with another suspicion: cluster, alarms in a row, and cycles since the last."""
     return DetectorState(
         cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )
@@ -326,7 +327,7 @@ def _with_suspicion(state: DetectorState, cluster: float, alarms: float, since: 
 
 @kernel
 def _with_known_forces(state: DetectorState, force: Array, variance: Array) -> DetectorState:
-    """Replaces the known forces of failed jets, and their variances, in the detector's state."""
+    """Returns the detector's state with other known forces of failed jets, and their variances."""
     return DetectorState(
         state.cluster,
         state.alarms,
@@ -342,7 +343,7 @@ def _with_known_forces(state: DetectorState, force: Array, variance: Array) -> D
 
 @kernel
 def _age_suspicion(state: DetectorState) -> DetectorState:
-    """Ages a suspicion by a cycle; drops it when no sample has borne on it for long."""
+    """Returns the detector's state with its suspicion a cycle older, or dropped after the longest gap."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
@@ -352,7 +353,7 @@ def _age_suspicion(state: DetectorState) -> DetectorState:
 
 @kernel
 def _end_without_alarm(state: DetectorState, params: CglrParams) -> DetectorState:
-    """Drops the suspicion after a sample without an alarm, when any further alarm would come too late."""
+    """Drops the suspicion after a sample without alarm, if the gap since the last alarm is too long."""
     if state.cluster != _QUIET and state.since >= params.alarm_gap:
         return _with_suspicion(state, _QUIET, 0.0, 0.0)
     return state
@@ -360,7 +361,7 @@ def _end_without_alarm(state: DetectorState, params: CglrParams) -> DetectorStat
 
 @kernel
 def _make_correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
-    """Makes the adaptation that takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
+    """Makes the adaptation that subtracts the likeliest jet's effect from the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
     return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3].copy(), spread[3:, 3:].copy(), False)
@@ -370,7 +371,7 @@ def _make_correction(signature: Array, tests: JetTests, jet: int, params: CglrPa
 def _count_alarm(
     state: DetectorState, isolation: Isolation, effect: Array, inverse: Array, begun_s: float
 ) -> DetectorState:
-    """Counts an alarm; starts a new count for another cluster, or a force in the opposite direction."""
+    """Counts an alarm for its cluster; a different cluster or an opposite force starts a new count."""
     cluster = float(isolation.cluster)
     confirms = state.cluster == cluster and float(effect @ inverse @ state.effect) > 0.0
     onset_s, alarms = (state.onset_s, state.alarms + 1.0) if confirms else (begun_s, 1.0)
@@ -410,7 +411,7 @@ def _declare_failure(
 def _correct_known_force(
     state: DetectorState, tests: JetTests, jet: int, params: CglrParams
 ) -> tuple[DetectorState, int]:
-    """Corrects a known force after an alarm, withdraws it when nothing is left; returns the state and the event."""
+    """Corrects a known force by an alarm's estimate, zero if insignificant; returns the state and the event."""
     force, variance = state.force.copy(), state.variance.copy()
     force[jet] += tests.magnitude[jet]
     variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
@@ -425,7 +426,7 @@ def _correct_known_force(
 def _update_known_forces(
     state: DetectorState, coefficients: Array, evidence: Evidence, params: CglrParams
 ) -> DetectorState:
-    """Updates the filter of each known force with a sample without an alarm."""
+    """Updates each known force and its variance, a scalar Kalman filter, by a sample without alarm."""
     if not has_nonzero(state.variance):
         return state
     jets = np.flatnonzero(state.variance)
@@ -451,7 +452,7 @@ def _update_known_forces(
 
 @kernel
 def status_values(result: DetectorCycle) -> tuple[Any, ...]:
-    """Returns a cycle's finding in the order of `detector.STATUS`."""
+    """Returns the values of a cycle's log row, in the order of `detector.STATUS`."""
     finding, isolation = result.finding, result.finding.isolation
     return (
         finding.tested,
@@ -472,11 +473,12 @@ def status_values(result: DetectorCycle) -> tuple[Any, ...]:
 
 
 def status(result: DetectorCycle) -> Any:
-    """Makes the log row of a cycle's finding, see `detector.STATUS`."""
+    """Makes a cycle's log row, `detector.STATUS`, of what the detector has found."""
     return STATUS.make(**dict(zip(STATUS, status_values(result), strict=True)))
 
 
 def _judge(state: DetectorState, evidence: Evidence, params: CglrParams) -> Judgment:
+    """Runs a cycle of the detector; returns its result as a judgment."""
     result = run_cycle(state, evidence, params)
     return Judgment(result.state, result.adaptation, status(result), result.tests.likelihood, result.tests.magnitude)
 

@@ -84,19 +84,19 @@ LAYOUT = Layout(
 
 
 def make_params(jets: KnownJets, options: Any) -> CusumParams:
-    """Makes the parameters from a scenario's block `detector` of kind `cusum`."""
+    """Makes the CUSUM detector's parameters from the jets' data and a scenario's block `detector`."""
     return CusumParams(
         jets.period_s, jets.clusters, jets.unit_wrenches, jets.thrusts, jets.limits, options.drift, options.threshold
     )
 
 
 def initial_state(n_jets: int) -> CusumState:
-    """Returns the state with sums of zero and no known forces."""
+    """Returns the CUSUM detector's state with all sums zero and no known forces."""
     return CusumState(*np.zeros((4, 2, n_jets)), *np.zeros((4, n_jets)))
 
 
 def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgment:
-    """Runs one cycle: adds a sample that can be tested, and declares the jet of the largest sum above the threshold.
+    """Adds a testable sample to the sums, and declares the jet of the largest one if above the threshold.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
@@ -137,7 +137,7 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
 
 
 def add_sample(state: CusumState, evidence: Evidence, params: CusumParams) -> CusumState:
-    """Adds a sample to the cumulative sums; a sum that falls to zero restarts at the sample's end."""
+    """Returns the state with a sample added to each jet's sums; one that falls to zero has its onset reset."""
     never = np.zeros(params.clusters.size, dtype=bool)
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
     inverse = information(evidence.covariance, evidence.coupled)
@@ -161,7 +161,7 @@ def add_sample(state: CusumState, evidence: Evidence, params: CusumParams) -> Cu
 def _declare_failure(
     state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float
 ) -> CusumState:
-    """Declares a failure: resets all sums, takes suspected jets out of use, keeps excess thrust as a known force."""
+    """Returns the state after a failure: sums reset, suspected jets removed, excess thrust a known force."""
     anew = initial_state(alike.size)
     known, spread = state.force.copy(), state.variance.copy()
     if force > 0.0:

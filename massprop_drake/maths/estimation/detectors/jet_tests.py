@@ -77,7 +77,7 @@ class JetTests(NamedTuple):
 
 @kernel
 def is_testable(evidence: Evidence, limits: Array) -> bool:
-    """Tests whether a sample can be tested: steady jets, both innovations there, and estimates converged.
+    """Tests whether a sample can be tested for failures: steady jets, innovations there, filters converged.
 
     Args:
         limits: of convergence, see `mass_properties.is_converged`, shape (3,).
@@ -90,7 +90,7 @@ def is_testable(evidence: Evidence, limits: Array) -> bool:
 
 @kernel
 def information(covariance: Array, coupled: bool) -> Array:
-    """Computes the inverse of the innovations' covariance, shape (6, 6).
+    """Computes the inverse of the covariance of both filters' innovations, shape (6, 6).
 
     Args:
         covariance: Y, shape (6, 6).
@@ -113,7 +113,7 @@ def _plain_inverse(covariance):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_plain_inverse)
 def _inverse(covariance: Array) -> Array:
-    """Inverts a covariance of any size, scaled to a unit diagonal on the way."""
+    """Inverts a covariance matrix of any size, scaled to a unit diagonal on the way."""
     scale = np.sqrt(covariance.diagonal())
     try:
         factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
@@ -126,7 +126,7 @@ def _inverse(covariance: Array) -> Array:
 
 @kernel
 def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) -> Array:
-    """Computes influence coefficients c of every jet (4-12), translation first, per unit force, shape (n_jets, 6).
+    """Computes each jet's effect c on the innovations per unit force (4-12), translation first, shape (n_jets, 6).
 
     Args:
         unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
@@ -148,7 +148,7 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
 def jet_tests(
     coefficients: Array, innovation: Array, information: Array, impossible_negative: Array, impossible_positive: Array
 ) -> JetTests:
-    """Tests every jet against no failure, its signature taken as certain.
+    """Tests each jet's failure against no failure; returns likelihood arguments and forces by jet.
 
     Args:
         coefficients: c of every jet, shape (n_jets, 6).
@@ -197,7 +197,7 @@ def uncertain_jet_tests(
     impossible_negative: Array,
     impossible_positive: Array,
 ) -> JetTests:
-    """Tests every jet again, with the uncertainty of its own signature.
+    """Tests each jet's failure again, with its signature's uncertainty in the innovation covariance.
 
     Args:
         tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
@@ -227,7 +227,7 @@ def uncertain_jet_tests(
 
 @kernel
 def covariances_given_failure(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
-    """Computes Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
+    """Computes the innovation covariance Y_j under each jet's failure, shape (n_jets, 6, 6).
 
     Args:
         force: f of each jet, lbf or N, shape (n_jets,).
@@ -261,7 +261,7 @@ class Isolation(NamedTuple):
 
 @kernel
 def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
-    """Finds the likeliest jet, its margin over the others of its cluster, and that cluster's over all others.
+    """Finds the likeliest jet and its cluster, and their margins over the next jet and the next cluster.
 
     Args:
         likelihood: argument of every jet, shape (n_jets,).

@@ -14,7 +14,7 @@ from massprop_drake.maths.linear_algebra import Array, has_nonzero
 
 
 def known_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """Computes the wrench of known forces, and their part in the measurements' covariance.
+    """Computes the wrench of failed jets' known forces, and the covariance they add to the measurements.
 
     Args:
         state: of the detector, with `force` and `variance`; see `detector.Detector`.
@@ -29,7 +29,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
 
 @kernel
 def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """Runs `known_force` where at least one failed jet has a known force."""
+    """Runs `known_force` of a state in which at least one failed jet has a known force."""
     jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)
@@ -44,7 +44,7 @@ def acting_force(state: Any, mass_properties: Array, command: Array, params: Any
 
 @kernel
 def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
-    """Computes the share of each known force that comes on top of what is commanded, shape (k,).
+    """Computes the fraction of each known force that is not commanded, shape (k,).
 
     A jet that is stuck on gives no more when it is told to fire; a leak does.
 

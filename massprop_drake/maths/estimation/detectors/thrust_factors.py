@@ -55,19 +55,19 @@ class ThrustFactorsState(NamedTuple):
 
 
 def make_params(jets: KnownJets, options: Any, filter_params: PoseFilterParams) -> FactorParams:
-    """Makes the parameters from those of the filter and the scenario's block."""
+    """Makes the detector's parameters from those of the pose filter, the jets' thrusts and the scenario's block."""
     rules = PoseRules(options.lead, options.lead_nothing, options.least)
     return FactorParams(filter_params.pose, jets.thrusts, rules)
 
 
 def initial_state(params: FactorParams) -> ThrustFactorsState:
-    """Returns the state before the first sample."""
+    """Returns the detector's state before the first sample: nothing declared, no jet removed."""
     none = np.zeros(params.thrusts.size)
     return ThrustFactorsState(np.zeros(1 + 2 * none.size), none, none, none, none)
 
 
 def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParams) -> Judgment:
-    """Runs one cycle: declares the jet, or group of jets, that the filter's hypotheses show to have failed, if any."""
+    """Declares the jet, or group, that the pose filter's hypotheses show to have failed; returns the judgment."""
     jets = params.thrusts.size
     if not evidence.tested:
         nothing = np.full(jets, np.nan)
@@ -107,7 +107,7 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
 
 
 def _make_declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
-    """Makes the declaration of a named failure, its onset by the clock of the cycles."""
+    """Makes the declaration of a failure or unexplained push, its onset by the clock of the cycles, s."""
     n, onset_s = params.thrusts.size, evidence.cycle_s - (evidence.time_s - found.onset_s)
     if 2 * n in found.members:
         return Unexplained(onset_s)
@@ -119,7 +119,7 @@ def _make_declaration(found: PoseOutcome, evidence: PoseEvidence, params: Factor
 
 
 def _status_row(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
-    """Makes the log row of a cycle, as `detector.STATUS`: the failure named, or the jet suspected."""
+    """Makes a cycle's log row, `detector.STATUS`: of the declared failure, or else of the suspected jet."""
     jets = params.thrusts.size
     if found is None:
         row: dict[str, float] = {} if likeliest is None or not racing else {"suspected_jet": float(likeliest % jets)}
@@ -144,12 +144,12 @@ def _status_row(found: PoseOutcome | None, likeliest: int | None, racing: float,
 
 
 def save_state(state: ThrustFactorsState, _params: FactorParams) -> Array:
-    """Packs the state into a vector."""
+    """Packs the detector's state into a vector: jets declared as a group, and jets removed."""
     return np.concatenate((state.grouped, state.removed))
 
 
 def restore_state(vector: Array, params: FactorParams) -> ThrustFactorsState:
-    """Unpacks a state: the inverse of `save_state`.
+    """Unpacks the detector's state from a vector: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the detector cannot leave.

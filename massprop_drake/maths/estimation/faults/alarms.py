@@ -48,7 +48,7 @@ class Rest(NamedTuple):
     than: tuple[Event, ...] | None
 
     def lead(self, leads: Leads) -> float:
-        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Returns the first-order log weight of the proposals left out, relative to the likeliest hypothesis, nats."""
         return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
 
 
@@ -95,7 +95,7 @@ class Watch(NamedTuple):
 def advance_watch(
     each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances the bank of onsets and the alarm of a hypothesis whose filter has made a plain cycle.
+    """Returns a hypothesis with its onsets tested on a plain filter cycle's readings, and its alarm updated.
 
     Args:
         likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
@@ -132,7 +132,7 @@ def advance_watch(
 
 
 def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
-    """Tests whether a state's covariance covers the errors of its predicted readings: of all, or of the rates."""
+    """Tests whether the filter has converged, in all or in rotation, so that its innovations can be tested."""
     after, report = evidence.after, evidence.report
     assert report.course is not None, "the first sample is no cycle"
     acting = report.course.acting.firing.amount > 0.0
@@ -140,10 +140,7 @@ def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def likelihood_loss(each: Hypothesis) -> float:
-    """Computes how far the newest sample's log likelihood falls below its expectation, over the usual shortfall, nats.
-
-    Each as it is expected, since not every sample has a reading of every sensor.
-    """
+    """Computes the newest sample's half excess NIS minus its mean over earlier samples, nats; 0 with too few."""
     records = each.watch.records if each.watch is not None else ()
     if len(records) < _FEWEST + 1:
         return 0.0
@@ -153,7 +150,7 @@ def likelihood_loss(each: Hypothesis) -> float:
 
 
 def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
-    """Raises an alarm at the last onset but one of a watched hypothesis that has none."""
+    """Adds an alarm at the last onset but one to a hypothesis that is watched and has none; else changes nothing."""
     watch = each.watch
     if watch is None or each.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
@@ -163,7 +160,7 @@ def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis
 
 
 def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
-    """Adds the noise of forces that walk to the first-order effects of errors over an interval."""
+    """Returns the linearized interval with the variance of randomly walking jet forces added to its noise."""
     noise = seen.noise
     for slot in np.flatnonzero(walks):
         column = params.places.force + int(slot)
@@ -174,7 +171,7 @@ def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: Join
 
 
 def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
-    """Makes an alarm with a screen from two onsets before the likeliest one on, brought to the newest sample."""
+    """Makes an alarm whose first-order test begins two onsets before the likeliest, up to the newest sample."""
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
     cycles = bank.since.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)

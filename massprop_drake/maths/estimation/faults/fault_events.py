@@ -93,7 +93,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Parts of the history, each with the number of its earlier occurrences."""
+        """Events as tuples (jet, sign, count) or (kind, component, count), by the count of earlier equal ones."""
         found: list[Part] = []
         for event in self.events:
             cause = event.cause
@@ -104,7 +104,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Key that equal hypotheses share: the parts of their history, and their present forces."""
+        """Key that equal hypotheses share: their events, and their present forces, push, disturbance and jump."""
         state = self.run.state
         slots = zip(state.slot_jet, state.slot_sign, state.slot_on_top, self.walks, strict=True)
         forces = frozenset((int(jet), int(sign), int(on_top), walk) for jet, sign, on_top, walk in slots if jet >= 0)
@@ -113,7 +113,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def ways(self) -> frozenset[Way]:
-        """Jets that have failed, with the sign of each failure."""
+        """Jet failures of the history, as pairs of jet index and sign: 1 too much thrust, -1 too little."""
         return frozenset(way for event in self.events for way in event.cause.failures)
 
 
@@ -124,13 +124,13 @@ def no_fault_hypothesis(state: JointState, cycle: int, params: JointParams) -> H
 
 
 def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Returns the estimate of a failed jet's force in a slot of the state, and its 1-sigma, lbf or N."""
+    """Returns estimate and 1-sigma of the failed jet's force in a slot of the filter state, lbf or N."""
     row = params.places.force + slot
     return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
 
 
 def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
-    """Updates the log weight of a hypothesis: likelihood, priors of events and lags, and correction for its forces."""
+    """Returns a hypothesis with its log weight updated: likelihood, priors of events and lags, force correction."""
     state = each.run.state
     total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
     if each.run.age > 0:
@@ -146,13 +146,13 @@ def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
 
 
 def needs_special_cycle(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
-    """Tests whether the next cycle needs more than the plain filter: an onset, or a reading that is left out."""
+    """Tests whether the next filter cycle must add an impulse near a failure's onset, or leave out a reading."""
     run = each.run
     return run.lying or (run.cause.kind == Kind.JETS and extra_impulse_sigmas(run, duration_s, params) is not None)
 
 
 def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> JointState:
-    """Adds the noise of walking forces and unknown pushes over the next interval to the filter state.
+    """Returns the filter state with noise of walking forces and unknown pushes over the next interval added.
 
     Args:
         over: an interval like the next.
@@ -162,19 +162,19 @@ def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> Joi
 
 
 def force_change_shares(each: Hypothesis, duration_s: float) -> Array:
-    """Computes 1-sigmas of the forces' walks over an interval, in full thrusts, at most 1, shape (n_force,)."""
+    """Computes 1-sigmas of jet forces' random walks in an interval, in full thrusts, shape (n_force,)."""
     walks: Array = np.minimum(each.walks * duration_s, 1.0)
     return walks
 
 
 def record_cycle(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
-    """Records a filter cycle: replaces the filter of a hypothesis, and appends its log likelihood to the trail."""
+    """Returns a hypothesis with its filter replaced, and the log likelihood so far appended to its trail."""
     kept = OLDEST * params.rates.steps
     return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
 
 
 def log_weight_deficit(each: Hypothesis, other: Hypothesis) -> float:
-    """Computes the log-weight deficit against another hypothesis, at the cycle of the first, nats; 0: not known."""
+    """Computes how far a hypothesis's log weight is below another's at the same cycle, nats; 0: not known."""
     since = other.run.cycle - each.run.cycle
     if each.run.age <= 0 or not 0 <= since < len(other.trail):
         return 0.0
@@ -184,7 +184,7 @@ def log_weight_deficit(each: Hypothesis, other: Hypothesis) -> float:
 def advance_hypothesis(
     each: Hypothesis, sample: JointSample, over: Link, params: JointParams, *, starting: bool
 ) -> Hypothesis:
-    """Advances a hypothesis by one cycle.
+    """Advances a hypothesis's filter by one sample, and records its log likelihood.
 
     Args:
         over: the cycle of any filter that is near.
@@ -198,10 +198,7 @@ def advance_hypothesis(
 
 
 def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
-    """Splits a hypothesis in two when a jet that gives too much thrust is first commanded after its failure.
-
-    In the one the force comes on top of the command, in the other it is in its place; both are as likely.
-    """
+    """Splits a hypothesis when a jet with excess thrust is first commanded: force on top, or in place of it."""
     state = each.run.state
     fires = np.flatnonzero((sample.commands > 0.0).any(axis=0)).tolist()
     for slot in np.flatnonzero((state.slot_jet >= 0) & (state.slot_sign > 0.0)).tolist():
@@ -219,7 +216,7 @@ def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis,
 
 
 def restart_hypothesis(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
-    """Restarts the filter of a hypothesis after a gap, an interval of which nothing is known."""
+    """Returns a hypothesis with its filter restarted after a gap, without watch, origin and review."""
     after, _ = restart(each.run.state, sample, params)
     recorded = record_cycle(each, each.run._replace(state=after, cycle=cycle), params)
     return recorded._replace(watch=None, origin=None, review=None)

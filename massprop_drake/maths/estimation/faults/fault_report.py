@@ -98,13 +98,13 @@ class Odds(NamedTuple):
 
 @cache
 def no_fault_odds(n_jets: int) -> Odds:
-    """Returns the odds while nothing has failed and no alternative is considered; shared, do not modify."""
+    """Returns posterior probabilities where no fault is considered: no fault 1, jets 0; shared, do not modify."""
     nothing, unknown = np.zeros(n_jets), np.full(n_jets, np.nan)
     return Odds(1, 1.0, 0.0, nothing, nothing, unknown, unknown)
 
 
 def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
-    """Makes the fields of `HYPOTHESIS_REPORT` after a sample.
+    """Makes the log row `HYPOTHESIS_REPORT` of a sample from its declarations and fault probabilities.
 
     Args:
         history: None: the likeliest history is the one that was reported.
@@ -121,7 +121,7 @@ def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: Hi
 
 
 def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
-    """Makes the fields of `STATUS` after a sample; of several declarations the first.
+    """Makes the log row `STATUS` of a sample: of its first declaration, or else of the jet with fault odds over 1/2.
 
     Args:
         tested: whether the readings were tested against the likeliest hypothesis.
@@ -150,7 +150,7 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
 
 
 def declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
-    """Makes the fields of `HYPOTHESIS_REPORT` that say what is declared at a sample."""
+    """Makes a `HYPOTHESIS_REPORT` row with the fields of a sample's declarations filled in, the others empty."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -184,7 +184,7 @@ def declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
 
 
 def jets_by_declaration(group: Array, place: Array) -> list[list[int]]:
-    """Returns the indices of the jets of each declaration at a sample, the likeliest first.
+    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first.
 
     Args:
         group, place: as logged at the sample, shape (n_jets,) each.

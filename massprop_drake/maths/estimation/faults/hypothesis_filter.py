@@ -55,7 +55,7 @@ class HypothesisFilterState(NamedTuple):
 
 
 def make_params(_jets: KnownJets, options: Any, filter_params: JointFilterParams) -> Params:
-    """Makes the parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
+    """Makes the fault detector's parameters from those of the joint filter and the scenario's block `faults`."""
     priors, of_jets = Priors.stated(options), options.jets.values()
     allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
     rates = np.array([jet.per_hour for jet in of_jets]) / priors.jet_per_hour
@@ -63,13 +63,13 @@ def make_params(_jets: KnownJets, options: Any, filter_params: JointFilterParams
 
 
 def initial(params: Params) -> HypothesisFilterState:
-    """Returns the state before the first sample."""
+    """Returns the detector's state before the first sample: no hypotheses, nothing declared."""
     none = np.zeros(params.joint.places.jets)
     return HypothesisFilterState(Tree(), Verdicts(), BEGUN, none, none, none, none)
 
 
 def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params) -> Judgment:
-    """Advances the hypotheses by a sample, and declares events that are certain enough.
+    """Advances the fault hypotheses by a sample; returns new state, declarations and log rows as a judgment.
 
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
@@ -102,7 +102,7 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
 def _advance_start_search(
     search: StartSearch, evidence: JointEvidence, params: Params
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
-    """Advances the search for failures in the start by a cycle; returns it, and the hypotheses that it has found."""
+    """Advances the search for faults in the initialization by a cycle; returns it and outcomes, () until done."""
     report = evidence.report
     if report.course is None or params.joint.places.n_force == 0:
         return BEGUN, ()
@@ -112,7 +112,7 @@ def _advance_start_search(
 
 
 def _declared_forces(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
-    """Returns force and variance of each declared jet that fires uncommanded, shape (n_jets,) each."""
+    """Returns force and variance of jets declared to fire uncommanded, 0 for others, shape (n_jets,) each."""
     force, variance = np.zeros(params.places.jets), np.zeros(params.places.jets)
     state = tree.leader.run.state
     for jet, sign in verdicts.ways & tree.leader.ways:
@@ -123,7 +123,7 @@ def _declared_forces(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
 
 
 def quiet_log_rows(state: HypothesisFilterState) -> tuple[Any, ...]:
-    """Returns the detector's log rows for a cycle in which nothing happens: `STATUS`, and those of each jet."""
+    """Returns log values of a cycle without alarm: `STATUS`; likelihood, magnitude, force, variance by jet."""
     n = state.force.size
     nothing = np.full(n, np.nan)
     return (
@@ -145,13 +145,13 @@ def _update_removed_jets(removed: Array, said: tuple[Declaration, ...]) -> Array
 
 
 def pack_state(state: HypothesisFilterState, params: Params) -> Array:
-    """Packs the state into a vector, see `faults.saved`."""
+    """Packs the detector's state into a vector, see `faults.saved`."""
     own = pack_tree(state.tree, state.verdicts, params.joint.places)
     return np.concatenate((state.force, state.variance, state.removed, own))
 
 
 def unpack_state(vector: Array, params: Params) -> HypothesisFilterState:
-    """Unpacks a state: the inverse of `pack_state`.
+    """Unpacks the detector's state from a vector: the inverse of `pack_state`.
 
     Raises:
         ValueError: when the detector cannot have left such a state.

@@ -62,22 +62,22 @@ class PassFit(NamedTuple):
 
     @property
     def done(self) -> int:
-        """Number of samples that the present pass has gone over."""
+        """Number of kept samples that the present Gauss-Newton pass has filtered."""
         return len(self.scores) - 1
 
     @property
     def score(self) -> Score:
-        """Score of the samples that the present pass has gone over."""
+        """Score (log likelihood, NIS) of the samples that the present pass has filtered."""
         return self.scores[-1]
 
     @property
     def reached(self) -> float:
-        """Log likelihood at the end of the pass before, nats."""
+        """Log likelihood at the end of the previous pass, nats; -inf: there is none."""
         return self.earlier[-1].likelihood if self.earlier else -math.inf
 
 
 def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> PassFit:
-    """Begins the first Gauss-Newton pass over the start under a hypothesis.
+    """Makes a Gauss-Newton fit of the initialization's samples under a fault hypothesis, its first pass begun.
 
     Args:
         contender: see `PassFit`.
@@ -94,7 +94,7 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
 
 
 def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Begins the next Gauss-Newton pass, linearized about the end of the last."""
+    """Returns a fit with its next Gauss-Newton pass begun, linearized about the estimate at the end of the last."""
     contender = fit.contender._replace(cause=_cause_by_force(fit, params), force=_failed_jet_forces(fit, params)[0])
     begins = choose_lag_priors(entry, fit.state, params)
     again = begin_fit(contender, fit.log_prior, linearization_point(fit.state, entry, params), begins, params)
@@ -102,7 +102,7 @@ def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
 
 
 def linearization_point(state: JointState, entry: JointState, params: JointParams) -> Array:
-    """Returns the next linearization point x*: a state's estimate, with the forces known at entry, shape (size,).
+    """Returns the next linearization point x*: a state's estimate, failed jets' forces as at entry, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -115,7 +115,7 @@ def linearization_point(state: JointState, entry: JointState, params: JointParam
 
 
 def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
-    """Advances a pass by the next kept sample; None: the filter has lost definiteness.
+    """Filters the next kept sample in a Gauss-Newton pass; returns the fit, or None if the filter diverged.
 
     In its first two intervals a jet may give an impulse besides, since its onset lies within one.
     """
@@ -130,7 +130,7 @@ def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
 
 
 def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
-    """Filters the next kept sample, linearized about x*; returns the state after it, and the score until then."""
+    """Filters the next kept sample, linearized about x*; returns the filter state after it and the total score."""
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
     if cause.kind == Kind.WANDER and age == 0:
@@ -151,7 +151,7 @@ def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[Joint
 
 
 def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Ends a pass over all samples: marks the fit as arrived, or begins another pass where it may still converge."""
+    """Ends a pass over all samples: returns the fit marked as arrived, or with another pass begun."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays = is_pass_converged(fit.state, fit.about, params.places)
     if wanders or fit.passes >= MOST or (stays and _cause_by_force(fit, params) == fit.contender.cause):
@@ -160,17 +160,17 @@ def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
 
 
 def has_moved(fit: PassFit, params: JointParams) -> bool:
-    """Tests whether samples that came since the last pass have moved its end, so that another one is due."""
+    """Tests whether newer samples have moved the estimate off its linearization point, so that a pass is due."""
     return fit.passes < _LATE and not is_pass_converged(fit.state, fit.about, params.places, _CLOSE)
 
 
 def begin_last_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Begins a last pass if newer samples have moved the end of the one before; else returns the fit as it is."""
+    """Begins a fit's last pass if newer samples have moved its estimate; else returns the fit unchanged."""
     return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
 def _cause_by_force(fit: PassFit, params: JointParams) -> Cause:
-    """Returns the cause with each jet taken as leaking or stuck on, by its estimated force."""
+    """Returns the fit's cause, with each jet of excess thrust set to leaking or stuck on by its estimated force."""
     cause = fit.contender.cause
     shares = np.array(_failed_jet_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
     on_top = (int(sign > 0 and share < screens.LEAK) for sign, share in zip(cause.signs, shares.tolist(), strict=True))
@@ -186,7 +186,7 @@ def _failed_jet_forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, 
 
 
 def log_weight(fit: PassFit, priors: Priors, params: JointParams) -> float:
-    """Computes log likelihood plus log prior, the correction for the force included, nats."""
+    """Computes a fit's log weight: likelihood, prior, and corrections for lags and failed jets' forces, nats."""
     cause, forces = fit.contender.cause, zip(*_failed_jet_forces(fit, params), strict=True)
     return (
         fit.score.likelihood

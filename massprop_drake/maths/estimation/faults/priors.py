@@ -59,11 +59,11 @@ class Priors(NamedTuple):
 
     @classmethod
     def stated(cls, faults: Any) -> Priors:
-        """Returns the priors that a scenario's block `faults` states."""
+        """Makes the priors from a scenario's block `faults`."""
         return cls(*(getattr(faults, name) for name in cls._fields))
 
     def doubt(self, per_hour: float) -> float:
-        """Returns the probability of error with which an event of some rate may be declared."""
+        """Returns the probability of error at which an event of some prior rate is declared, at most 0.5."""
         return min(self.false_per_hour / per_hour, 0.5)
 
 
@@ -83,12 +83,12 @@ class Params(NamedTuple):
 
 
 def log_event_probability(per_hour: float, seconds: float) -> float:
-    """Computes the log probability of an event of a rate within some time, nats."""
+    """Computes the log prior probability of an event, its rate per hour times some seconds, nats."""
     return math.log(per_hour * seconds / _HOUR_S)
 
 
 def log_failure_probability(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
-    """Computes the log probability that a jet fails within some time by a force, once this is known fairly well, nats.
+    """Computes the log prior of a jet's failure within some time with a force known fairly well, nats.
 
     It comes on top of what a force N(0, T^2) is worth.
 
@@ -102,14 +102,14 @@ def log_failure_probability(force: float, thrust: float, seconds: float, priors:
 
 
 def log_jump_probability(seconds: float, priors: Priors) -> float:
-    """Computes the log probability that the mass properties jump by one of the sizes within some time, nats."""
+    """Computes the log prior that the mass properties jump within some time by one of the discrete sizes, nats."""
     return log_event_probability(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
 
 
 def force_correction(
     force: float, sigma: float, thrust: float, priors: Priors, *, missing: bool, about: float | None = None
 ) -> float:
-    """Computes the log of the mean of p(f) / N(f; opened, T^2) over the posterior N(force, sigma^2), nats.
+    """Computes the log of the mean ratio p(f) / N(f; opened, T^2) of a force's priors over its posterior, nats.
 
     Args:
         force, sigma: of the posterior, lbf or N.
@@ -137,7 +137,7 @@ def force_correction(
 
 
 def log_feasible_force(force: float, sigma: float, thrust: float) -> float:
-    """Computes the log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
+    """Computes the log probability that a force N(force, sigma^2) is between zero and a jet's largest, nats."""
     low, high = force / sigma, (_MOST * thrust - force) / sigma
     return _log_normal_cdf(low) + _log_normal_cdf(high)
 
@@ -150,13 +150,13 @@ def _log_normal_cdf(z: float) -> float:
 
 
 def _peak_ratio(at: float, opened_at: float, share: float, width: float) -> float:
-    """Computes the mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), but for the denominator."""
+    """Computes the mean of N(f; at, s^2) / N(f; opened, 1) over N(share, width^2), denominator at the joint peak."""
     spread = math.hypot(width, _FULL_SPREAD)
     there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
     return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
 
 
 def _mean_ratio(density: Array, opened: Array) -> float:
-    """Computes the mean of density / exp(opened) over the posterior."""
+    """Computes the mean of density / exp(opened) over the posterior, by quadrature; arguments at its nodes."""
     weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
     return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))

@@ -73,7 +73,7 @@ class Birth(NamedTuple):
     origin: object = None
 
     def lead(self, leads: Leads) -> float:
-        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Returns the proposal's first-order log weight, relative to that of the likeliest hypothesis, nats."""
         return Rest(self.ahead, self.than).lead(leads)
 
 
@@ -99,7 +99,7 @@ class Origin(NamedTuple):
 def draw_proposals(
     each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params
 ) -> tuple[list[Birth], Rest | None]:
-    """Draws proposals from a hypothesis with an alarm; returns them, and the sum of those not followed; None: no more.
+    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None.
 
     Args:
         cycle: number of the newest sample.
@@ -125,7 +125,7 @@ def draw_proposals(
 def rank_proposals(
     each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
 ) -> tuple[list[Birth], Rest | None]:
-    """Ranks the proposals of an alarm to first order; returns those to follow, and the sum of the rest; None: no rest.
+    """Ranks an alarm's jet-fault proposals to first order; returns those to replay, and the rest's sum or None.
 
     Args:
         each: hypothesis of which they are children.
@@ -139,6 +139,7 @@ def rank_proposals(
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
 
     def slots_needed(one: Contender) -> int:
+        """Counts the force slots of the filter state that a proposal needs besides those in use."""
         ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in one.cause.failures)
         return sum(known[way] == 0.0 for way in ways)
 
@@ -197,7 +198,7 @@ def rank_proposals(
 def _find_known_proposal(
     each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
-    """Finds a proposal that is a likely hypothesis already: its index, and the likeliest such one; None: none is."""
+    """Finds a proposed cause that a likely hypothesis already has; returns its index and the latter, or None."""
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
     best = max(other.weight for other in among)
     for other in among:
@@ -214,7 +215,7 @@ def _find_known_proposal(
 
 
 def _find_same_failures(cause: Cause, causes: list[Cause]) -> int | None:
-    """Finds the index of the first cause with the same failures as another, whatever its forces; None: none."""
+    """Returns the index of the first cause in a list with the same failures as another; None: there is none."""
     return next(
         (at for at, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures), None
     )
@@ -223,7 +224,7 @@ def _find_same_failures(cause: Cause, causes: list[Cause]) -> int | None:
 def _find_shared_proposal(
     each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
-    """Finds a proposal that is a likely child of another parent: its index, that child, and its lead, nats; or None.
+    """Finds a proposal that is a likely child of another parent: index, child and relative log weight, or None.
 
     What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
     """
@@ -242,13 +243,13 @@ def _find_shared_proposal(
 
 
 def proposal_key(child: Hypothesis) -> object:
-    """Returns the key that equal proposals share: their history, and the kind of their newest event."""
+    """Returns the key that equal proposals share: their events, and the kind of the newest event."""
     _, *newest = child.run.cause
     return frozenset(child.parts), *newest, tuple(child.walks), child.push, child.run.share
 
 
 def _onset_span_s(alarm: Alarm, place: int) -> float:
-    """Returns the length of the time span that one onset of the screen represents, s."""
+    """Returns the length of the time span that an onset of an alarm's first-order test represents, s."""
     states = alarm.states
     if place > 0:
         return states[place].time_s - states[place - 1].time_s
@@ -257,7 +258,7 @@ def _onset_span_s(alarm: Alarm, place: int) -> float:
 
 
 def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
-    """Computes the log prior of a proposed event, but for the size of its forces, nats."""
+    """Computes the log prior of a proposed fault event within its onset's time span, its forces' aside, nats."""
     priors, cause = params.priors, one.cause
     seconds = _onset_span_s(alarm, alarm.screen.onsets.index(one.onset))
     if cause.kind == Kind.LIES:
@@ -274,7 +275,7 @@ def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -
 
 
 def _log_change_probability(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
-    """Computes the log probability that a known force changes within some time: rarely, or often if it is intermittent.
+    """Computes the log prior that a failed jet's force changes within some time, often if intermittent, nats.
 
     That it is intermittent is the likelier the more often it has changed.
     """
@@ -290,7 +291,7 @@ def _log_change_probability(way: tuple[int, int], each: Hypothesis, seconds: flo
 def _make_children(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
 ) -> list[tuple[Hypothesis, float]]:
-    """Makes the hypotheses of a proposal at every likely onset, each with its deficit against the likeliest, nats.
+    """Makes a proposal's hypotheses at every likely onset, in pairs with their relative log weight, nats.
 
     An onset of the screen stands for the cycles since the one before; a filter is told them apart by single readings.
     """
@@ -312,7 +313,7 @@ def _make_children(
 def _make_child(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes the child of a proposal at an onset; ``at``: its index in the screen, its cycle, and cycles in its span."""
+    """Makes a proposal's hypothesis at an onset; ``at``: index in the test, its cycle, and cycles in its span."""
     place, onset, apart = at
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
@@ -327,7 +328,7 @@ def _make_child(
 
 
 def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
-    """Makes the origin of the proposals of an alarm."""
+    """Makes the origin of an alarm's proposals: the parent hypothesis, and the onsets of its first-order test."""
     screen = alarm.screen
     parent = each._replace(watch=None, origin=None, review=None)
     return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
@@ -336,7 +337,7 @@ def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
 def _branch_hypothesis(
     each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None
 ) -> Hypothesis:
-    """Branches a child hypothesis off at the onset of its new event."""
+    """Makes a child hypothesis with one more event, that begins with the filter state at its onset."""
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
     for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
@@ -365,7 +366,7 @@ INTERMITTENT_AFTER = 3  # changes, from which on anything is expected of a force
 
 
 def _may_drift(one: Contender, known: Array, params: Params) -> bool:
-    """Tests whether a proposal may be a single failure whose force grows slowly from nothing."""
+    """Tests whether a proposal is a single jet's new failure, whose force may grow slowly from nothing."""
     cause = one.cause
     if cause.kind != Kind.JETS or len(cause.jets) != 1:
         return False
@@ -374,7 +375,7 @@ def _may_drift(one: Contender, known: Array, params: Params) -> bool:
 
 
 def _make_drifting_child(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
-    """Makes the child in which the failed jet of a proposal drifts: its force grows slowly from nothing."""
+    """Makes the child hypothesis in which the proposal's failed jet drifts: its force grows slowly from nothing."""
     priors, place = params.priors, alarm.screen.onsets.index(one.onset)
     seconds = _onset_span_s(alarm, place)
     rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
@@ -389,7 +390,7 @@ def _make_drifting_child(each: Hypothesis, one: Contender, alarm: Alarm, params:
 
 
 def _make_pushed_child(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
-    """Makes the hypothesis that something unknown pushes from the screen's first onset on."""
+    """Makes the child hypothesis that an unknown wrench pushes the vehicle from the alarm's first onset on."""
     onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
     prior = log_event_probability(params.priors.unknown_per_hour, _onset_span_s(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
@@ -397,7 +398,7 @@ def _make_pushed_child(each: Hypothesis, push: float, alarm: Alarm, params: Para
 
 
 def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposes unstated disturbances, stronger than those already in the hypothesis.
+    """Proposes slow disturbances that the scenario does not state, stronger than the hypothesis has already.
 
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
@@ -430,13 +431,13 @@ def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: i
 
 
 def _following_cost(level: float, constant_s: float, unit: Array, seconds: float) -> float:
-    """Computes the log-likelihood cost of estimating an acceleration that walks, nats a sample."""
+    """Computes the log-likelihood cost of estimating an acceleration that walks randomly, nats a sample."""
     walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 
 
 def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
-    """Proposes jumps of the mass properties, by much or little, at each onset of the screen.
+    """Proposes jumps of the mass properties, of several sizes, at each onset of an alarm.
 
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
     """
@@ -454,7 +455,7 @@ def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params)
 
 
 def _propose_component_faults(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposes false speeds of wheels, jumps of the tracker's attitude, and failures of engines.
+    """Proposes wrong wheel speeds, a jump of a single tracker's attitude, and engine failures at each onset.
 
     Of several trackers one that jumps contradicts the others, and lies.
     """
@@ -482,7 +483,7 @@ def _propose_component_faults(each: Hypothesis, alarm: Alarm, entry: float, cycl
 
 
 def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
-    """Lists failures of the engines that burn, each with its cost in log likelihood, nats."""
+    """Lists failures of the engines that burn, as pairs of cause and cost in log likelihood, nats."""
     burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
     inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
     for engine, points in enumerate(burn.points):
@@ -502,7 +503,7 @@ def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams)
 
 
 def end_push(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
-    """Makes the hypothesis that an unknown push has ceased with the newest sample."""
+    """Makes the child hypothesis in which an unknown push ends with the newest sample."""
     run = each.run
     fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
     return _branch_hypothesis(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)

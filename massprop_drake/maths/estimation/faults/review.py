@@ -54,12 +54,12 @@ class Review(NamedTuple):
 
 
 def is_reviewable(each: Hypothesis) -> bool:
-    """Tests whether a hypothesis can be reviewed: its newest event is of jets, with forces that stay."""
+    """Tests whether a hypothesis's newest event can be reviewed: a jet failure with constant forces."""
     return each.origin is not None and each.run.cause.kind == Kind.JETS and each.run.age > 0 and not each.walks.any()
 
 
 def begin_review(each: Hypothesis, params: JointParams) -> Review:
-    """Begins the review of a hypothesis, before its first cycle."""
+    """Begins the test of alternatives to a hypothesis's newest event, at the first onset of its origin."""
     origin: Origin = each.origin
     run = each.run
     state, first = origin.states[0], origin.onsets[0]
@@ -72,7 +72,7 @@ def begin_review(each: Hypothesis, params: JointParams) -> Review:
 
 
 def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: Link, params: JointParams) -> Review:
-    """Advances the review by one cycle.
+    """Advances the test of alternatives to a hypothesis's newest event by one sample.
 
     Args:
         over: the cycle of any filter that is near.
@@ -92,7 +92,7 @@ def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: 
 
 
 def is_force_significant(review: Review, each: Hypothesis, params: JointParams) -> bool:
-    """Tests whether the forces of the newest event differ significantly from those before it.
+    """Tests whether the forces of the newest event differ significantly from the forces before it.
 
     Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
     """
@@ -103,7 +103,7 @@ def is_force_significant(review: Review, each: Hypothesis, params: JointParams) 
 def draw_alternatives(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Draws alternatives to the newest event; returns the review, the proposals, and the sum of those not followed.
+    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None.
 
     Args:
         among: all hypotheses that there are.
@@ -122,7 +122,7 @@ def draw_alternatives(
 def _event_force_density(
     review: Review, each: Hypothesis, params: JointParams
 ) -> tuple[tuple[np.ndarray, Array, Array], float]:
-    """Computes rows, deviation and covariance of the newest event's forces, and log posterior over prior density.
+    """Returns state rows, deviation and covariance of the newest event's forces, and a log density ratio, nats.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """

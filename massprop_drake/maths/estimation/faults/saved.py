@@ -29,22 +29,22 @@ class _Writer:
         self._places, self.numbers = places, list[Array]()
 
     def put(self, *values: float) -> None:
-        """Appends numbers."""
+        """Appends numbers to the vector."""
         self.numbers.append(np.array(values, dtype=float))
 
     def put_all(self, values: Iterable[float]) -> None:
-        """Appends numbers and their count."""
+        """Appends a list of numbers to the vector, after its count."""
         values = list(values)
         self.put(len(values), *values)
 
     def put_state(self, state: JointState | None) -> None:
-        """Appends a filter's state, if there is one."""
+        """Appends a flag, 1: there is a state, and then a filter's state if there is one."""
         self.put(float(state is not None))
         if state is not None:
             self.numbers.append(pack(state, self._places))
 
     def put_cause(self, cause: Cause) -> None:
-        """Appends a cause."""
+        """Appends a fault's cause: kind, component, jets, signs, and whether forces come on top."""
         self.put(float(cause.kind), float(cause.component))
         for values in (cause.jets, cause.signs, cause.on_top):
             self.put_all(values)
@@ -61,40 +61,40 @@ class _Reader:
         self._vector, self._places, self._at = vector, places, 0
 
     def take(self, count: int) -> Array:
-        """Reads the next numbers."""
+        """Reads so many numbers, shape (count,); raises ValueError where the vector ends too soon."""
         if self._at + count > self._vector.size:
             raise ValueError(f"{_NAME}: ends too soon")
         self._at += count
         return self._vector[self._at - count : self._at]
 
     def number(self) -> float:
-        """Reads the next number."""
+        """Reads the next number of the vector."""
         return float(self.take(1)[0])
 
     def count(self) -> int:
-        """Reads the next number, a count."""
+        """Reads the next number as a count; raises ValueError where it is none."""
         value = self.number()
         if not (0.0 <= value <= _MOST and value == round(value)):
             raise ValueError(f"{_NAME}: counts must be whole numbers, zero or positive")
         return int(value)
 
     def index(self, least: int, most: int) -> int:
-        """Reads the next number, a whole one of a range."""
+        """Reads the next number as an integer within bounds; raises ValueError where it is none."""
         value = self.number()
         if not (least <= value <= most and value == round(value)):
             raise ValueError(f"{_NAME}: an index is out of its range")
         return int(value)
 
     def all(self) -> tuple[float, ...]:
-        """Reads the next list."""
+        """Reads the next list of numbers, stored after its count."""
         return tuple(self.take(self.count()).tolist())
 
     def whole(self, least: int, most: int) -> tuple[int, ...]:
-        """Reads the next list of whole numbers of a range."""
+        """Reads the next list of integers within bounds, stored after its count."""
         return tuple(self.index(least, most) for _ in range(self.count()))
 
     def state(self) -> JointState | None:
-        """Reads the next state of a filter, if there is one."""
+        """Reads the next filter state, or None where none was stored; raises ValueError for an impossible one."""
         if self.number() == 0.0:
             return None
         state = unpack(self.take(state_layout(self._places).size), self._places)
@@ -107,7 +107,7 @@ class _Reader:
         return state
 
     def cause(self) -> Cause:
-        """Reads the next cause."""
+        """Reads the next cause of a fault; raises ValueError for an impossible one."""
         kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
         jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
         if not len(jets) == len(signs) == len(on_top) or 0 in signs:
@@ -115,16 +115,16 @@ class _Reader:
         return Cause(kind, jets, signs, on_top, component)
 
     def score(self) -> Score:
-        """Reads the next score."""
+        """Reads the next score: log likelihood, NIS and degrees of freedom."""
         return Score(*self.take(len(Score._fields)).tolist())
 
     def ended(self) -> bool:
-        """Tests whether all numbers have been read."""
+        """Tests whether all numbers of the vector have been read."""
         return self._at == self._vector.size
 
 
 def pack_tree(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
-    """Packs hypotheses and declarations into one vector, see `unpack_tree`."""
+    """Packs fault hypotheses and declarations into one vector, see `unpack_tree`."""
     to = _Writer(places)
     possible = [each for each in tree.hypotheses if math.isfinite(each.weight)]  # others are kept for their banks alone
     to.put(tree.cycle, len(possible))
@@ -158,7 +158,7 @@ def pack_tree(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
 
 
 def unpack_tree(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
-    """Unpacks hypotheses and declarations: the inverse of `pack_tree`.
+    """Unpacks fault hypotheses and declarations from a vector: the inverse of `pack_tree`.
 
     Raises:
         ValueError: when no run can have left such a vector.
@@ -184,7 +184,7 @@ def unpack_tree(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
 
 
 def _read_hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
-    """Reads one hypothesis; raises ValueError for values that no run leaves."""
+    """Reads one fault hypothesis; raises ValueError for values that no run leaves."""
     prior, push, weight = of.take(3).tolist()
     onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
     share, lie = of.take(2).tolist()

@@ -49,7 +49,7 @@ class Screening(NamedTuple):
 def begin_screening(
     entry: JointState, about: Array, kept: tuple[Kept, ...], around: tuple[int, int] | None, params: JointParams
 ) -> Screening:
-    """Begins a first-order comparison of all jets over the kept samples.
+    """Begins a first-order test of all jets for failures at onsets among the kept samples.
 
     Args:
         entry: see `Screening`.
@@ -66,7 +66,7 @@ def begin_screening(
 
 
 def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Screening:
-    """Advances a screening by the next kept sample."""
+    """Advances the first-order test of all jets by the next kept sample."""
     screen, sample = screening.screen, kept.sample
     if kept.anew:
         state, _ = restart(screening.state, sample, params)
@@ -87,7 +87,7 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
 
 
 def refine_onsets(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
-    """Begins a screening with finer onsets about the likeliest; None: they are fine, or no jet is found."""
+    """Begins a first-order test with finer onsets about the likeliest; None: they are fine, or no jet is found."""
     found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
     if not found or gap <= _FINE:
         return None
@@ -96,7 +96,7 @@ def refine_onsets(screening: Screening, kept: tuple[Kept, ...], params: JointPar
 
 
 def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
-    """Ranks jets that may have failed, each in its likelier way; those not found with finer onsets come last."""
+    """Lists jet failures that the first-order test finds, likeliest first; those of coarse onsets alone last."""
     entry = screening.entry
     known = known_forces(entry, params)
     allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0
@@ -109,7 +109,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
 
 
 def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...], priors: Priors) -> float:
-    """Computes the log prior of a jet's failure at its onset or at those that the first order takes for it, nats."""
+    """Computes the log prior of a jet's failure at the onsets that the first-order test finds likely, nats."""
     interval_s = (kept[-1].sample.time_s - screening.entry.time_s) / len(kept)
     gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
     among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]

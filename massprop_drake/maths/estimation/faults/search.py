@@ -88,17 +88,17 @@ class StartSearch(NamedTuple):
 
     @property
     def beginning(self) -> JointState:
-        """State before the first kept sample, which must exist."""
+        """Filter state before the first kept sample, which must exist."""
         assert self.entry is not None, "something is kept"
         return self.entry
 
     @property
     def horizon(self) -> int:
-        """Number of samples that passes go over."""
+        """Number of kept samples that Gauss-Newton passes filter."""
         return len(self.kept) if self.final else self.until
 
     def is_done(self, fit: PassFit) -> bool:
-        """True once passes have ended and gone over all."""
+        """Tests whether a fit's passes have ended, with all samples filtered."""
         return fit.arrived and fit.done == self.horizon
 
 
@@ -128,7 +128,7 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 def advance_search(
     search: StartSearch, before: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
-    """Keeps a sample of the start, and advances the search if something has contradicted it.
+    """Keeps a sample of the initialization, and advances the search for faults once readings contradict it.
 
     Args:
         before: the filter's state before it.
@@ -165,7 +165,7 @@ def advance_search(
 
 
 def _add_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
-    """Adds a sample to those kept; forgets older ones while nothing acts."""
+    """Adds a sample to those kept; drops older ones while no impulse acts and nothing contradicts the filter."""
     entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
     acted = search.acted or has_impulse(latest.sample, params)
     if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
@@ -174,7 +174,7 @@ def _add_sample(search: StartSearch, before: JointState, latest: Kept, params: J
 
 
 def _begin_search(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Begins a search over the kept samples with the hypothesis that no jet has failed."""
+    """Begins the search over the kept samples, with a fit of the hypothesis that no jet has failed."""
     entry = search.beginning
     about = passes.linearization_point(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
@@ -182,7 +182,7 @@ def _begin_search(search: StartSearch, priors: Priors, params: JointParams) -> S
 
 
 def _begin_disturbance_fits(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
-    """Makes the hypotheses of an unstated slow disturbance since before the first kept sample, level by decade.
+    """Makes a fit for each level of an unstated slow disturbance, since before the first kept sample.
 
     They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
     """
@@ -195,17 +195,17 @@ def _begin_disturbance_fits(search: StartSearch, priors: Priors, params: JointPa
 
 
 def _postpone_search(search: StartSearch) -> StartSearch:
-    """Postpones a search that has found nothing until twice as many samples are kept."""
+    """Postpones a search that has found nothing until the kept samples span twice the time."""
     return _restart_search(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
 
 
 def _restart_search(search: StartSearch, due_s: float) -> StartSearch:
-    """Restarts the search with all kept samples, due at some time, s."""
+    """Makes a new search over the same kept samples, due at some time, s."""
     return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
 
 
 def _run_search_steps(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Advances the search by the filter steps that one cycle may spend."""
+    """Advances the search for faults in the initialization by the filter steps that one cycle may spend."""
     left = STEPS
     while left > 0 and search.until > 0:
         screening = search.screening
@@ -231,7 +231,7 @@ def _run_search_steps(search: StartSearch, priors: Priors, params: JointParams) 
 
 
 def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
-    """Begins passes of the likely jets of a screening; if none is new, extends all fits to the newest sample."""
+    """Adds fits of jets that a first-order test finds likely; if none is new, extends all to the newest sample."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
     told = _fits_near_likeliest(_without_disturbances(search), priors, params)
     sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
@@ -247,12 +247,12 @@ def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors,
 
 
 def _tried_key(contender: Contender, sure: bool) -> object:
-    """Returns a contender's key in the passes: its cause, and its onset too unless `sure` that the cause explains."""
+    """Returns the key of a jet failure among those fitted already: cause and onset, or if `sure` the cause alone."""
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
 def _step_one_fit(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
-    """Advances a fit by one filter step, and drops it if it is far behind."""
+    """Returns the search with a fit advanced by one filter step, or removed if it is far less likely."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
         after = passes.end_pass(after, search.beginning, params)
@@ -267,7 +267,7 @@ def _step_one_fit(search: StartSearch, fit: PassFit, params: JointParams) -> Sta
 
 
 def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Begins another screening about the likeliest once all passes have ended, or extends these to the newest sample.
+    """Begins another first-order test about the likeliest fit, or extends all fits to the newest sample.
 
     Where nothing that has failed explains the readings, screenings begin at the end of its passes.
     """
@@ -288,10 +288,7 @@ def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) 
 
 
 def _extend_to_newest(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Extends the fits near the likeliest to the newest sample; postpones the search if none explains the readings.
-
-    Before that it has those of what acts unstated.
-    """
+    """Fits disturbances first, then extends likely fits to the newest sample; postpones if none explains it."""
     if Kind.WANDER not in search.tried:
         fits = search.fits + _begin_disturbance_fits(search, priors, params)
         return search._replace(fits=fits, tried=search.tried | {Kind.WANDER})
@@ -302,12 +299,12 @@ def _extend_to_newest(search: StartSearch, priors: Priors, params: JointParams) 
 
 
 def _without_disturbances(search: StartSearch) -> StartSearch:
-    """Removes hypotheses of an unstated disturbance, which explain any other event as well."""
+    """Returns the search with fits of unstated disturbances removed, as they explain any other event too."""
     return search._replace(fits=tuple(each for each in search.fits if each.contender.cause.kind != Kind.WANDER))
 
 
 def _fits_near_likeliest(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
-    """Returns the fits near the likeliest, one for each jet, likeliest first."""
+    """Returns the likeliest fit of each cause with a log weight near the largest, likeliest first."""
     weighed = [(passes.log_weight(each, priors, params), each) for each in search.fits]
     weighed.sort(key=lambda pair: -pair[0])
     near: dict[object, PassFit] = {}
@@ -318,7 +315,7 @@ def _fits_near_likeliest(search: StartSearch, priors: Priors, params: JointParam
 
 
 def _make_outcome(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
-    """Makes the outcome of a fit: its state, cause, onset, score and prior."""
+    """Makes the search's outcome from a fit: filter state, cause, onset, score and log prior."""
     onset, state = fit.contender.onset, update_guard(fit.state, has_impulse(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s
     onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s

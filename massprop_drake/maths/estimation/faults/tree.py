@@ -88,14 +88,14 @@ class Tree(NamedTuple):
         return self.hypotheses[0]
 
     def next_state(self, params: Params) -> JointState:
-        """Returns the state from which the filter makes the next cycle."""
+        """Returns the likeliest hypothesis's filter state, interval noise added, with which the next cycle begins."""
         if not self.samples:
             return self.leader.run.state
         return add_interval_noise(self.leader, self.samples[-1][1], params.joint)
 
 
 def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
-    """Advances the tree by one sample.
+    """Advances all fault hypotheses by one sample: filters, alarms, proposals, reviews and pruning.
 
     Args:
         evidence: of the cycle of the filter, which began with the leader's state.
@@ -125,7 +125,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
 
 
 def tree_from_search(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
-    """Makes the tree of the hypotheses that a search over the start has found.
+    """Makes the tree of fault hypotheses from the outcomes of a search over the initialization.
 
     Args:
         tree: before the newest sample.
@@ -145,7 +145,7 @@ def tree_from_search(found: Sequence[SearchOutcome], tree: Tree, params: Params)
 def _step_hypotheses(
     hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
 ) -> list[Hypothesis]:
-    """Advances every hypothesis by one sample; the leader takes the filter's own cycle, unless its cycle is special."""
+    """Advances and weights all hypotheses by one sample; the first uses the main filter's own cycle if plain."""
     joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
     best = hypotheses[0].weight
     for place, whole in enumerate(hypotheses):
@@ -177,7 +177,7 @@ def _step_hypotheses(
 def _advance_with_kick(
     each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch while its newest failure may still give a further impulse.
+    """Advances a hypothesis and its watch soon after a failure's onset, when a further impulse may still act.
 
     What else fails meanwhile is proposed from its own state.
     """
@@ -190,7 +190,7 @@ def _advance_with_kick(
 def _advance_from_state(
     before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch by a cycle of its own filter from a given state."""
+    """Advances a hypothesis and its watch by a filter cycle that begins with the state passed in."""
     after, report = step(before, evidence.sample, params)
     after = reset_guard(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
@@ -199,7 +199,7 @@ def _advance_from_state(
 
 
 def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
-    """Raises alarms for hypotheses that were likely until the newest sample and are no longer."""
+    """Adds alarms to hypotheses that were likely before the newest sample and have become unlikely with it."""
     now = max(each.weight for each in hypotheses)
     return [
         raise_alarm(each, cycle, params.joint)
@@ -210,7 +210,7 @@ def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params:
 
 
 def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
-    """Draws proposals from every alarm that is due, and from pushes that may have ended."""
+    """Adds proposals of every alarm whose draw is due, and hypotheses that an unknown push has ended."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, over = tree.samples[-1]
     now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
@@ -245,13 +245,13 @@ def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
 
 
 def _is_alarm_exhausted(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether further draws of an alarm are useless: first orders tell nothing, or a review looks further."""
+    """Tests whether more draws of an alarm are useless, as first orders fail or a review looks further."""
     untold = alarm.rest == UNTOLD and not reviews.is_reviewable(leader)
     return alarm.drawn >= 0 and (untold or _is_leader_reviewed(leader, tree))
 
 
 def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
-    """Tests whether reviews of a hypothesis's descendants look further than its own alarm."""
+    """Tests whether a likely descendant of a hypothesis has a review, which replaces draws of its own alarm."""
     n, best = len(each.events), max(other.weight for other in tree.hypotheses)
     return any(
         other.review is not None
@@ -269,17 +269,17 @@ def _alarm_age(each: Hypothesis, tree: Tree) -> int:
 
 
 def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether the likeliest hypothesis explains its readings, and its own review has drawn alternatives."""
+    """Tests whether the likeliest hypothesis has no alarm, and its own review has drawn alternatives."""
     return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
 
 
 def _is_draw_due(age: int, drawn: int) -> bool:
-    """Tests whether a draw is due at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time."""
+    """Tests whether a draw is due at an age, given the age of the last, in cycles: one at 0, 1, 2, 4, 8 ..."""
     return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
 
 
 def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
-    """Returns hypotheses whose draws may leave proposals out; those far behind a reviewed leader do not count."""
+    """Returns hypotheses whose draws may leave proposals out: all, or those near a leader that is reviewed."""
     leader = tree.leader
     if leader.review is None or leader.review.drawn < 0:
         return tree.hypotheses
@@ -287,12 +287,12 @@ def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
 
 
 def is_likely(each: Hypothesis, tree: Tree) -> bool:
-    """Tests whether a hypothesis is near the likeliest, so that its reviews go on."""
+    """Tests whether a hypothesis's log weight is near that of the likeliest."""
     return each.weight > tree.leader.weight - _LIKELY
 
 
 def relative_log_weights(tree: Tree) -> Leads:
-    """Computes the log weight of each hypothesis over that of the likeliest, by its events, nats."""
+    """Maps each sequence of events to the largest log weight of its hypotheses, relative to the likeliest, nats."""
     best = max(each.weight for each in tree.hypotheses)
     found: dict[tuple[Event, ...], float] = {}
     for each in tree.hypotheses:
@@ -301,7 +301,7 @@ def relative_log_weights(tree: Tree) -> Leads:
 
 
 def _advance_reviews(tree: Tree, params: Params) -> Tree:
-    """Advances the reviews of the likeliest hypotheses, and adds what they propose."""
+    """Advances the reviews of the likeliest hypotheses, and adds the alternatives that these propose."""
     births, hypotheses, left = list(tree.births), list(tree.hypotheses), _DRAWS
     best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
     calm = _is_leader_reviewed(max(hypotheses, key=lambda each: each.weight), tree)
@@ -337,16 +337,13 @@ def _advance_reviews(tree: Tree, params: Params) -> Tree:
 
 
 def _is_rival(birth: Birth, each: Hypothesis) -> bool:
-    """Tests whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well.
-
-    What there was no room for has a weight by itself.
-    """
+    """Tests whether a drawn proposal has another jet failure in place of a hypothesis's newest event."""
     same = birth.child.events[:-1] == each.events[:-1]
     return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
 
 
 def _interleave_proposals(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
-    """Orders proposals for their replay: the best of each draw, then the second of each, and so on.
+    """Orders proposals for their replay: first the best of each draw, then the second of each, and so on.
 
     What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
     all others waiting. Those are best that might be likeliest, by what the first order may be off: they keep
@@ -364,24 +361,25 @@ def _interleave_proposals(births: Sequence[Birth], leads: Leads) -> tuple[Birth,
 def _map_known_proposals(
     tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]
 ) -> dict[object, Birth | None]:
-    """Maps keys of hypotheses that exist or have existed to None, and of waiting proposals to these."""
+    """Maps keys of present and past hypotheses to None, and keys of waiting proposals to the proposals."""
     there: dict[object, Birth | None] = {_proposal_onset_key(birth.child): birth for birth in births}
     return there | dict.fromkeys(map(_proposal_onset_key, hypotheses)) | dict.fromkeys(tree.tried)
 
 
 def _proposal_onset_key(child: Hypothesis) -> tuple[object, int]:
+    """Returns the key that equal proposals share, and the cycle of their onset."""
     return proposal_key(child), child.run.onset
 
 
 def _remove_draw(births: Sequence[Birth], origin: object) -> list[Birth]:
-    """Removes the proposals of one draw, given by its origin."""
+    """Returns the proposals without those of one draw, identified by its origin."""
     return [birth for birth in births if birth.origin != origin]
 
 
 def _join_new_draw(
     others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
 ) -> list[Birth]:
-    """Joins waiting proposals with a new draw; the new ones keep the progress that equal ones have made."""
+    """Adds a draw's new proposals to waiting ones; a proposal that is known already keeps its replay so far."""
     kept = list(others)
     waiting = {_proposal_onset_key(birth.child) for birth in kept}
     for birth in fresh:
@@ -395,10 +393,7 @@ def _join_new_draw(
 
 
 def _replay_proposals(tree: Tree, params: Params, *, starting: bool) -> Tree:
-    """Replays proposals to the newest sample within the step budget; those that arrive become hypotheses.
-
-    One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
-    """
+    """Replays proposals to the newest sample within the step budget; likely ones that arrive become hypotheses."""
     left, arrived, tried = _BUDGET, list(tree.hypotheses), set(tree.tried)
     best = max(tree.hypotheses, key=lambda each: each.weight)
     queue, waiting = list(tree.births), []
@@ -429,7 +424,7 @@ def _replay_proposals(tree: Tree, params: Params, *, starting: bool) -> Tree:
 
 
 def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
-    """Prunes hypotheses that are far behind, sorts the rest, likeliest first, and merges equal ones.
+    """Prunes unlikely hypotheses, merges equal ones, and sorts the rest, likeliest first.
 
     Those for which there is no room wait where they are, as proposals.
     """
@@ -459,10 +454,7 @@ def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
 
 
 def _detach_reference(birth: Birth, tree: Tree) -> Birth | None:
-    """Detaches a proposal from a reference hypothesis that is far behind; None: the leader continues that one.
-
-    What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
-    """
+    """Rebases a proposal on the likeliest if its reference is unlikely; None: the leader continues the reference."""
     than, best = birth.than, tree.leader.weight
     if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
         return birth
@@ -474,7 +466,7 @@ def _detach_reference(birth: Birth, tree: Tree) -> Birth | None:
 
 
 def _record_history(tree: Tree, before: Hypothesis) -> Tree:
-    """Records how the likeliest history explains readings that another one was reported for."""
+    """Records onset and score of the likeliest history where its events differ from those before the sample."""
     known, now = before.events, tree.leader.events
     if now == known:
         return tree
@@ -486,7 +478,7 @@ def _record_history(tree: Tree, before: Hypothesis) -> Tree:
 
 
 def probabilities(tree: Tree) -> list[tuple[Hypothesis, float]]:
-    """Computes the posterior probability of each hypothesis."""
+    """Returns pairs of hypothesis and posterior probability, in the tree's order."""
     weights = np.array([each.weight for each in tree.hypotheses])
     odds = np.exp(weights - weights.max())
     return list(zip(tree.hypotheses, (odds / odds.sum()).tolist(), strict=True))

@@ -72,12 +72,12 @@ class Verdicts(NamedTuple):
 
     @property
     def ways(self) -> frozenset[Way]:
-        """Jets that have been declared, with the sign of each failure."""
+        """Declared jet failures, as pairs of jet index and sign."""
         return frozenset(one.way for one in self.jets)
 
 
 def probability_above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
-    """Computes the probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
+    """Computes under a hypothesis the probability that a jet's force error exceeds the least failure.
 
     One whose force comes and goes has failed, whatever it gives now.
     """
@@ -90,7 +90,7 @@ def probability_above_floor(way: Way, each: Hypothesis, params: JointParams) -> 
 
 
 def jet_fault_probabilities(tree: Tree, params: JointParams) -> dict[Way, float]:
-    """Computes the posterior probability of each jet failure, by jet and sign."""
+    """Maps each jet failure, a pair of jet index and sign, to its posterior probability."""
     found: dict[Way, float] = {}
     for each, share in probabilities(tree):
         for way in each.ways if each.run.age > 0 else ():
@@ -99,7 +99,7 @@ def jet_fault_probabilities(tree: Tree, params: JointParams) -> dict[Way, float]
 
 
 def other_part_probabilities(tree: Tree) -> dict[Part, float]:
-    """Computes the posterior probability of all events but jet failures, by kind, component and earlier occurrences."""
+    """Maps events but jet failures, as (kind, component, earlier count), to their posterior probability."""
     found: dict[Part, float] = {}
     for each, share in probabilities(tree):
         for part in each.parts:
@@ -109,7 +109,7 @@ def other_part_probabilities(tree: Tree) -> dict[Part, float]:
 
 
 def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
-    """Computes posterior probabilities of faults after a sample."""
+    """Computes posterior probabilities of no fault, of unknown pushes and of each jet's failure, with forces."""
     n = params.places.jets
     if len(tree.hypotheses) == 1 and not tree.leader.events:
         return no_fault_odds(n)
@@ -130,7 +130,7 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
 
 
 def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
-    """Returns the fault mode of a failed jet."""
+    """Returns a failed jet's mode: stuck on or off, leak, loss, drifting or intermittent."""
     jet, sign = way
     slot = failure_slot(each.run.state, jet, sign)
     if each.walks[slot] > 0.0:
@@ -142,7 +142,7 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
 
 
 def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
-    """Updates the verdicts with a sample; returns them, and the new declarations."""
+    """Declares and withdraws faults after a sample; returns the verdicts, and the new declarations."""
     if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
         return Verdicts(others=verdicts.others), ()
     joint = params.joint
@@ -164,14 +164,14 @@ def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Ver
 
 
 def _declaration_threshold(part: Part, priors: Priors) -> float:
-    """Returns the probability at which a part is declared: larger for events more common than a failed jet."""
+    """Returns the posterior probability at which an event is declared: larger for frequent events."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
     rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
     return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
 def pending_probability(part: Part | frozenset[Way], tree: Tree) -> float:
-    """Bounds, to first order, the probability of proposals not yet followed that lack a part about to be declared.
+    """Bounds, to first order, the probability of pending proposals that lack an event about to be declared.
 
     Args:
         part: a part; or jets, of which one is enough.
@@ -185,20 +185,20 @@ def pending_probability(part: Part | frozenset[Way], tree: Tree) -> float:
 
 
 def _waiting_odds(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
-    """Computes the first-order odds of waiting proposals whose hypothesis passes a test."""
+    """Sums the first-order odds, against the likeliest, of waiting proposals whose hypothesis passes a test."""
     leads = relative_log_weights(tree)
     return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
 
 
 def _has_part(part: Part | frozenset[Way], each: Hypothesis) -> bool:
-    """Tests whether a hypothesis has an event as a part of its history, or one of several jet failures."""
+    """Tests whether a hypothesis's history has an event, or any of a set of jet failures."""
     if isinstance(part, frozenset):
         return bool(part & each.ways)
     return part in each.ways or part in each.parts
 
 
 def _is_settled(tree: Tree, params: JointParams) -> bool:
-    """Tests whether the likeliest history explains its readings, with no impulse left and no proposal waiting."""
+    """Tests whether the likeliest hypothesis has no alarm and no onset impulse left, and no proposal is waiting."""
     leader = tree.leader
     if leader.watch is None or leader.alarm is not None or tree.births or not tree.samples:
         return False
@@ -207,7 +207,7 @@ def _is_settled(tree: Tree, params: JointParams) -> bool:
 
 
 def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
-    """Withdraws declarations that have become unlikely, even if all waiting proposals come true."""
+    """Withdraws jet failures whose probability is surely below 0.5; returns verdicts and withdrawals."""
     gone = [one for one in verdicts.jets if _bound_probability(one.way, jets.get(one.way, 0.0), tree) < 0.5]
     now_s = tree.leader.run.state.time_s
     said: list[Declaration] = [
@@ -217,7 +217,7 @@ def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -
 
 
 def _bound_probability(way: Way, share: float, tree: Tree) -> float:
-    """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true."""
+    """Bounds a jet failure's probability from above, as if all waiting proposals with it came true."""
     waiting = _waiting_odds(tree, lambda child: way in child.ways) if share < 0.5 else 0.0
     return (share + waiting) / (1.0 + waiting)
 
@@ -225,7 +225,7 @@ def _bound_probability(way: Way, share: float, tree: Tree) -> float:
 def _declare_part(
     part: Part, verdicts: Verdicts, tree: Tree, params: JointParams
 ) -> tuple[Verdicts, list[Declaration]]:
-    """Makes the declaration of a part of a history."""
+    """Declares one event of a history; returns the verdicts, and its declaration in a list."""
     holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
     if not isinstance(part[0], Kind):
         way: Way = (part[0], part[1])
@@ -252,7 +252,7 @@ def _declare_part(
 def _declare_group(
     verdicts: Verdicts, open_to: dict[Way, float], tree: Tree, params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
-    """Declares the smallest set of jets one of which has almost surely failed."""
+    """Declares the smallest set of jets one of which has failed; returns verdicts, and its declaration or none."""
     now_s = tree.leader.run.state.time_s
     likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
@@ -289,7 +289,7 @@ def _declare_group(
 
 
 def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Separation:
-    """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
+    """Finds the jet firing or coasting time that would separate a group's jets, by an existing alarm's test."""
     alarm = next((each.alarm for each in tree.hypotheses if each.alarm), None)
     if alarm is None:
         return Separation()
@@ -298,7 +298,7 @@ def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: J
 
 
 def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
-    """Declares forces that have changed, and the size of a jump once it is measured."""
+    """Declares changed forces, and a jump's size once measured; returns the verdicts and declarations."""
     leader, said = tree.leader, list[Declaration]()
     now = leader.run.state
     earlier = verdicts.earlier
@@ -318,7 +318,7 @@ def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
 
 
 def _update_declared(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
-    """Updates a declared failure with the present estimate; returns it, and the declaration if it has changed."""
+    """Updates a declared failure's force; returns it, and the word for its change to declare, or None."""
     if one.way not in leader.ways:
         return one, None
     now = leader.run.state

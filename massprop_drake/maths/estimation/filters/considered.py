@@ -28,7 +28,7 @@ def add_noise(noise: Array, extra: Array | None) -> Array:
 
 @kernel
 def add_effect_covariance(covariance: Array, effects: Array | None) -> Array:
-    """Adds L L^T, the innovation covariance by thrust errors, to a covariance; L of None: they are not considered."""
+    """Adds L L^T, the innovation covariance by considered thrust errors; L of None: adds nothing."""
     if effects is None:
         return covariance
     return covariance + effects @ effects.T
@@ -36,7 +36,7 @@ def add_effect_covariance(covariance: Array, effects: Array | None) -> Array:
 
 @kernel
 def update_sensitivity(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
-    """Updates the sensitivity by a measurement, Psi - K L; Psi itself where thrust errors are not considered."""
+    """Updates the estimate's sensitivity to thrust errors by a measurement, Psi - K L; L of None: Psi itself."""
     if effects is None or sensitivity is None:
         return sensitivity
     return sensitivity - gain @ effects

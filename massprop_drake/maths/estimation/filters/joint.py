@@ -120,7 +120,7 @@ class JointMeasurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> JointFilterParams:
-    """Makes the parameters from the vehicle's data and the scenario's blocks `joint` and `faults`."""
+    """Makes the joint filter's parameters from the vehicle's data and the scenario's blocks `joint` and `faults`."""
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
@@ -219,23 +219,23 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
 
 
 def _override_sigmas(one: float | None, each: Array) -> Array:
-    """Replaces all stated sigmas, shape (n,), by one value where the scenario gives it."""
+    """Returns stated sigmas, shape (n,), all replaced by one value where the scenario gives it."""
     return each if one is None else np.full_like(each, one)
 
 
 def _normalize_sigmas(sigmas: Array) -> tuple[float, Array]:
-    """Returns the largest of some sigmas, and each divided by it, shape (n,); 0 and shape (0,) where all are zero."""
+    """Returns the largest sigma, and all divided by it, shape (n,); 0 and shape (0,) where all are zero."""
     largest = float(sigmas.max(initial=0.0))
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 
 
 def undithered_quanta(packages: Instruments) -> Array:
-    """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
+    """Returns each package's quantum, zero where its noise is large enough to dither the reading, shape (s,)."""
     return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
 
 
 def _covariance_root(covariance: Array) -> Array:
-    """Computes the lower triangular root of a covariance that may have zeros on its diagonal."""
+    """Computes the lower triangular root L of a covariance L L^T that may have zeros on its diagonal."""
     sigmas = np.sqrt(np.diag(covariance))
     scale = np.where(sigmas > 0.0, sigmas, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -244,7 +244,7 @@ def _covariance_root(covariance: Array) -> Array:
 
 
 def initial_state(params: JointFilterParams) -> JointFilterState:
-    """Returns the state before the first sample."""
+    """Returns the joint filter's state before the first sample."""
     places = params.joint.places
     clock = ticks.start_clock(0.0, np.zeros(places.jets), level_onsets(places.jets))
     unread = np.full(places.wheels, np.nan)
@@ -253,7 +253,7 @@ def initial_state(params: JointFilterParams) -> JointFilterState:
 
 
 def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
-    """Makes the filter's state with its reported estimate and covariance from the joint state and the clock."""
+    """Makes the filter's state, with the ten parameters' estimate and covariance, from joint state and clock."""
     estimate, rows = parameters_with_scale(joint, params.joint)
     return _make_state_of_estimate(joint, clock, estimate, rows @ rows.T, params)
 
@@ -261,7 +261,7 @@ def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParam
 def _make_state_of_estimate(
     joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
 ) -> JointFilterState:
-    """Makes the filter's state; without accelerometers the mass reciprocal is NaN."""
+    """Makes the filter's state from its fields; without accelerometers the mass reciprocal is NaN."""
     if params.joint.places.accelerometers == 0:
         estimate[MASS_RECIPROCAL] = np.nan
         covariance[MASS_RECIPROCAL] = np.nan
@@ -270,7 +270,7 @@ def _make_state_of_estimate(
 
 
 def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
-    """Returns estimates of a disturbance's components per stated 1-sigma, and their 1-sigma, shape (n,) each."""
+    """Returns estimates of the stated disturbance's components per stated 1-sigma, and 1-sigmas, shape (n,) each."""
     places = params.joint.places
     slow = slice(places.slow, places.unstated)
     return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
@@ -279,7 +279,7 @@ def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> 
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs a cycle of the joint filter, prediction and update; `finish` only reports it."""
+    """Runs a whole cycle of the joint filter, prediction and update, on an interval; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     return step(state, rates, velocities, interval.told, params)
 
@@ -287,7 +287,7 @@ def measure(
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs a cycle of the joint filter on the readings of all packages, NaN where missing, shape (s, 3) each.
+    """Advances the joint filter by the readings of all packages, NaN where missing, shape (s, 3) each.
 
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
@@ -316,7 +316,7 @@ def step(
 
 
 def _split_tracked_columns(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
-    """Returns quaternions of trackers (s, 4), speeds of wheels, rad/s, and level and angles of engines (s, 3), rad."""
+    """Splits tracked readings into quaternions (s, 4), wheel speeds, rad/s, and engine settings (s, 3), rad."""
     places, has = params.places, channel_mask(params.engines)
     poses, engines = 7 * places.trackers, int(has.sum())
     read = np.full(poses + places.wheels + engines, np.nan) if told.tracked is None else told.tracked
@@ -328,7 +328,7 @@ def _split_tracked_columns(told: Told, params: JointParams) -> tuple[Array, Arra
 def _measure_attitudes(
     state: JointFilterState, over: Elapsed, read: tuple[Array, Array], params: JointParams
 ) -> tuple[Array, Array]:
-    """Returns the trackers' readings, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
+    """Returns tracker readings, shape (n_trackers, 3), and the reference attitude at both ends, shape (2, 4).
 
     `over` is the interval since the cycle before; `read` are readings of the gyros, and quaternions that trackers read.
     """
@@ -368,7 +368,7 @@ class Cycle(NamedTuple):
 def _run_cycle(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
-    """Runs a cycle of the joint filter on some readings; restarts it after a gap."""
+    """Runs a cycle of the joint filter on rates and velocities, or restarts the filter after a gap."""
     taken = make_sample(state, readings, told, params)
     made = joint_cycle.restart if taken.anew else joint_cycle.step
     return Cycle(taken, *made(state.joint, taken.sample, params.joint))
@@ -377,7 +377,7 @@ def _run_cycle(
 def make_sample(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Sampled:
-    """Makes a sample of commands and readings: rates and velocities, NaN where missing, shape (s, 3) each."""
+    """Makes the joint filter's sample of commands, rates and velocities, NaN where missing, shape (s, 3) each."""
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
     now = _command_with_onsets(told.command, told.onset_s, params)
     if before.started:
@@ -404,11 +404,12 @@ def make_sample(
 
 
 def _command_with_onsets(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
+    """Pairs a command with the onset times of its firings in the interval, s."""
     return Commanded(command, command_onsets(command, onset_s, params.opens_at, params.period_s))
 
 
 def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) -> Told:
-    """Fills in missing commands with those before and after, where these two are equal."""
+    """Fills in missing commands with those before and after, for each jet where the two are equal."""
     pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
     if onset_s is not None and told.coming_onset_s is not None:
         onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)
@@ -417,7 +418,7 @@ def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) 
 
 
 def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
-    """Tests whether the command filled in for a missing one is likelier than another, by likelihood and prior."""
+    """Tests whether a cycle with filled-in commands is likelier than with unknown ones, prior included."""
     if unknown.taken.anew:
         return False
     ahead = bridged.report.log_likelihood - unknown.report.log_likelihood
@@ -431,7 +432,7 @@ def finish(
     _adaptation: Adaptation,
     params: JointFilterParams,
 ) -> FilterStep:
-    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replace_state`."""
+    """Makes the filter step of a cycle: state, rotation and mass log rows; mass None without accelerometers."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
     rotation = rotation_report(after.estimate, after.covariance, report, gyros)
@@ -448,7 +449,7 @@ def finish(
 
 
 def replace_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """Replaces the filter's state after a cycle, and the estimates reported of it; the innovations stay."""
+    """Returns a filter step with state and reported estimates replaced; its innovations stay."""
     before = step.state
     kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
     after = _make_filter_state(joint, before.clock, params)._replace(**kept)
@@ -460,17 +461,18 @@ def replace_state(step: FilterStep, joint: JointState, params: JointFilterParams
 
 
 def publish_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """Replaces the reported estimates by those of another state; the filter keeps its own state."""
+    """Returns a filter step that reports another state's estimates; the filter keeps its own state."""
     other = _make_filter_state(joint, step.state.clock, params)
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 def _initialized_flag(state: JointFilterState, params: JointFilterParams) -> float:
+    """Returns 1.0 if the filter's initialization is complete, else 0.0."""
     return float(is_initialized(state.joint, params.joint))
 
 
 def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Array:
-    """Packs a state into one vector."""
+    """Packs the joint filter's state into one vector."""
     places = params.joint.places
     frame = state.frame if places.trackers > 0 else state.frame[:0]
     clock = CLOCK.sized(jets=places.jets).pack(state.clock)
@@ -479,12 +481,12 @@ def pack_filter_state(state: JointFilterState, params: JointFilterParams) -> Arr
 
 
 def save_state(state: JointFilterState, params: JointFilterParams) -> Groups:
-    """Packs a state into a dictionary of vectors, by the diagram's system that holds each."""
+    """Maps the name of the diagram's system that holds the joint filter's state to the state's vector."""
     return {GROUP: pack_filter_state(state, params)}
 
 
 def restore_state(groups: Groups, params: JointFilterParams) -> JointFilterState:
-    """Unpacks a state: the inverse of `save_state`.
+    """Unpacks the joint filter's state: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.

@@ -13,13 +13,13 @@ from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
 
 @kernel
 def _scale_to_three_components(nis: float, degrees: float) -> float:
-    """Scales a NIS to three components, as other filters have it: of mean three; NaN where none counted."""
+    """Scales a NIS of any degrees of freedom to a mean of three, as of three components; NaN for none."""
     return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
 @kernel
 def rotation_report(estimate: Array, covariance: Array, seen: Report, gyros: int) -> RotationReport:
-    """Makes the log row of a cycle's rotation, of gyros with so many components."""
+    """Makes the log row of rotation: estimate, 1-sigma and NIS; gyros counts their components."""
     used = seen.used[:gyros]
     return RotationReport(
         estimate[:N_ROTATION],
@@ -35,7 +35,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Report, gyros: int
 
 @kernel
 def mass_report(estimate: Array, covariance: Array, seen: Report, gyros: int, accelerometers: int) -> MassReport:
-    """Makes the log row of a cycle's translation; arguments as `rotation_report`."""
+    """Makes the log row of translation: 1/m, its variance and NIS; arguments as `rotation_report`."""
     used = seen.used[gyros : gyros + accelerometers]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),

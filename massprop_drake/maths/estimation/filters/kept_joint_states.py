@@ -16,7 +16,7 @@ _UNIT = 1e-6  # of the square of a quaternion's length
 
 
 def check_state_rules(joint: JointState, clock: Clock, frame: Array, places: Places) -> Iterator[tuple[bool, str]]:
-    """Yields for each rule whether a saved state breaks it, and the message for that."""
+    """Yields for each rule on a saved joint-filter state whether it is broken, and its error message."""
     told = joint._replace(read=joint.read[~np.isnan(joint.read)], assumed=joint.assumed[~np.isnan(joint.assumed)])
     yield abs(float(frame @ frame) - 1.0) > _UNIT, "the shared attitude must be a unit quaternion"
     finite = all(np.isfinite(part).all() for part in (*told, *clock[:-2]))
@@ -44,8 +44,10 @@ def check_state_rules(joint: JointState, clock: Clock, frame: Array, places: Pla
 
 
 def _are_all_one_of(values: Array, one: float, other: float) -> bool:
+    """Tests whether all values equal one or the other of two numbers."""
     return bool(np.isin(values, (one, other)).all())
 
 
 def _are_all_within(values: Array, low: float, high: float) -> bool:
+    """Tests whether all values lie within two bounds."""
     return bool(((values >= low - _ROUNDING) & (values <= high + _ROUNDING)).all())

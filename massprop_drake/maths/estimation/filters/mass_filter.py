@@ -110,7 +110,7 @@ class Rotation(NamedTuple):
 def compensate_rotation(
     velocity_increment: Array, velocity_noise: Array, arm: Array, rotation: Rotation, params: MassParams
 ) -> tuple[Array, Array]:
-    r"""Computes the velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
+    r"""Computes the velocity increment less its part by rotation, (3-57) or (3-77), and covariance R' (3-80b).
 
     Args:
         velocity_increment: zeta, ft/s or m/s, body axes, shape (3,).
@@ -139,7 +139,7 @@ def compensate_rotation(
 
 @kernel
 def _arm_jacobian(rotation: Rotation, params: MassParams) -> Array:
-    """Computes O + O' (3-41), (3-64), velocity increment per unit of an arm; O alone for TRANSVERSE, shape (3, 3)."""
+    """Computes d(velocity increment)/d(arm), O + O' (3-41), (3-64); O alone for TRANSVERSE, shape (3, 3)."""
     mixing = skew(rotation.increment)
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         spin = skew(rotation.rate)
@@ -179,7 +179,7 @@ class MassState(NamedTuple):
 
 @kernel
 def independent_variance(variance: float, sensitivity: Array | None) -> float:
-    """Computes S_0, the part of a variance that is independent of thrust errors, S - Psi^T Psi."""
+    """Computes S_0, the part of the variance of 1/m independent of thrust errors, S - Psi^T Psi."""
     if sensitivity is None:
         return variance
     return variance - float(sensitivity @ sensitivity)
@@ -234,7 +234,7 @@ class MassCycle(NamedTuple):
 
 @kernel
 def innovate(state: MassState, sample: MassSample) -> MassInnovation:
-    """Computes the innovation of one sample (3-85) and its covariance (3-87).
+    """Computes a velocity increment's innovation (3-85), its covariance (3-87) and NIS.
 
     Raises:
         NotPositiveDefiniteError: when Y^zeta is not positive definite.
@@ -257,7 +257,7 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
 def _add_thrust_errors(
     innovation: Array, noise: Array, variance: float, sensitivity: Array | None, thrust_errors: Array | None
 ) -> tuple[Array, Array]:
-    """Adds the products of thrust errors and the estimate's to innovation and noise, where some are considered."""
+    """Returns innovation and noise with products of thrust errors and 1/m's error added, where considered."""
     if thrust_errors is None or sensitivity is None:
         return innovation, noise
     mean = thrust_errors @ sensitivity
@@ -268,7 +268,7 @@ def _add_thrust_errors(
 def _innovation_effects(
     impulse: Array, sensitivity: Array | None, thrust_errors: Array | None, mass_reciprocal: float
 ) -> Array | None:
-    """Computes L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is known."""
+    """Computes the innovation's sensitivity to thrust errors, L = lambda Psi + G, shape (3, n_jets); or None."""
     if thrust_errors is None or sensitivity is None:
         return None
     return impulse[:, None] * sensitivity + thrust_errors * mass_reciprocal
@@ -276,7 +276,7 @@ def _innovation_effects(
 
 @kernel
 def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
-    """Computes Y^zeta (3-87), considered thrust errors included."""
+    """Computes the innovation covariance Y^zeta (3-87), thrust errors included, shape (3, 3)."""
     return add_effect_covariance(impulse[:, None] * (impulse * independent) + noise, effects)
 
 
@@ -284,7 +284,7 @@ def _innovation_covariance(independent: float, impulse: Array, effects: Array | 
 def update(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
 ) -> MassCycle:
-    """Updates by a measurement (3-83), (3-86), variance in Joseph's form of (3-84), then in time (3-82).
+    """Updates 1/m by a velocity increment, (3-83) to (3-86), tests for a jump, then updates in time (3-82).
 
     A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the sample; see
     `mass_jump`.
@@ -298,7 +298,7 @@ def update(
 
 @kernel
 def _clear_jump_window(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
-    """Clears the jump test's window where the sample's update is adapted to a jet's failure."""
+    """Returns the state with the jump test's window cleared, if the update is adapted to a jet's failure."""
     if adaptation.action == Action.NONE:
         return state
     return MassState(state.mass_reciprocal, state.variance, empty_window(params.jump_window), state.sensitivity)
@@ -335,7 +335,7 @@ def _test_jump(
 def _apply_measurement(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation
 ) -> tuple[MassState, Array]:
-    """Computes the state after one measurement, and the gain kappa, shape (3,)."""
+    """Updates 1/m and variance by one velocity increment; returns the state and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = np.zeros((3, 3))  # gains have it besides
     if adaptation.action != Action.NONE:
@@ -357,7 +357,7 @@ def _repeat_update(
     thrust_errors: Array | None,
     effects: Array | None,
 ) -> tuple[MassState, Array]:
-    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
+    """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
         first: the first update.
@@ -378,7 +378,7 @@ def _repeat_update(
 def _joseph_update(
     state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
-    """Updates estimate (3-83), (3-86) and variance in Joseph's form; Schmidt-Kalman with effects."""
+    """Updates 1/m (3-83), (3-86) and its variance in Joseph's form; returns the state and the gain, shape (3,)."""
     independent = independent_variance(state.variance, state.sensitivity)
     gain = information @ _cross_covariance(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
@@ -391,6 +391,7 @@ def _joseph_update(
 
 @kernel
 def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """Computes the covariance of 1/m with the innovation from its first term, shape (3,)."""
     if effects is None or sensitivity is None:
         return shared
     return shared + effects @ sensitivity
@@ -398,6 +399,7 @@ def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array |
 
 @kernel
 def _total_variance(variance: float, sensitivity: Array | None, effects: Array | None) -> float:
+    """Computes the whole variance of 1/m, that by considered thrust errors included."""
     if effects is None or sensitivity is None:
         return variance
     return variance + float(sensitivity @ sensitivity)
@@ -405,7 +407,7 @@ def _total_variance(variance: float, sensitivity: Array | None, effects: Array |
 
 @kernel
 def _propagate(state: MassState, params: MassParams) -> MassState:
-    """Updates the variance in time (3-82), a random walk."""
+    """Adds a random walk's variance over a cycle to the variance of 1/m (3-82)."""
     return MassState(state.mass_reciprocal, state.variance + params.process_noise, state.window, state.sensitivity)
 
 
@@ -450,7 +452,7 @@ def measure(
     rotation: Rotation,
     params: MassParams,
 ) -> MassMeasurement:
-    """Runs the first half of a cycle: the increment and its innovation.
+    """Makes the sample of a cycle, the velocity increment less rotation, and its innovation.
 
     The velocities are readings of the accelerometers at the sample's two ends, in the order of the parameters'
     positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
@@ -477,7 +479,7 @@ def measure(
 def measure_one(
     state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
-    """Runs `measure` with the first accelerometer that reads; `velocities` are readings before and now."""
+    """Makes sample and innovation of the first accelerometer that reads; NaN for none; readings before and now."""
     increments = velocities[1] - velocities[0]
     if params.compensation == Compensation.NONE or _is_measured(rotation.increment):
         for index in range(increments.shape[0]):
@@ -493,13 +495,14 @@ def measure_one(
 
 @kernel
 def _is_measured(increment: Array) -> bool:
+    """Tests whether all three components of an increment are finite."""
     x, y, z = numbers(increment, 3)
     return math.isfinite(x + y + z)
 
 
 @kernel
 def _compensate_package(index: int, increments: Array, rotation: Rotation, params: MassParams) -> tuple[Array, Array]:
-    """Computes one package's increment, freed of rotation, and its covariance."""
+    """Computes one accelerometer's velocity increment less rotation, shape (3,), and its covariance."""
     noise = 2.0 * params.variances[index] * _IDENTITY
     return compensate_rotation(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
 
@@ -507,7 +510,7 @@ def _compensate_package(index: int, increments: Array, rotation: Rotation, param
 def _stacked_covariance(
     freed: list[tuple[Array, Array]], there: list[int], rotation: Rotation, params: MassParams
 ) -> Array:
-    """Computes R'_ij, without disturbance, of the packages that read, shape (s, s, 3, 3)."""
+    """Computes covariances R'_ij of all pairs of packages that read, disturbance aside, shape (s, s, 3, 3)."""
     count = len(freed)
     covariances = np.zeros((count, count, 3, 3))
     for i, j in np.ndindex(count, count):
@@ -527,7 +530,7 @@ def finish(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Runs the second half of a cycle: the update, when the sample can be used.
+    """Updates the mass filter by a measurement if it can be used, and in time; returns state and flags.
 
     After a jump of the mass properties beyond doubt the variance is raised, and the sample used with it. A sample is
     `usable` when the combination of jets was steady, and `firing` when a known impulse acted. With the packages' own
@@ -554,7 +557,7 @@ def finish_one(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Runs `finish` with one measurement; `interval` says whether it is usable, and firing."""
+    """Runs `finish` with one measurement; the interval's flags are usable and firing."""
     sample, innovation = measured
     usable, firing = interval
     there = not math.isnan(innovation.nis)

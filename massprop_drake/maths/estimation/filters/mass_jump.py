@@ -54,7 +54,7 @@ class JumpTest(NamedTuple):
 
 
 def jump_threshold(false_alarm_rate: float, window: int) -> float:
-    """Computes the likelihood argument of a jump: chi-square with one degree of freedom for each sample.
+    """Computes the jump test's threshold, chi-square with a degree of freedom for each sample of the window.
 
     Args:
         false_alarm_rate: of the test, per used sample.
@@ -65,13 +65,13 @@ def jump_threshold(false_alarm_rate: float, window: int) -> float:
 
 @kernel
 def empty_window(length: int) -> Array:
-    """Returns a window with no sample in it, shape (length, 3)."""
+    """Returns the jump test's window of zeros, holding no sample, shape (length, 3)."""
     return np.zeros((length, 3))
 
 
 @kernel
 def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
-    """Updates the jump test by a used sample, which replaces the oldest theta in the window.
+    """Updates the jump test of 1/m by a sample; returns window, likelihood argument and correction.
 
     Args:
         window: of the sample before, shape (n, 3).
@@ -100,7 +100,7 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
 
 @kernel
 def small_gain_growth(variance: float, linear_impulse: Array, information: Array) -> float:
-    """Computes the term that the thesis adds to the variance of 1/m after a jump in one sample (3-118), to the letter.
+    """Computes the thesis's term (3-118) to add to the variance of 1/m after a jump in one sample.
 
     Args:
         variance: of 1/m after the ordinary update.

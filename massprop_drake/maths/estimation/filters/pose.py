@@ -125,7 +125,7 @@ class PoseMeasurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> PoseFilterParams:
-    """Makes the parameters from the vehicle's data."""
+    """Makes the pose filter's parameters from the vehicle's data and the scenario's block."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     detects = options.detector.kind != "off"
     return PoseFilterParams(
@@ -141,7 +141,7 @@ def make_params(setup: Setup, options: Any) -> PoseFilterParams:
 
 
 def initial_state(params: PoseFilterParams) -> PoseFilterState:
-    """Returns the state before the first sample."""
+    """Returns the pose filter's state before the first sample, not yet started."""
     made = params.pose
     jets = made.pushes.shape[0]
     bank = PoseBank(
@@ -153,7 +153,7 @@ def initial_state(params: PoseFilterParams) -> PoseFilterState:
 
 
 def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
-    """Updates the ten parameters and their covariance, which is NaN where they are taken as known."""
+    """Returns the state with its ten parameters and covariance recomputed, NaN variance for known ones."""
     bank, jets = delays.merge_delays(state.tried, params.pose), params.pose.pushes.shape[0]
     healthy = state.tried.known[:jets] == 0.0
     estimate, covariance = estimated_properties(bank.mean[0], bank.covariance[0], healthy, params.pose)
@@ -166,7 +166,7 @@ def _update_estimate(state: PoseFilterState, params: PoseFilterParams) -> PoseFi
 def measure(
     state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
 ) -> PoseMeasurement:
-    """Runs a cycle of all hypotheses, prediction and update; `finish` only reports it."""
+    """Runs a whole cycle of all hypotheses, prediction and update, or initializes; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
     readings = collect_readings(told.tracked, rates, velocities, params)
@@ -191,7 +191,7 @@ def measure(
 
 
 def _make_first_filters(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
-    """Makes the filter banks at the first sample: one for every possible delay, with all of a detector's hypotheses."""
+    """Makes the filters at the first sample: one for each command delay, and for each fault hypothesis if asked."""
     none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split_by_delay(first, params.pose)
     if params.hypotheses:
         tried = [pose_hypotheses.begin_hypotheses(bank, now_s, params.pose) for bank in banks]
@@ -201,7 +201,7 @@ def _make_first_filters(first: PoseBank, now_s: float, params: PoseFilterParams)
 
 
 def collect_readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
-    """Collects the readings of all sensors; those of poses and velocities come from the columns `tracked`.
+    """Splits tracked readings into positions, attitudes and velocities, and joins rates and accelerometers.
 
     Args:
         rates, velocities: of gyros and accelerometers, shapes (n_gyros, 3) and (n_accelerometers, 3).
@@ -240,13 +240,13 @@ def _add_command(
 
 
 def _drop_expired_commands(commands: Commands, since_s: float) -> Commands:
-    """Drops commands that act no more after a time from a command history; the one in force then stays."""
+    """Returns the command history from the command in force at a time on."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
 
 
 def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _interval: Interval | None) -> PoseEvidence:
-    """Makes the detector's evidence from the hypotheses and times of a cycle."""
+    """Makes the detector's evidence of a cycle: hypotheses, times, and whether there were readings."""
     state, told = measurement.state, measurement.told
     done = measurement.done
     return PoseEvidence(state.tried, state.time_s, told.time_s, done is not None and done.innovation.size > 0)
@@ -259,7 +259,7 @@ def finish(
     _adaptation: Adaptation,
     params: PoseFilterParams,
 ) -> FilterStep:
-    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replace_state`."""
+    """Makes the filter step of a cycle: its state, and its rotation, mass and pose log rows."""
     state, done, nothing = measurement.state, measurement.done, np.full(3, np.nan)
     (turning, n_turning), (moving, n_moving) = np.zeros((2, 2)) if done is None else done.of_first
     deviation = np.sqrt(state.covariance.diagonal())
@@ -286,7 +286,7 @@ def finish(
 
 
 def _make_report_row(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterParams) -> Any:
-    """Makes the log row that only this filter has, as `POSE_REPORT`."""
+    """Makes the log row `POSE_REPORT`: pose, rates, thrust factors, command delay and drag."""
     made, bank = params.pose, delays.merge_delays(state.tried, params.pose)
     jets = made.pushes.shape[0]
     deviation = np.zeros(made.parts.size)
@@ -309,19 +309,19 @@ def _make_report_row(state: PoseFilterState, done: PoseCycled | None, params: Po
 
 
 def replace_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """Replaces the filter's hypotheses after a cycle by the detector's, and the estimates reported."""
+    """Returns a filter step with hypotheses and reported estimates replaced by the detector's."""
     state = _update_estimate(step.state._replace(tried=tried), params)
     return replace_estimates(step, state.estimate, state.covariance)._replace(state=state)
 
 
 def publish_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """Replaces the reported estimates by those of other hypotheses; the filter keeps its own state."""
+    """Returns a filter step that reports other hypotheses' estimates; the filter keeps its own state."""
     other = _update_estimate(step.state._replace(tried=tried), params)
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 def _make_saved_layout(params: PoseFilterParams) -> Layout:
-    """Makes the layout of the saved first filter and of the command in force."""
+    """Makes the layout of the saved vector's first part: the first filter and the command in force."""
     made = params.pose
     jets, size, free = made.pushes.shape[0], made.parts.size, made.free.size
     return Layout(
@@ -340,7 +340,7 @@ def _make_saved_layout(params: PoseFilterParams) -> Layout:
 
 
 def save_state(state: PoseFilterState, params: PoseFilterParams) -> Groups:
-    """Packs the state: the first filter and the command in force; then commands that still act, and all hypotheses."""
+    """Packs the pose filter's state: first filter and command in force; then command history and hypotheses."""
     bank = state.tried.bank
     level = state.commands.levels[-1] if state.commands.levels.size else np.zeros(params.pose.pushes.shape[0])
     parts = [bank.mean[0], bank.covariance[0], bank.rotation[0], bank.opens[:1].astype(float), bank.reference[0]]
@@ -351,7 +351,7 @@ def save_state(state: PoseFilterState, params: PoseFilterParams) -> Groups:
 
 
 def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
-    """Unpacks a state: the inverse of `save_state`.
+    """Unpacks the pose filter's state: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.
@@ -383,7 +383,7 @@ def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
 
 
 def _require_possible(read: Any) -> None:
-    """Refuses parts of a state that no filter leaves, as `restore_state` says."""
+    """Raises ValueError for a saved state with an impossible covariance, rotation, command or flag."""
     spread = np.linalg.eigvalsh(read.covariance)
     if not np.array_equal(read.covariance, read.covariance.T) or spread[0] < -_ROUNDING * spread[-1]:
         raise ValueError(f"{GROUP}: the covariance must be symmetric, and no variance negative")

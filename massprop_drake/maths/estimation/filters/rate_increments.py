@@ -55,7 +55,7 @@ def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Arra
 
 @kernel
 def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
-    """Computes H = dh/dx (2-102), shape (3, 9)."""
+    """Computes the Jacobian of the rate increment by the nine parameters, H = dh/dx (2-102), shape (3, 9)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     jacobian = np.empty((3, N_ROTATION))
     jacobian[:, :6] = angular_block(moment)
@@ -65,7 +65,7 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
 
 @kernel
 def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
-    """Computes H (2-102) for several impulses at once, shape (n, 3, 9).
+    """Computes the Jacobians H (2-102) of the rate increments by several impulses, shape (n, 3, 9).
 
     Args:
         estimate: x, or more parameters after it, shape (9,) or longer.
@@ -106,7 +106,7 @@ def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
 
 @kernel
 def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
-    """Computes bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
+    """Computes bias, rad/s, shape (3,), and covariance, rad^2/s^2, shape (3, 3), by the curvature of h."""
     arm = skew(linear_impulse)
     spread = (covariance[:6, 6:] @ arm.T).ravel()
     left = take_elements(spread, _LEFT)
@@ -132,7 +132,7 @@ def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> 
 
 @kernel
 def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
-    """Computes dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; see `coupling_increment`."""
+    """Computes the Jacobian of dynamic coupling's rate increment, shape (3, 9); see `coupling_increment`."""
     inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
     momentum = inertia @ rate
     through_inertia = inverse_inertia @ skew(rate) @ inertia @ angular_block(momentum)

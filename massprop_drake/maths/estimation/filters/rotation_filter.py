@@ -169,7 +169,7 @@ class RotationState(NamedTuple):
 
 @kernel
 def independent_covariance(covariance: Array, sensitivity: Array | None) -> Array:
-    """Computes S_0, the part of a covariance that is independent of thrust errors, S - Psi Psi^T, shape (9, 9)."""
+    """Computes S_0, the part of the covariance independent of thrust errors, S - Psi Psi^T, shape (9, 9)."""
     if sensitivity is None:
         return covariance
     return covariance - sensitivity @ sensitivity.T
@@ -191,7 +191,7 @@ class RotationCycle(NamedTuple):
 def innovate(
     state: RotationState, sample: RotationSample, subtract_coupling_before: bool, params: RotationParams
 ) -> RotationInnovation:
-    r"""Computes the innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
+    r"""Computes a rate increment's innovation, (2-117) to (2-121), and NIS, dynamic coupling subtracted if due.
 
     The hybrid rule looks at the innovation's covariance, which says something about the estimates only
     while jets fire; a coasting sample keeps the last decision, `subtract_coupling_before`. Whatever the rule
@@ -251,7 +251,7 @@ def _add_thrust_errors(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> tuple[Array, Array, Array | None]:
-    """Adds thrust errors to innovation and noise, `before`, and returns both and L; None where none is considered."""
+    """Adds thrust errors to innovation and noise; returns both and L, None where none is considered."""
     if thrust_errors is None or sensitivity is None:
         return before[0], before[1], None
     effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
@@ -265,6 +265,7 @@ def _add_thrust_errors(
 
 @kernel
 def _largest_variance(covariance: Array) -> float:
+    """Returns the largest variance on a covariance's diagonal."""
     (a, _, _), (_, b, _), (_, _, c) = rows3(covariance)
     return max(a, b, c)
 
@@ -315,7 +316,7 @@ def update(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Updates by one usable firing sample, then in time (2-123).
+    """Updates estimate and covariance by one usable firing sample, then in time (2-123).
 
     When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
     innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
@@ -337,7 +338,7 @@ def _inflate_after_jump(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> tuple[RotationState, RotationInnovation, bool]:
-    """Inflates the covariance if the NIS exceeds the jump threshold (2-138); returns state, innovation and whether."""
+    """Inflates the covariance if NIS exceeds the jump threshold (2-138); returns state, innovation, whether it did."""
     if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
         return state, innovation, False
     wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
@@ -348,7 +349,7 @@ def _inflate_after_jump(
 def _apply_measurement(
     state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
 ) -> RotationState:
-    """Computes the state after one measurement."""
+    """Updates estimate and covariance by one rate increment, adapted to a jet's failure."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = np.zeros((3, 3))  # gains have it besides
     if adaptation.action != Action.NONE:
@@ -370,7 +371,7 @@ def _repeat_update(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> RotationState:
-    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
+    """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
         after: the first update.
@@ -394,7 +395,7 @@ def _repeat_update(
 
 @kernel
 def _propagate(state: RotationState, params: RotationParams) -> RotationState:
-    """Updates the covariance in time (2-123), a random walk."""
+    """Adds a random walk's covariance over a cycle to the state's covariance (2-123)."""
     return RotationState(state.estimate, state.covariance + params.process_noise, state.sensitivity)
 
 
@@ -450,7 +451,7 @@ def uses_one_package(params: RotationParams) -> bool:
 def measure(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> RotationMeasurement:
-    """Runs the first half of a cycle: the increment and its innovation.
+    """Makes the sample of a cycle, the rate increment of one or several gyros, and its innovation.
 
     The readings `rates` are as in `RotationMemory`, shape (s, 3).
     """
@@ -477,7 +478,7 @@ def measure(
 def measure_one(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> tuple[RotationSample, RotationInnovation]:
-    """Runs `measure` with the first gyro that reads; returns its sample and innovation."""
+    """Makes sample and innovation of the first gyro with a usable increment; NaN where there is none."""
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     for index in range(rates.shape[0]):
         if _is_usable_increment(increments[index], means[index], params):
@@ -493,7 +494,7 @@ def measure_one(
 
 @kernel
 def _is_usable_increment(increment: Array, mean: Array, params: RotationParams) -> bool:
-    """Tests whether a gyro has both readings, and the vehicle does not turn too fast between them."""
+    """Tests whether a gyro has both readings, and the vehicle turns by less than the limit between them."""
     x, y, z = numbers(mean, 3)
     a, b, c = numbers(increment, 3)
     # NaN compares as false
@@ -502,7 +503,7 @@ def _is_usable_increment(increment: Array, mean: Array, params: RotationParams) 
 
 @kernel
 def _make_sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
-    """Makes a sample of a measured rate increment and the known inputs of its interval."""
+    """Makes the rotation filter's sample of a measured rate increment and the interval's known impulse."""
     return RotationSample(
         increment,
         mean,
@@ -518,7 +519,7 @@ def _make_sample(increment: Array, mean: Array, noise: Array, interval: Rotation
 def finish(
     state: RotationState, measurement: RotationMeasurement, usable: bool, adaptation: Adaptation, params: RotationParams
 ) -> RotationCycle:
-    """Runs the second half of a cycle: the update, when the sample can be used.
+    """Updates the rotation filter by a measurement if it can be used, and in time; returns state and flags.
 
     A sample is used when both readings are there, the jets' combination was steady, and an impulse acted; `usable` says
     the latter two. With the packages' own samples the update is made with one after the other.
@@ -541,7 +542,7 @@ def finish_one(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Runs `finish` with one measurement."""
+    """Runs `finish` with one gyro's, or one combined, measurement."""
     sample, innovation = measured
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_propagate(state, params), False, False)

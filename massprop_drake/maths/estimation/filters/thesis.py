@@ -167,7 +167,7 @@ class ThesisMeasurement(NamedTuple):
 
 
 def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
-    """Makes the rotation filter's inputs of an interval; thrust errors are scaled by the jets' mean level."""
+    """Makes the rotation filter's inputs of an interval: impulses, extra noise and scaled thrust errors."""
     impulses, known, _ = interval
     return RotationInterval(
         impulses.angular_impulse,
@@ -179,7 +179,7 @@ def rotation_interval(interval: Interval, thrust_errors: Array | None) -> Rotati
 
 
 def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterval:
-    """Makes the mass filter's inputs of an interval; `linear_errors` are of the force alone, shape (3, n_jets)."""
+    """Makes the mass filter's inputs of an interval; `linear_errors` are of forces alone, shape (3, n_jets)."""
     impulses, known, _ = interval
     return MassInterval(
         impulses.linear_impulse,
@@ -194,12 +194,12 @@ def is_learning(interval: Interval) -> bool:
 
 
 def rotation_memory(measurement: RotationMeasurement, rates: Array) -> RotationMemory:
-    """Makes the rotation filter's memory of a sample."""
+    """Makes the rotation filter's memory of a sample: the rates, and whether coupling is subtracted next."""
     return RotationMemory(rates, measurement.innovation.subtract_coupling)
 
 
 def linear_errors(thrust_errors: Array | None) -> Array | None:
-    """Returns the linear part of thrust errors, of angular and linear ones, shape (3, n_jets)."""
+    """Returns the force part of thrust errors, shape (3, n_jets), from their wrenches, shape (n_jets, 6)."""
     return None if thrust_errors is None else thrust_errors[:, 3:].T
 
 
@@ -222,7 +222,7 @@ def make_turning(state: RotationState, sample: RotationSample, innovation: Rotat
 
 @kernel
 def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the covariance of the innovation with the error of the prediction, shape (3, 9)."""
+    """Computes the covariance of rotation innovation and state prediction error, shape (3, 9)."""
     if effects is None or sensitivity is None:
         shared: Array = np.dot(jacobian, covariance)
         return shared
@@ -243,7 +243,7 @@ def rotation_inputs(turning: Turning) -> Rotation:
 
 @kernel
 def join_innovations(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
-    """Joins both filters' predictions and innovations, and their covariances, translation first."""
+    """Joins both filters' innovations with their covariance and predictions, translation first."""
     impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = innovation.covariance
@@ -268,7 +268,7 @@ def join_innovations(turning: Turning, sample: MassSample, innovation: MassInnov
 
 @kernel
 def _add_coupling(covariance: Array, coupled: Array | None) -> bool:
-    """Writes the cross-covariance of translation and rotation into their covariance; returns whether there is any."""
+    """Writes a cross-covariance, shape (3, 3), into the joint covariance; returns False for None."""
     if coupled is None:
         return False
     covariance[:3, 3:] = coupled
@@ -284,7 +284,7 @@ def _add_error_coupling(
     moving: Array | None,
     turning: Array | None,
 ) -> None:
-    """Adds the cross-covariances by thrust errors to a `Joint`, where these are considered.
+    """Adds the filters' cross-covariances by thrust errors to the covariances of a `Joint`, in place.
 
     Args:
         covariances: of the parameters, and of innovations with them.
@@ -305,7 +305,7 @@ def _add_error_coupling(
 
 @kernel
 def joint_covariance(rotation: Array, variance: float) -> Array:
-    """Computes the covariance of the ten parameters, 1/m uncorrelated with the others, shape (10, 10)."""
+    """Joins the rotation covariance and the variance of 1/m, uncorrelated, into shape (10, 10)."""
     covariance = np.zeros((N_ROTATION + 1, N_ROTATION + 1))
     covariance[:N_ROTATION, :N_ROTATION] = rotation
     covariance[N_ROTATION, N_ROTATION] = variance
@@ -314,7 +314,7 @@ def joint_covariance(rotation: Array, variance: float) -> Array:
 
 @kernel
 def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
-    """Computes the covariance of translation with rotation innovation by thrust errors, shape (3, 3).
+    """Computes the covariance of translation and rotation innovations by thrust errors, (3, 3), or None.
 
     None where none is considered, or none bears on the sample.
 
@@ -331,7 +331,7 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
 
 @kernel
 def rotation_report(before: RotationInnovation, cycle: RotationCycle) -> RotationReport:
-    """Makes the log row of the rotation filter's cycle."""
+    """Makes the rotation filter's log row of a cycle: estimate, 1-sigma, innovation, NIS and flags."""
     state = cycle.state
     return RotationReport(
         state.estimate,
@@ -347,7 +347,7 @@ def rotation_report(before: RotationInnovation, cycle: RotationCycle) -> Rotatio
 
 @kernel
 def mass_report(before: MassInnovation, cycle: MassCycle) -> MassReport:
-    """Makes the log row of the mass filter's cycle."""
+    """Makes the mass filter's log row of a cycle: 1/m, its variance, innovation, NIS and flags."""
     state, deviation = cycle.state, deviations(before.covariance)
     return MassReport(
         state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
@@ -355,7 +355,7 @@ def mass_report(before: MassInnovation, cycle: MassCycle) -> MassReport:
 
 
 def make_params(setup: Setup, options: Any) -> ThesisParams:
-    """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`."""
+    """Makes both filters' parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`."""
     rotation, mass, combine = options.rotation, options.mass, options.sensors.combine
     jump_std = rotation.jump_std_fraction * np.sqrt(setup.covariance.diagonal()[:N_ROTATION])
     turning = RotationParams(
@@ -435,7 +435,7 @@ def predicted_parameters(state: ThesisState) -> Array:
 def measure(
     state: ThesisState, rates: Array, velocities: Array, interval: Interval, params: ThesisParams
 ) -> ThesisMeasurement:
-    """Runs the first half of both filters' cycle."""
+    """Makes the rotation and mass filters' samples of a cycle and their innovations, without an update."""
     errors = params.thrust_errors
     turn = rotation_interval(interval, errors)
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
@@ -447,7 +447,7 @@ def measure(
 
 
 def evidence(state: ThesisState, measurement: ThesisMeasurement, interval: Interval) -> Joint:
-    """Returns the evidence for the detector; `NOT_MEASURED` where it would not test."""
+    """Returns both filters' joined innovations for the detector; `NOT_MEASURED` where it would not test."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
     moving = measurement.moving
@@ -457,7 +457,7 @@ def evidence(state: ThesisState, measurement: ThesisMeasurement, interval: Inter
 def finish(
     state: ThesisState, measurement: ThesisMeasurement, interval: Interval, adaptation: Adaptation, params: ThesisParams
 ) -> FilterStep:
-    """Runs the second half of both filters' cycle."""
+    """Updates both filters by their measurements and the adaptation; returns states and log rows."""
     impulses, learning = interval.impulses, is_learning(interval)
     turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
     memory = rotation_memory(measurement.turning, measurement.rates)
@@ -494,7 +494,7 @@ def _n_errors(params: ThesisParams) -> int:
 
 
 def pack_rotation(state: RotationState, memory: RotationMemory, layout: Layout) -> Array:
-    """Packs the rotation filter's state and memory into a vector."""
+    """Packs the rotation filter's state and memory (rates, coupling flag) into a vector."""
     sensitivity = _INSENSITIVE if state.sensitivity is None else state.sensitivity
     return layout.pack((state.estimate, state.covariance, memory.subtract_coupling, memory.rates, sensitivity))
 
@@ -507,19 +507,19 @@ def unpack_rotation(vector: Array, layout: Layout) -> tuple[RotationState, Rotat
 
 
 def pack_mass(state: MassState, velocities: Array, layout: Layout) -> Array:
-    """Packs the mass filter's state and readings into a vector."""
+    """Packs the mass filter's state and its last velocity readings into a vector."""
     sensitivity = _INSENSITIVE[0] if state.sensitivity is None else state.sensitivity
     return layout.pack((state.mass_reciprocal, state.variance, velocities, state.window, sensitivity))
 
 
 def unpack_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
-    """Unpacks the vector of `pack_mass`: state and readings, views of it."""
+    """Unpacks the vector of `pack_mass`: the mass filter's state and velocity readings, views of the vector."""
     mass_reciprocal, variance, velocities, window, sensitivity = layout.read(vector)
     return MassState(mass_reciprocal, variance, window, sensitivity if sensitivity.size else None), velocities
 
 
 def save_state(state: ThesisState, params: ThesisParams) -> Groups:
-    """Packs both filters' states into a dictionary of vectors, by the diagram's system that holds each."""
+    """Maps each system of the diagram that holds a filter's state to the state's vector."""
     n_errors = _n_errors(params)
     layout = rotation_layout(params.rotation, n_errors)
     groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, layout)}
@@ -530,7 +530,7 @@ def save_state(state: ThesisState, params: ThesisParams) -> Groups:
 
 
 def restore_state(groups: Groups, params: ThesisParams) -> ThesisState:
-    """Unpacks states: the inverse of `save_state`.
+    """Makes both filters' states from vectors: the inverse of `save_state`.
 
     Raises:
         ValueError: when the state holds what no filter leaves.
@@ -550,12 +550,13 @@ def restore_state(groups: Groups, params: ThesisParams) -> ThesisState:
 
 
 def _require_finite(name: str, state: RotationState | MassState) -> None:
+    """Raises ValueError where a filter's state has values that are not finite."""
     if not all(np.isfinite(part).all() for part in state if part is not None):
         raise ValueError(f"{name}: only readings may be missing")
 
 
 def _require_within(name: str, sensitivity: Array, variance: Array) -> None:
-    """Raises ValueError when thrust errors give more than the whole variance of an estimate."""
+    """Raises ValueError where thrust errors account for more than an estimate's whole variance."""
     if ((sensitivity**2).sum(axis=1) > variance * (1.0 + _ROUNDING)).any():
         raise ValueError(f"{name}: thrust errors must be a part of the variances")
 
