@@ -37,7 +37,7 @@ class BodyPlaces(NamedTuple):
 
 
 def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
-    """Computes mass properties of all bodies together, in the frame of their places; parallel-axis theorem."""
+    """Computes the common mass properties of all bodies, in the frame that their places are in."""
     turned = places.rotations
     centers = places.origins + np.einsum("nij,nj->ni", turned, bodies.centers)
     mass = float(bodies.masses.sum())

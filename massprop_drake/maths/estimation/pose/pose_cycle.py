@@ -161,7 +161,7 @@ def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams
 def _step_without_doubt(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
-    """Advances a bank by a sample with kicks and poor readings as possibilities, without an earlier `Doubt`."""
+    """Advances a bank by a sample as `step` does, without the filters of an earlier `Doubt`."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predict_bank(bank, commands, *span_s, params)
         beside = compare_readings(ahead.bank, readings, params)
@@ -299,7 +299,7 @@ def mix_possibilities(
 
 
 def possibility_updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility; K of a filter stays fixed where it would lose definiteness."""
+    """Computes the Kalman update by each possibility; K of a filter stays as it is where it would be impossible."""
     taken = np.ones((mean.shape[0], params.free.size))
     ways = _joseph_updates(happened, taken)
     corrections = np.stack([way.correction for way in ways])
@@ -357,7 +357,7 @@ def _whitened_innovations(shown: Array, beside: Compared) -> Array:
 
 
 def _joseph_updates(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
-    """Computes the Kalman updates by all possibilities, elements flagged or not, in Joseph form.
+    """Computes the Kalman update by each possibility, gains times ``taken``, shape (n_filters, n), in Joseph form.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.

@@ -12,7 +12,7 @@ _EYE = np.eye(3)
 
 
 def skew_matrices(vectors: Array) -> Array:
-    """Computes [v x] of each, shape (..., 3, 3)."""
+    """Computes the cross product matrix [v x] of each vector, shape (..., 3, 3)."""
     result = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     result[..., 0, 1], result[..., 0, 2] = -z, y
@@ -65,7 +65,7 @@ def rotation_vectors(matrices: Array) -> Array:
 
 
 def derivative_by_elements(vectors: Array) -> Array:
-    """Computes the derivative of a symmetric matrix times each vector by the six elements, shape (..., 3, 6)."""
+    """Computes derivatives of S v by the six elements of symmetric S, for each vector v, (..., 3, 6)."""
     result = np.zeros((*vectors.shape, 6))
     for row in range(3):
         for column in range(3):
