@@ -136,7 +136,7 @@ class Thrust(NamedTuple):
 
 @kernel
 def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrust:
-    """Computes an engine's force, its direction and place, and derivatives by the gimbal angles, (m, ...).
+    """Computes an engine's force, its direction and place, and derivatives of the direction by gimbal angles.
 
     Args:
         which: index of the engine.
