@@ -82,13 +82,13 @@ _typeof_class, _typeof_tuple = typeof_impl.dispatch(type), typeof_impl.dispatch(
 
 @typeof_impl.register(type)  # type: ignore[untyped-decorator]
 def _typeof_bundle_class(value: type, context: Any) -> Any:
-    """Returns numba's type of a bundle's class, None for other classes."""
+    """Returns the compiled type of a named tuple class of this package; numba's own for other classes."""
     return BundleClass(value) if _is_bundle(value) else _typeof_class(value, context)
 
 
 @typeof_impl.register(tuple)  # type: ignore[untyped-decorator]
 def _typeof_bundle(value: Any, context: Any) -> Any:
-    """Returns numba's type of a bundle (named tuple); None where a field has none."""
+    """Returns the compiled type of a bundle, numba's own for other tuples; None where a field has none."""
     if not _is_bundle(type(value)):
         return _typeof_tuple(value, context)
     kinds = tuple(typeof_impl(field, context) for field in value)

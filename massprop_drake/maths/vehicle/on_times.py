@@ -53,7 +53,7 @@ def command_onsets(command: Array, told_s: Array | None, place: Place | None, pe
 
 
 def pulse_samples(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
-    """Returns the first sample in which a pulse is on, and the index after the last one."""
+    """Returns the index of the first sample in which a pulse is on, and the index after the last one."""
     return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
 
 

@@ -120,7 +120,7 @@ def mean_force(level: Array, coming: Array, jets: JetThrusts) -> Array:
 def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
     """Computes the coming sample's wrench profile: steady wrench, then the decaying part per time constant.
 
-    Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
+    Arguments as `mean_force`; shape (1 + n_classes, 7).
     """
     profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]), dtype=coming.dtype)
     profile[0] = np.dot(coming, jets.wrenches)

@@ -172,11 +172,7 @@ def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[
 
 
 def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Lengths) -> Array:
-    """Computes [(w - w_0) x] + integral of [w x]^2, which times a lever arm is an accelerometer's velocity.
-
-    Returns:
-        Of each row, shape (3, 3, m).
-    """
+    """Computes [(w - w_0) x] + integral of [w x]^2, by which lever arms enter velocities, shape (3, 3, m)."""
     crossed = moving.middle[:, None] * bowed[0] + moving.gained[:, None] * bowed[1]
     square = np.zeros((3, 3, whole.shape[1]))
     each = moving.square + crossed + crossed.transpose(1, 0, 2) + bowed[2][:, None] * bowed[2]

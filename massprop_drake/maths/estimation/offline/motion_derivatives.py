@@ -58,7 +58,7 @@ class MotionDerivatives(NamedTuple):
 def motion_derivatives(
     expected: ExpectedMotion, at: Array, model: FlightModel, wanted: NDArray[np.bool_]
 ) -> MotionDerivatives:
-    """Computes derivatives of expected rate and velocity by the wanted unknowns at least."""
+    """Computes derivatives of expected rate and velocity by the wanted unknowns, and by a stretch's own."""
     places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
     there = wanted[places.thrust][read.on]
     if there.any():
@@ -202,7 +202,7 @@ def _mounting_derivatives(expected: ExpectedMotion, at: Array, model: FlightMode
 
 
 def _bias_derivatives(held: Array, turned: Array, lengths_s: Lengths) -> Array:
-    """Computes derivatives of rate by gyro biases through the gyroscopic torque of the wheels."""
+    """Computes derivatives of rate by gyro biases through the wheels' gyroscopic torque, shape (3, 3, m)."""
     summed = cumulative_sums(weigh_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", CROSS, summed)))
 
@@ -218,7 +218,7 @@ def _add_initial_values(by_rate: Array, biases: NDArray[np.int_], read: Recorded
 
 
 def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, period_s: Lengths) -> Array:
-    """Computes derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
+    """Computes derivatives of the integral of w x (w x arm) by the unknowns, from those of w, (n, 3, m).
 
     Args:
         design: with these.
@@ -234,11 +234,7 @@ def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, 
 
 
 def _lag_derivatives(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightModel) -> Array:
-    """Computes derivatives of rate and velocity by valve lags; ``pulls``: those by jets' impulses, (j, 6).
-
-    Returns:
-        Of each lag, shape (l, 6, m).
-    """
+    """Computes derivatives of the motion by valve lags, shape (l, 6, m); ``pulls``: those by jets' impulses, (j, 6)."""
     places, course = columns(model), expected.course
     kinds = np.arange(places.lag.stop - places.lag.start)[:, None] == model.kinds[course.read.on]
     thrust = 1.0 + at[places.thrust][course.read.on]

@@ -242,16 +242,13 @@ def _linearize_stretch(stretch: Stretch, at: Array, model: FlightModel) -> _Part
 
 
 def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
-    """Computes rates q' of an oscillation, at rest at first, driven by steps of acceleration, (k, m).
+    """Computes rates q' of an oscillation, at rest at first, driven by steps of acceleration, shape (k, m).
 
     Args:
         steps: of the acceleration at each row, shape (k, m).
         time_s: of the rows, equally spaced, from zero on, shape (m,).
         frequency_hz: undamped, Hz.
         damping: ratio, below one.
-
-    Returns:
-        Shape (k, m).
     """
     omega = 2.0 * math.pi * frequency_hz
     damped = omega * math.sqrt(1.0 - damping**2)
