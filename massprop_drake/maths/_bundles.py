@@ -131,7 +131,7 @@ def _load_constant(c: Any, value: Any) -> Any:
 
 @box(BundleType)  # type: ignore[untyped-decorator]
 def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
-    """Generates the code that converts a bundle to a named tuple of Python."""
+    """Generates the code that converts a compiled bundle to Python's named tuple."""
     data = structref._Utils(c.context, c.builder, kind).get_data_struct(value)
     parts = []
     for name, own in kind.field_dict.items():
@@ -148,7 +148,7 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
 
 @unbox(BundleType)  # type: ignore[untyped-decorator]
 def _from_python(kind: BundleType, value: Any, c: Any) -> Any:
-    """Generates the code that converts a named tuple of Python to a bundle."""
+    """Generates the code that converts Python's named tuple to a compiled bundle."""
     read = c.unbox(kind.as_tuple, value)
     fields = [c.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
     made = _allocate_bundle(c.context, c.builder, kind, fields, checked=False)

@@ -44,7 +44,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         return content + hashlib.sha256(content).digest()
 
     def _load_index(self) -> Any:
-        """Loads the index of compiled functions; empty where its file is missing or damaged."""
+        """Loads the cache's index of compiled code of a function; empty where its file is missing or damaged."""
         try:
             with Path(self._index_path).open("rb") as file:
                 pickle.load(file)  # the version, which stands before the rest

@@ -56,7 +56,7 @@ class _Library(JITCodeLibrary):
 
 
 def _set_environment(codegen: Any, name: str, environment: Any) -> None:
-    """Sets a function's environment for compiled code; later, where it has no machine code yet."""
+    """Sets a function's environment in compiled code, or stores it until its machine code exists."""
     if codegen._engine.is_symbol_defined(name):
         type(codegen).set_env(codegen, name, environment)
     else:

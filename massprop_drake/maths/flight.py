@@ -155,7 +155,7 @@ def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
 
 
 def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
-    """Allocates the log rows of a flight, one per sample.
+    """Allocates the zeroed log arrays of a flight, a row per sample.
 
     Args:
         count: of rows.

@@ -134,7 +134,7 @@ def take_elements(vector: Array, places: NDArray[np.int_]) -> Array:
 
 
 def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `as_iterable`: returns the vector itself."""
+    """Returns a vector itself: what compiled code iterates over."""
     return vector
 
 
@@ -159,7 +159,7 @@ def _select_where(condition, one, other):  # type: ignore[no-untyped-def] # comp
 
 @idiom(_select_where)
 def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
-    """Selects elements of one operand where a condition holds, of the other elsewhere; numba's own compiles slowly.
+    """Selects elements of ``one`` where a condition holds, of ``other`` elsewhere; compiles faster than numba's.
 
     Args:
         condition: in compiled code of shape (n,).
@@ -204,7 +204,7 @@ def fill(row: Array, values: Any) -> None:
 
 
 def read_bundle(vector: Array, like: Any) -> Any:
-    """Unpacks the beginning of a vector into a bundle shaped like another, its arrays views: the inverse of `fill`.
+    """Unpacks the beginning of a vector into a bundle shaped as ``like``, arrays as views: the inverse of `fill`.
 
     Args:
         vector: with the fields in their order.
@@ -244,7 +244,7 @@ class Compiler(NamedTuple):
 
 
 def _load_all_kernels() -> None:
-    """Imports every module of `maths`, which registers all kernels."""
+    """Imports every module of `maths`, so that all kernels are registered."""
     folder = Path(__file__).parent
     for path in sorted(folder.rglob("*.py")):
         if not path.name.startswith("_"):
@@ -347,7 +347,7 @@ def _make_timer(event: Any, kept: str) -> Any:
         said = False
 
         def on_start(self, what: Any) -> None:
-            """Logs once that kernels of this package are being compiled."""
+            """Starts timing; logs, at the first compilation of this package's kernels, that it takes a minute."""
             home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
             if home.startswith("massprop_drake.") and not self.said:
                 _LOG.warning("kernels are being compiled, which takes about a minute, once%s", kept)
@@ -384,7 +384,7 @@ def _register_idioms(extending: Any) -> None:
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `numbers` for a count written out by the caller."""
+    """Makes the compiled form of `numbers` for a literal count."""
     last = _count.literal_value - 1
     if last == 0:
         return lambda vector, _count: (vector[0],)
@@ -392,12 +392,12 @@ def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
 
 
 def _element_of(values, index):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `_element` for a vector or a number."""
+    """Makes the compiled form of element access, for a vector or a number."""
     return (lambda values, index: values[index]) if getattr(values, "ndim", 0) else (lambda values, index: values)
 
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `fill` for the types of some values."""
+    """Makes the compiled form of `fill` for the numba types of a row and its values."""
     lines = ["def filled(row, values):", "    begin = 0"]
     fields = getattr(values, "field_dict", None)  # of a bundle, by name
     named = (
@@ -421,7 +421,7 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
 
 
 def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `read_bundle` for the type of a bundle."""
+    """Makes the compiled form of `read_bundle` for the numba type of a bundle."""
     lines = ["def taken(vector, like):", "    begin = 0"]
     for name, kind in like.field_dict.items():
         if getattr(kind, "ndim", 0):

@@ -48,7 +48,7 @@ class NotPositiveDefiniteError(ArithmeticError):
 
 @kernel
 def skew(vector: Array) -> Array:
-    """Computes the matrix [v x] with [v x] u = v x u, shape (3, 3)."""
+    """Computes the cross product matrix [v x] of a vector, [v x] u = v x u, shape (3, 3)."""
     x, y, z = numbers(vector, 3)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
@@ -71,7 +71,7 @@ def cross_products(left: Array, right: Array) -> Array:
 
 
 def normals(along: Array, near: Array | None = None) -> Array:
-    """Computes two unit vectors normal to each direction and to each other, shape (n, 2, 3).
+    """Computes two unit vectors normal to each direction, and to one another, shape (n, 2, 3).
 
     Args:
         along: unit vectors, shape (n, 3).
@@ -98,7 +98,7 @@ def quadratic_form(vector: Array, matrix: Array) -> float:
 
 
 def _has_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `has_nonzero`."""
+    """Tests whether any element differs from zero, in compiled code."""
     return np.any(vector != 0.0)
 
 
@@ -109,7 +109,7 @@ def has_nonzero(vector: NDArray[Any]) -> bool:
 
 
 def _deviations(covariance):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `deviations`."""
+    """Computes 1-sigmas of a covariance, in compiled code."""
     return np.sqrt(np.diag(covariance))
 
 
@@ -200,7 +200,7 @@ def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_stack_times)
 def stack_times(stack: Array, matrix: Array) -> Array:
-    """Multiplies each matrix of a stack by another one."""
+    """Multiplies each matrix of a stack by one matrix from the right."""
     return stack @ matrix
 
 
@@ -242,7 +242,7 @@ def _stack_times_vectors(stack, vectors):  # type: ignore[no-untyped-def] # comp
 
 @idiom(_stack_times_vectors)
 def stack_times_vectors(stack: Array, vectors: Array) -> Array:
-    """Multiplies each matrix of a stack by its own vector."""
+    """Multiplies matrices of a stack by vectors of another, pair by pair, shape (k, n)."""
     product: Array = np.einsum("ijk,ik->ij", stack, vectors)
     return product
 
@@ -290,7 +290,7 @@ def triangular_roots(stack: Array) -> Array:
 
 
 def _lower_factor(columns):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `lower_factor`."""
+    """Computes the lower triangular factor L of A = L Q, in compiled code."""
     _, upper = np.linalg.qr(columns.T)
     return np.ascontiguousarray(upper.T)
 
@@ -347,7 +347,7 @@ def symmetrized_stack(stack: Array) -> Array:
 
 
 def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
-    """Tests whether a matrix is symmetric and positive semidefinite, judged after scaling to a unit diagonal.
+    """Tests whether a matrix is symmetric and positive semidefinite, after scaling to a unit diagonal.
 
     The scaling matters: the elements of the rotation filter's covariance span more than twenty
     orders of magnitude in slug and feet. Rows whose variance is zero must be zero altogether.

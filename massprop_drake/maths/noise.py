@@ -31,7 +31,7 @@ def stream_seed(seed: Seed, stream: str) -> np.random.SeedSequence:
 
 @lru_cache(maxsize=256)
 def _draw_block(seed: Seed, stream: str, number: int, size: int) -> Array:
-    """Draws block ``number`` of a stream of standard normal numbers, shape (_BLOCK, size); read-only."""
+    """Draws block ``number`` of a stream of standard normal numbers, shape (_BLOCK, size), read-only and cached."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0]))
     block = generator.standard_normal((_BLOCK, size))

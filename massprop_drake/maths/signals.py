@@ -211,7 +211,7 @@ def user_signal(name: str, size: int) -> Signal:
 
 
 def fill_unit_template(unit: str, names: dict[str, str]) -> str:
-    """Fills a unit template with the vehicle's units: {length}/s becomes ft/s.
+    """Returns a unit in the vehicle's unit names: {length}/s becomes ft/s.
 
     Args:
         unit: template of a `Signal`.

@@ -81,7 +81,7 @@ def channel_mask(engines: EngineParams) -> np.ndarray:
 
 
 def reading_std(at: Array, engines: EngineParams) -> Array:
-    """Computes 1-sigma of readings of levels and angles, shape (n, 3): of a shut engine the level is read exactly.
+    """Computes 1-sigmas of engine readings (level, two angles), shape (n, 3); zero for a shut engine's level.
 
     Args:
         at: levels and angles, shape (n, 3).

@@ -58,7 +58,7 @@ def pulse_samples(start_s: float, end_s: float, period_s: float) -> tuple[int, i
 
 
 def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterator[tuple[int, float, float]]:
-    """Yields the samples in which a pulse is on, its onset in each, s, and the share of each for which it is on.
+    """Yields per sample in which a pulse is on: its index, the onset in it, s, and the share it is on.
 
     Args:
         start_s, end_s: of the pulse.

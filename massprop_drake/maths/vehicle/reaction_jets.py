@@ -25,7 +25,7 @@ _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its th
 
 
 def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
-    """Draws true over nominal thrust of each jet by a seed, shape (count,); ones where nothing is spread.
+    """Draws each jet's ratio of true to nominal thrust by a seed, shape (count,); ones without spread.
 
     Args:
         seed: of the run.
@@ -133,7 +133,7 @@ def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
 
 @kernel
 def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrusts) -> Array:
-    """Computes propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
+    """Computes propellant mass drawn from each tank over a sample by jets' mean forces, slug or kg, (n_tanks,).
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).

@@ -353,7 +353,7 @@ def step(
     duration_s: float,
     body: Body,
 ) -> Array:
-    r"""Computes the state after a step during which each jet's target is constant.
+    r"""Computes the body state, (23,), after a step under a steady wrench and exponentially decaying ones.
 
     The wrench is ``steady + sum_c transient[c] exp(-s / tau_c)``, s the time since the step began. The
     decaying part is integrated in closed form and only its small effect through rotation by the

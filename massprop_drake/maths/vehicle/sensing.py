@@ -23,7 +23,7 @@ from massprop_drake.maths.noise import Seed, uniform_phase
 
 
 def increment_noise(reading_variance: float) -> Array:
-    """Computes the covariance of the difference of two readings (2-64b), (3-36b), without disturbance, shape (3, 3).
+    """Computes the covariance of a change between readings (2-64b), (3-36b), without disturbance, (3, 3).
 
     Args:
         reading_variance: of the error of one reading per component.
@@ -184,7 +184,7 @@ class SensorModel(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """True if a reading depends on anything but the signal, the noise and the time now."""
+        """True if readings depend on earlier ones: low-pass, random walk, accumulated bias or delay."""
         drifts = self.walk_std > 0.0 or (self.integrates and bool(self.bias.any()))
         return self.smoothing > 0.0 or drifts or self.delay > 0
 

@@ -77,7 +77,7 @@ def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
 
 @kernel
 def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array, held: Any) -> Array:
-    """Computes the reading (3), then the memory, shape (3 + memory,); other arguments as `reading`.
+    """Computes a reading (3) of a package with memory, then that memory, in one vector; see `reading`.
 
     Args:
         memory: see `sensing.sense`.
@@ -120,7 +120,7 @@ def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArr
 
 @kernel
 def forces_and_profile(level: Array, coming: Array, held: Any) -> Array:
-    """Computes mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
+    """Computes each jet's mean force, then the wrench profile row by row, in one vector.
 
     Args:
         level, coming: levels now, and what they tend to, shape (n_jets,) each.

@@ -47,7 +47,7 @@ def moments_about(wrenches: Array, center: Array) -> Array:
 
 
 def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
-    """Computes moments of angular impulse within each interval, which bend the rate, its coupling included.
+    """Computes moments of angular impulse within intervals, by which rates bend, coupling included, (3, 3, m - 1).
 
     Args:
         sums: see `ImpulseSums`.
@@ -116,7 +116,7 @@ class GainedRate(NamedTuple):
 
 
 def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Lengths, at: Array) -> GainedRate:
-    """Computes the change of rate since a stretch began, the rates in its coupling taken as known."""
+    """Computes the change of rate since a stretch began; rates and bends in its coupling terms are arguments."""
     inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))

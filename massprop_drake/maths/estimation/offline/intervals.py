@@ -78,7 +78,7 @@ class Confined(NamedTuple):
 
     @property
     def is_contradicted(self) -> bool:
-        """True if no vehicle explains all readings."""
+        """True if no mass properties explain all quantized readings."""
         return self.bend < -_CLEAR * self.depth
 
 
@@ -193,7 +193,7 @@ class Cells(NamedTuple):
 
     @property
     def halves(self) -> Array:
-        """Half widths of the cells, quanta, shape (n_packages,)."""
+        """Half widths of the quantizer cells, noise included, quanta, shape (n_packages,)."""
         noise = np.divide(self.noise, self.quanta, out=np.zeros_like(self.noise), where=self.quanta > 0.0)
         return 0.5 + NOISE_SIGMAS * noise + _MARGIN
 
@@ -263,7 +263,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
 
 
 def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
-    """Computes error-free readings and derivatives as `_outputs`, with two integration steps per interval."""
+    """Computes error-free readings and derivatives over a stretch, with two integration steps per interval."""
     m = stretch.time_s.size
     rows = np.arange(2 * m - 1) // 2
     ends = np.minimum(rows + np.arange(2 * m - 1) % 2, m - 1)
@@ -343,7 +343,7 @@ class _Linear:
 
     @property
     def spans(self) -> Array:
-        """Largest distance of each parameter from the point at which the mass is still positive, shape (10,)."""
+        """Largest difference of each parameter from the point, with mass still positive, shape (10,)."""
         spans = self._cells.spans.copy()
         spans[-1] = min(spans[-1], _LEFT * self.point.at[_N - 1])
         return spans

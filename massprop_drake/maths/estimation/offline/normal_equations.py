@@ -382,11 +382,11 @@ def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) 
 
 
 def empty_equations(model: FlightModel) -> NormalEquations:
-    """Returns the normal equations of no readings."""
+    """Returns normal equations that hold no reading: all zero."""
     n, of_packages = model.prior.size, np.zeros((model.variances.size, 3))
     return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, of_packages, np.zeros(2), np.zeros(2))
 
 
 def sum_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
-    """Sums the normal equations of stretches."""
+    """Sums the normal equations of several stretches; all zero without any."""
     return reduce(NormalEquations.plus, parts) if parts else empty_equations(model)

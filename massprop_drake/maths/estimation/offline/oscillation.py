@@ -80,7 +80,7 @@ class _Linearized(NamedTuple):
 
 
 def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> OscillationMode | None:
-    """Finds the oscillation whose fit leaves the least misfit; None where stretches are too short for it.
+    """Finds the oscillation whose fit leaves the least misfit; None where stretches are too short to show one.
 
     Its frequency is found on a grid at one damping, and both more finely about the best.
 
@@ -156,7 +156,7 @@ def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightMo
 
 
 def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
-    """Computes the expected power of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
+    """Computes the power spectrum of a rate whose derivative is a unit-variance Gauss-Markov process.
 
     Args:
         constant_s: time constant of the process.
@@ -203,7 +203,7 @@ def increment_spectrum(left: Array, time_s: Array) -> Lines:
 
 
 def _means_of_neighbors(lines: Array) -> Array:
-    """Computes moving averages of `_NEIGHBORS` lines of a spectrum."""
+    """Computes moving averages of a few neighboring lines of a power spectrum."""
     return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 

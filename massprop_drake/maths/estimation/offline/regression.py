@@ -194,7 +194,7 @@ def score_test(
     clear: float = np.inf,
     common: Reckoned | None = None,
 ) -> ScoreTest:
-    """Tests unknowns against stated values by the score; returns statistic, degrees and estimated sizes.
+    """Tests unknowns against their stated values; returns statistic, degrees of freedom, sizes and misfit.
 
     Args:
         fit: see `FlightFit`.

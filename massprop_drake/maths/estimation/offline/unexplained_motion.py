@@ -79,7 +79,7 @@ def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: Flight
 
 
 def _subtract_means(rows: Array) -> Array:
-    """Subtracts the mean of each row, shape (k, n)."""
+    """Subtracts each row's mean over its columns, shape (k, n)."""
     return rows - rows.mean(axis=1, keepdims=True)
 
 

@@ -54,7 +54,7 @@ def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 
 def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
-    """Copies the filter at the first sample once per part of the delay's prior; returns one bank per part."""
+    """Copies the filter at the first sample for each part of the delay's prior; returns a bank per part."""
     delays, places = params.delays, _delay_places(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
@@ -149,7 +149,7 @@ def log_weight(tried: Tried) -> float:
 
 
 def _order_parts(parts: list[Tried]) -> Tried:
-    """Orders delays by weight, dropping those `BEHIND` nats below; returns the first, others as `elsewhere`."""
+    """Orders delays by weight, dropping unlikely ones; returns the first, the others in its `elsewhere`."""
     weights = np.array([log_weight(one) for one in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]

@@ -46,7 +46,7 @@ class _PoseReader:
 
 
 def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
-    """Packs the commands that still act and all hypotheses into a vector, to continue after a restart."""
+    """Packs the commands that still act and all hypotheses into one vector, for a restart."""
     parts = [tried._replace(elsewhere=()), *tried.elsewhere]
     blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
     blocks += [commands.time_s, commands.levels.ravel()]
@@ -56,7 +56,7 @@ def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
 
 
 def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
-    """Unpacks commands and hypotheses: the inverse of `pack_hypotheses`.
+    """Unpacks hypotheses and commands from a vector, checked: the inverse of `pack_hypotheses`.
 
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.

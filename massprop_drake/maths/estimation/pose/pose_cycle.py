@@ -102,7 +102,7 @@ def step(
     params: PoseParams,
     doubt: Doubt | None = None,
 ) -> PoseCycled:
-    """Advances a bank of filters by a sample: predicts, updates, and merges the filters of the last `Doubt`.
+    """Advances a bank of filters by a sample: predicts, updates, and merges alternative filters of the last one.
 
     Args:
         bank: after the last sample.
@@ -161,7 +161,7 @@ def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams
 def _step_without_doubt(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
-    """Advances a bank by a sample as `step` does, without the filters of an earlier `Doubt`."""
+    """Advances a bank by a sample as does ``step`` where no alternative filters are left of the last one."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predict_bank(bank, commands, *span_s, params)
         beside = compare_readings(ahead.bank, readings, params)
@@ -299,7 +299,7 @@ def mix_possibilities(
 
 
 def possibility_updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility; K of a filter stays as it is where it would be impossible."""
+    """Computes the Kalman update by each possibility, K fixed in filters where an update would be unphysical."""
     taken = np.ones((mean.shape[0], params.free.size))
     ways = _joseph_updates(happened, taken)
     corrections = np.stack([way.correction for way in ways])
@@ -327,7 +327,7 @@ def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.
 
 
 def scale_pose_noise(beside: Compared, scale: float) -> Compared:
-    """Multiplies the 1-sigma of pose readings by a factor; returns the readings so compared."""
+    """Returns compared readings with the 1-sigma of pose readings multiplied by a factor."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 

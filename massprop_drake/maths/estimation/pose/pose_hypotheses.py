@@ -127,7 +127,7 @@ def begin_hypotheses(
 
 
 def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
-    """Wraps a bank of one filter as the only hypothesis: no failure but the known ones.
+    """Wraps a bank of one filter as hypotheses without any further failure, from a time on.
 
     Args:
         bank: of one filter.
@@ -197,7 +197,7 @@ def _stack_banks(first: PoseBank, rest: PoseBank) -> PoseBank:
 
 
 def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Merges into each hypothesis the first filter with its failure beginning now, every `RENEWAL_S`."""
+    """Merges into each hypothesis, once a second, the no-failure filter with that failure beginning now."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)

@@ -54,7 +54,7 @@ class _Rows:
     def add(
         self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
     ) -> None:
-        """Adds a reading of three components: innovation, derivatives by part, covariance, which to use, and kind.
+        """Adds a reading of three components: innovation, derivatives by part of the state, covariance, axes, kind.
 
         The kind is whether it is of attitude or rate, and whether of a pose sensor.
         """
