@@ -169,7 +169,7 @@ def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
 
 
 def _real(number):  # type: ignore[no-untyped-def] # compiled alone
-    """Returns a plain number as it is, in compiled code."""
+    """Converts a plain number to float, in compiled code."""
     return float(number)
 
 

@@ -36,7 +36,7 @@ EXACT = Mounting(np.zeros(0, dtype=np.intp), np.zeros((0, 6)))
 
 
 def mounting_errors(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
-    """Lists the errors with a 1-sigma of jets' mounting, and the wrench that a 1-sigma of each adds.
+    """Lists jets' mounting errors of nonzero 1-sigma: the jet, and the change of wrench by a 1-sigma.
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).

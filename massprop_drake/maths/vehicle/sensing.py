@@ -127,7 +127,7 @@ class Vibration(NamedTuple):
 
 
 def make_vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
-    """Makes the `Vibration` seen in readings: each tone scaled, integrated and low-passed at its frequency.
+    """Makes the `Vibration` of readings from tones at the sensor: scaled, integrated, low-passed at their frequency.
 
     Args:
         tones: at the sensors.

@@ -166,7 +166,7 @@ class VehicleParams(NamedTuple):
 
 
 def pack_truth(params: VehicleParams) -> Truth:
-    """Packs the true vehicle's jets, packages, tanks, failures and disturbance into arrays."""
+    """Packs the parameters of the true vehicle for the compiled cycle: jets, packages, tanks, failures."""
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,

@@ -104,7 +104,7 @@ def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
 def components_of(
     expected: ExpectedMotion, fixed: TurningEffects, at: Array, model: FlightModel, held: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields residuals of each sensor component with two informative rows; `held`: rows to use or to fill in."""
+    """Yields residuals per sensor component with two informative rows; `held`: these rows, if known, or to fill in."""
     read, held = expected.course.read, {} if held is None else held
     for package in range(read.readings.shape[0]):
         (gains, biases), number = _own_places(package, model), package - model.gyros
