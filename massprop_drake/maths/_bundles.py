@@ -39,7 +39,7 @@ class BundleType(types.StructRef):
         self.name = f"{bundle.__name__}_{digest}"  # short, since it is in the name of every function that takes one
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """Returns the fields with types that are not those of constants."""
+        """Returns the fields' names and types, types of literal constants widened to plain ones."""
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
     @property
@@ -49,7 +49,7 @@ class BundleType(types.StructRef):
 
     @property
     def as_tuple(self) -> Any:
-        """Type of the same tuple as numba would have it."""
+        """Type of the named tuple with these fields that numba itself would use."""
         return types.BaseTuple.from_types(self.kinds, self.bundle)
 
 
@@ -61,7 +61,7 @@ class BundleClass(types.Callable, types.Opaque):
         super().__init__(f"class({bundle.__module__}.{bundle.__qualname__})")
 
     def get_call_type(self, _context: Any, args: Any, kws: Any) -> Any:
-        """Returns the signature of a call, its arguments in the order of the fields."""
+        """Returns numba's signature of a call to the class, arguments in the order of the fields."""
         named = inspect.signature(self.bundle)
         given = named.bind(*args, **dict(kws)).args
         return signature(BundleType(self.bundle, given), *given).replace(pysig=named)
@@ -71,7 +71,7 @@ class BundleClass(types.Callable, types.Opaque):
         return (), True
 
     def get_impl_key(self, _signature: Any) -> Any:
-        """Returns the key of the implementation: one serves all calls."""
+        """Returns numba's key of the constructor's implementation: one serves all calls."""
         return type(self)
 
 
@@ -82,12 +82,13 @@ _typeof_class, _typeof_tuple = typeof_impl.dispatch(type), typeof_impl.dispatch(
 
 @typeof_impl.register(type)  # type: ignore[untyped-decorator]
 def _typeof_bundle_class(value: type, context: Any) -> Any:
+    """Returns the compiled type of a named tuple class of this package; numba's own for other classes."""
     return BundleClass(value) if _is_bundle(value) else _typeof_class(value, context)
 
 
 @typeof_impl.register(tuple)  # type: ignore[untyped-decorator]
 def _typeof_bundle(value: Any, context: Any) -> Any:
-    """Returns the type of a bundle; None where a field has none."""
+    """Returns the compiled type of a bundle, numba's own for other tuples; None where a field has none."""
     if not _is_bundle(type(value)):
         return _typeof_tuple(value, context)
     kinds = tuple(typeof_impl(field, context) for field in value)
@@ -95,7 +96,7 @@ def _typeof_bundle(value: Any, context: Any) -> Any:
 
 
 def _allocate_bundle(context: Any, builder: Any, kind: BundleType, fields: Any, *, checked: bool = True) -> Any:
-    """Makes a bundle that takes ownership of its fields."""
+    """Generates the code that allocates a bundle and moves its fields into it."""
     payload, nrt = kind.get_data_type(), context.nrt
     layout = context.data_model_manager[payload].get_value_type()
     size = context.get_constant(types.uintp, context.get_abi_sizeof(layout))
@@ -114,7 +115,7 @@ def _allocate_bundle(context: Any, builder: Any, kind: BundleType, fields: Any, 
 
 @lower_builtin(BundleClass, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
 def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    """Generates the code that makes a bundle from its fields, each cast to its type."""
+    """Generates the code of a bundle's constructor: casts each argument and stores it in its field."""
     kind, fields = sig.return_type, []
     for own, given, value in zip(kind.kinds, sig.args, args, strict=True):
         field = context.cast(builder, value, given, own)
@@ -130,7 +131,7 @@ def _load_constant(c: Any, value: Any) -> Any:
 
 @box(BundleType)  # type: ignore[untyped-decorator]
 def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
-    """Generates the code that converts a bundle to a named tuple of Python."""
+    """Generates the code that converts a compiled bundle to Python's named tuple."""
     data = structref._Utils(c.context, c.builder, kind).get_data_struct(value)
     parts = []
     for name, own in kind.field_dict.items():
@@ -147,7 +148,7 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
 
 @unbox(BundleType)  # type: ignore[untyped-decorator]
 def _from_python(kind: BundleType, value: Any, c: Any) -> Any:
-    """Generates the code that converts a named tuple of Python to a bundle."""
+    """Generates the code that converts Python's named tuple to a compiled bundle."""
     read = c.unbox(kind.as_tuple, value)
     fields = [c.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
     made = _allocate_bundle(c.context, c.builder, kind, fields, checked=False)

@@ -18,6 +18,7 @@ _njit: Any = numba.njit(cache=bool(numba.config.CACHE_DIR), no_cfunc_wrapper=Tru
 
 
 def _compile_checked(function: Any) -> Any:
+    """Compiles a function with cache files that are checked before use."""
     return check_cache_files(_njit(function))
 
 
@@ -26,7 +27,7 @@ class HeldType(types.StructRef):
     """Type of a holder, by the type of what it holds."""
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """Returns the fields with types that are not those of constants."""
+        """Returns the fields' names and types, types of literal constants widened to plain ones."""
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
@@ -39,7 +40,7 @@ structref.define_proxy(Held, HeldType, ["value"])
 
 @_compile_checked  # type: ignore[untyped-decorator]
 def hold(value: Any) -> Any:
-    """Makes a holder of a bundle."""
+    """Puts a bundle into a new holder, which compiled code can assign to."""
     return Held(value)  # type: ignore[no-untyped-call] # numba's
 
 

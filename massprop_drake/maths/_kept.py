@@ -24,7 +24,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
     """Index and data files of one function, with a digest at the end of each, which `pickle` passes over."""
 
     def load(self, key: Any) -> Any:
-        """Loads the code compiled for some types; None where no undamaged file is kept."""
+        """Loads a function's cached code for argument types; None where no undamaged file exists."""
         try:
             return super().load(key)
         except Exception as error:
@@ -32,18 +32,19 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
             return None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keeps the code compiled for some types, where it can be written."""
+        """Writes a function's compiled code for argument types to the cache; logs where it cannot be written."""
         try:
             super().save(key, data)
         except OSError as error:
             _log_once("unwritten", f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
 
     def _dump(self, obj: Any) -> bytes:
+        """Serializes an object, with the SHA-256 digest of its bytes appended."""
         content: bytes = super()._dump(obj)
         return content + hashlib.sha256(content).digest()
 
     def _load_index(self) -> Any:
-        """Loads the index of compiled functions; empty where its file is missing or damaged."""
+        """Loads the cache's index of compiled code of a function; empty where its file is missing or damaged."""
         try:
             with Path(self._index_path).open("rb") as file:
                 pickle.load(file)  # the version, which stands before the rest
@@ -56,11 +57,13 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
             return {}
 
     def _load_data(self, name: str) -> Any:
+        """Loads compiled code from a data file; ValueError when its digest does not match."""
         path = self._data_path(name)
         _require_whole(Path(path).read_bytes())
         return super()._load_data(name)
 
     def _log_damage(self, path: str, error: Exception) -> None:
+        """Logs once that a cache file is damaged and its code is compiled again."""
         _log_once("damaged", f"what is kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
 
 
@@ -71,14 +74,14 @@ def _require_whole(content: bytes) -> None:
 
 
 def _log_once(kind: str, words: str) -> None:
-    """Logs each kind of message once in a process."""
+    """Logs a warning, once per kind of message in a process."""
     if kind not in _SAID:
         _SAID.add(kind)
         _LOG.warning("%s", words)
 
 
 def check_cache_files(dispatcher: Any) -> Any:
-    """Makes a compiled function check its cache files; with another version of numba they stay unchecked."""
+    """Returns a compiled function that checks its cache files; unchanged with another version of numba."""
     cache = getattr(dispatcher, "_cache", None)
     file = getattr(cache, "_cache_file", None)
     if type(file) is IndexDataCacheFile:

@@ -24,16 +24,17 @@ class _Library(JITCodeLibrary):
     _waits = False
 
     def finalize(self) -> None:
-        """Links the functions that are called; the rest waits."""
+        """Links the functions that this library calls; optimization and machine code wait."""
         self._waits = True
         super().finalize()
 
     def _optimize_final_module(self) -> None:
+        """Optimizes the library's code, unless it still waits for a use by Python."""
         if not self._waits:
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
-        """Makes machine code with its waiting environments; nothing while the library waits."""
+        """Makes the library's machine code and sets environments; does nothing while the library waits."""
         if self._waits:
             self._finalized = True
             return
@@ -43,7 +44,7 @@ class _Library(JITCodeLibrary):
                 self._codegen.set_env(variable.name, _environments.pop(variable.name))
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Returns the address of a function; zero if it is not one of these."""
+        """Returns the address of a function, its machine code made now; 0: it is not in this library."""
         self._ensure_finalized()
         if self._waits:
             if not any(function.name == name for function in self.get_defined_functions()):
@@ -55,7 +56,7 @@ class _Library(JITCodeLibrary):
 
 
 def _set_environment(codegen: Any, name: str, environment: Any) -> None:
-    """Sets a function's environment for compiled code; later, where it has no machine code yet."""
+    """Sets a function's environment in compiled code, or stores it until its machine code exists."""
     if codegen._engine.is_symbol_defined(name):
         type(codegen).set_env(codegen, name, environment)
     else:
@@ -69,21 +70,21 @@ class _Uncollected(Listener):
         self._depth, self._collects = 0, False
 
     def on_start(self, event: Any) -> None:
-        """Disables collection when the outermost function begins."""
+        """Disables garbage collection when the outermost compilation begins."""
         if self._depth == 0:
             self._collects = gc.isenabled()
             gc.disable()
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        """Enables collection again."""
+        """Enables garbage collection when the outermost compilation has ended, if it was on before."""
         self._depth -= 1
         if self._depth == 0 and self._collects:
             gc.enable()
 
 
 def delay_machine_code() -> None:
-    """Delays machine code of what this process compiles from now on; with another version of numba, does nothing."""
+    """Makes numba generate machine code only for kernels that Python calls, from now on in this process."""
     register("numba:compile", _Uncollected())
     codegen = cpu_target.target_context.codegen()
     there = (JITCodeLibrary, ("_optimize_final_module", "_finalize_final_module", "_ensure_finalized"))

@@ -94,16 +94,17 @@ class Layout:
         return iter(self._shapes)
 
     def sized(self, **sizes: int) -> Layout:
-        """Returns the layout with words for sizes replaced: `LAYOUT.sized(jets=44)`; made once for each set."""
+        """Returns the layout with named sizes replaced by numbers, as `LAYOUT.sized(jets=44)`; cached."""
         key = tuple(sizes.items())
         if key not in self._of_sizes:
             self._of_sizes[key] = self._replace_sizes(sizes)
         return self._of_sizes[key]
 
     def _replace_sizes(self, sizes: dict[str, int]) -> Layout:
-        """Makes the layout with words for sizes replaced by numbers."""
+        """Makes a new layout with named sizes replaced by numbers."""
 
         def replace_words(shape: Shape) -> Shape:
+            """Replaces the names of sizes in one field's shape by numbers."""
             if isinstance(shape, tuple):
                 return tuple(sizes.get(part, part) if isinstance(part, str) else part for part in shape)
             return sizes.get(shape, shape) if isinstance(shape, str) else shape
@@ -113,11 +114,11 @@ class Layout:
         return Layout(self.name, **(fields | logged))
 
     def slice(self, name: str) -> slice:
-        """Returns the place of a field in the vector."""
+        """Returns the slice of the vector that holds a field."""
         return self._slices[name]
 
     def read(self, vector: Array) -> Any:
-        """Returns the fields of a vector as a named tuple: views of it, floats and booleans."""
+        """Unpacks a vector into a named tuple of its fields: array views, floats and booleans."""
         values: Any = self._parts(vector)
         if self._converted:
             values = list(values)
@@ -126,7 +127,7 @@ class Layout:
         return _new(self._made, values)
 
     def make(self, **values: Any) -> Any:
-        """Makes a named tuple of the fields; those not given are NaN."""
+        """Makes a named tuple of the layout's fields by name; NaN where no value is passed."""
         return self._made._make([values.get(key, nan) for key in self._shapes])
 
     def pack(self, values: Sequence[Any]) -> Array:
@@ -137,15 +138,15 @@ class Layout:
         return vector
 
     def columns(self, log: Array) -> dict[str, Array]:
-        """Splits a log with a row per sample into its fields: for each its columns, shape (n, its size)."""
+        """Splits a log, a row per sample, into a dict from each field to its columns, shape (n, field size)."""
         return {key: log[:, part] for key, part in self._slices.items()}
 
     def shapes(self) -> Iterator[tuple[str, tuple[int | str, ...]]]:
-        """Returns the fields and their shapes, (1,) for a number or a flag."""
+        """Yields each field's name and shape; (1,) for a number or a flag."""
         return ((key, _sizes(shape)) for key, shape in self._shapes.items())
 
     def describe(self) -> str:
-        """Describes the fields and their sizes as a port's documentation lists them."""
+        """Describes all fields and their sizes in a line, as a port's documentation lists them."""
         return ", ".join(f"{key} ({' x '.join(map(str, shape))})" for key, shape in self.shapes())
 
 
@@ -153,16 +154,19 @@ _new: Any = tuple.__new__
 
 
 def _converter(shape: Shape) -> Callable[[Any], Any]:
+    """Returns the function that converts a field's slice to bool, float or an array of its shape."""
     if shape == FLAG:
         return bool
     return float if shape == NUMBER else methodcaller("reshape", shape)
 
 
 def _named_tuple(name: str, fields: tuple[str, ...]) -> Any:
+    """Makes the named tuple class of a layout's fields, once per name and fields."""
     return namedtuple(name, fields)
 
 
 def _sizes(shape: Shape) -> tuple[int | str, ...]:
+    """Returns a field's shape as a tuple, (1,) for a number or a flag."""
     if shape in (NUMBER, FLAG):
         return (1,)
     return shape if isinstance(shape, tuple) else (shape,)

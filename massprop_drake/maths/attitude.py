@@ -16,7 +16,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def rotation_matrix(quaternion: Array) -> Array:
-    """Computes the matrix R_NB of a unit quaternion q_NB, shape (3, 3)."""
+    """Computes the rotation matrix R_NB of a unit quaternion q_NB, shape (3, 3)."""
     w, x, y, z = numbers(quaternion, 4)
     return np.array(
         [
@@ -29,7 +29,7 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 @kernel
 def multiply(left: Array, right: Array) -> Array:
-    """Computes the quaternion product left * right: q_AC = q_AB q_BC."""
+    """Computes the product left * right of two quaternions, q_AC = q_AB q_BC, shape (4,)."""
     a, b, c, d = numbers(left, 4)
     w, x, y, z = numbers(right, 4)
     return np.array(
@@ -44,14 +44,14 @@ def multiply(left: Array, right: Array) -> Array:
 
 @kernel
 def conjugate(quaternion: Array) -> Array:
-    """Computes the inverse of a unit quaternion."""
+    """Computes the inverse of a unit quaternion, its conjugate, shape (4,)."""
     w, x, y, z = numbers(quaternion, 4)
     return np.array([w, -x, -y, -z])
 
 
 @kernel
 def from_rotation_vector(vector: Array) -> Array:
-    """Computes the unit quaternion of a rotation vector, radians (axis times angle)."""
+    """Computes the unit quaternion of a rotation vector (axis times angle, rad), shape (4,)."""
     x, y, z = numbers(vector, 3)
     angle = math.sqrt(x * x + y * y + z * z)
     # sin(angle / 2) / angle, with its series where the quotient would lose digits
@@ -61,7 +61,7 @@ def from_rotation_vector(vector: Array) -> Array:
 
 @kernel
 def to_rotation_vector(quaternion: Array) -> Array:
-    """Computes the rotation vector, radians, of a unit quaternion; its angle lies between 0 and pi."""
+    """Computes the rotation vector, rad, shape (3,), of a unit quaternion; its angle is within 0 to pi."""
     w, x, y, z = numbers(quaternion, 4)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -73,7 +73,7 @@ def to_rotation_vector(quaternion: Array) -> Array:
 
 @kernel
 def propagate_attitude(quaternion: Array, rate: Array, duration_s: float) -> Array:
-    """Propagates an attitude at a constant body rate, rad/s, for a time; renormalized.
+    """Propagates an attitude quaternion at a constant body rate, rad/s, for a time; normalizes it.
 
     With the mean of the two rates that bound a sample this is the strapdown integration of a rate
     gyro, correct to second order in the sample period.

@@ -143,7 +143,7 @@ class Desk(NamedTuple):
 
 
 def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
-    """Makes a desk of zeros, for the exchange between kernel and Python.
+    """Makes the zeroed arrays by which the compiled flight and Python exchange requests and estimates.
 
     Args:
         n_jets: number of jets.
@@ -155,7 +155,7 @@ def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
 
 
 def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
-    """Allocates the log rows of a flight, one per sample.
+    """Allocates the zeroed log arrays of a flight, a row per sample.
 
     Args:
         count: of rows.
@@ -191,14 +191,14 @@ class Together(NamedTuple):
 
 
 def initial_state(vehicle: VehicleState) -> FlightState:
-    """Returns the state before the first sample."""
+    """Returns the state of vehicle and autopilot before the first sample."""
     jets = vehicle.level.size
     return FlightState(vehicle, initial_memory(), np.zeros(jets), level_onsets(jets), np.zeros(3))
 
 
 @kernel
 def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
-    """Runs the flight to the next readings, or until Python has to act; returns `ON`, `SELECT` or `JUMP`.
+    """Simulates until the next readings, or until Python must act; returns `ON`, `SELECT` or `JUMP`.
 
     Args:
         holder: of `FlightState`.
@@ -217,7 +217,7 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
 
 @kernel
 def _fly_unwrapped(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
-    """Runs `fly` on the contents of the holders of block and parameters."""
+    """Simulates as `fly` does, block and parameters taken out of their holders."""
     state = holder.value
     rows, coming, desk = block.rows, block.coming, block.desk
     row = reached[ROW]
@@ -247,7 +247,7 @@ def _fly_unwrapped(holder: Any, block: FlightBlock, reached: NDArray[np.int_], g
 
 @kernel
 def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
-    """Flies from sample to sample, alternating a cycle of estimation and `fly`; returns why it stops, as `fly`.
+    """Simulates and estimates sample by sample until a row or until Python must act; returns as `fly`.
 
     Args:
         holder: of `FlightState`.
@@ -272,7 +272,7 @@ def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.in
 
 @kernel
 def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
-    """Logs the readings of a sample, raw and as the estimators see them; returns the state after it."""
+    """Logs a sample's readings, raw and without saturated ones; returns the state, memories updated."""
     vehicle, truth = state.vehicle, params.truth
     readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
     rows.body_state[row] = vehicle.body
@@ -303,7 +303,7 @@ def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead,
 def _pilot_sample(
     state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
 ) -> tuple[FlightState, bool]:
-    """Computes the autopilot's request; returns the state, and whether jets must be selected."""
+    """Logs the autopilot's request at a sample; returns the state, and whether jets must be selected."""
     pilot, asked = params.pilot, desk.asked
     rate = rows.readings[row, params.gyros[0]]
     request, error, memory = run_autopilot(
@@ -328,7 +328,7 @@ def _pilot_sample(
 def _step_sample(
     state: FlightState, at: tuple[int, int], given: tuple[FlightRows, Ahead], desk: Desk, params: FlightParams
 ) -> FlightState:
-    """Advances jets and body to the next sample; ``at``: the row, and the number of the sample."""
+    """Fires the jets and advances the vehicle to the next sample; ``at``: the row, and the sample's number."""
     row, sample = at
     rows, coming = given
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered

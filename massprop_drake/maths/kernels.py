@@ -57,19 +57,20 @@ _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called
 
 
 def kernel(function: F) -> F:
-    """Marks a function as a kernel; it is not changed."""
+    """Registers a function as a kernel, to be compiled where wanted; returns it unchanged."""
     _KERNELS.append(function)
     return function
 
 
 def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
-    """Registers another form of a function for numba.
+    """Makes a decorator that registers a function's other form for numba, which compiled code uses instead.
 
     Args:
         meaning: that form, with the same arguments.
     """
 
     def register(function: F) -> F:
+        """Registers the function with its other form; returns it unchanged."""
         _IDIOMS.append(
             (
                 function,
@@ -98,7 +99,7 @@ class Holder:
 
 
 def numbers(vector: Array, _count: int) -> Any:
-    """Returns the elements of a vector as plain numbers, to be unpacked; the caller writes out how many."""
+    """Returns the elements of a vector as plain numbers, to be unpacked; the caller states their count."""
     return vector.tolist()
 
 
@@ -113,7 +114,7 @@ def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_rows3)
 def rows3(matrix: Array) -> Any:
-    """Returns the rows of a 3x3 matrix as plain numbers."""
+    """Returns the nine elements of a 3x3 matrix as three rows of plain numbers."""
     return matrix.tolist()
 
 
@@ -128,11 +129,12 @@ def _take_elements(vector, places):  # type: ignore[no-untyped-def] # compiled a
 
 @idiom(_take_elements)
 def take_elements(vector: Array, places: NDArray[np.int_]) -> Array:
-    """Returns elements of a vector at a table of places, in the table's shape."""
+    """Returns the elements of a vector at a table of indices, in the table's shape."""
     return vector[places]
 
 
 def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
+    """Returns a vector itself: what compiled code iterates over."""
     return vector
 
 
@@ -157,7 +159,7 @@ def _select_where(condition, one, other):  # type: ignore[no-untyped-def] # comp
 
 @idiom(_select_where)
 def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
-    """Selects elements of one operand where a condition holds, of the other elsewhere; numba's own compiles slowly.
+    """Selects elements of ``one`` where a condition holds, of ``other`` elsewhere; compiles faster than numba's.
 
     Args:
         condition: in compiled code of shape (n,).
@@ -167,12 +169,13 @@ def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
 
 
 def _real(number):  # type: ignore[no-untyped-def] # compiled alone
+    """Converts a plain number to float, in compiled code."""
     return float(number)
 
 
 @idiom(_real)
 def value_of(number: Any) -> float:
-    """Converts a float, an AutoDiffXd or a constant Expression to a float, without derivatives.
+    """Converts a float, an AutoDiffXd or a constant Expression to its value, a float, without derivatives.
 
     Raises:
         ValueError: when it is an Expression that has variables.
@@ -188,7 +191,7 @@ def value_of(number: Any) -> float:
 
 
 def fill(row: Array, values: Any) -> None:
-    """Puts arrays and numbers into a vector one after the other, as `Layout.pack` does with fields in their order."""
+    """Writes arrays and numbers into a vector one after the other, in place, as `Layout.pack` orders them."""
     begin = 0
     for value in values:
         if isinstance(value, np.ndarray):
@@ -201,7 +204,7 @@ def fill(row: Array, values: Any) -> None:
 
 
 def read_bundle(vector: Array, like: Any) -> Any:
-    """Unpacks the beginning of a vector into a bundle shaped like another, its arrays views: the inverse of `fill`.
+    """Unpacks the beginning of a vector into a bundle shaped as ``like``, arrays as views: the inverse of `fill`.
 
     Args:
         vector: with the fields in their order.
@@ -241,7 +244,7 @@ class Compiler(NamedTuple):
 
 
 def _load_all_kernels() -> None:
-    """Imports every module of `maths`, which registers all kernels."""
+    """Imports every module of `maths`, so that all kernels are registered."""
     folder = Path(__file__).parent
     for path in sorted(folder.rglob("*.py")):
         if not path.name.startswith("_"):
@@ -249,23 +252,19 @@ def _load_all_kernels() -> None:
 
 
 def has_compiler() -> bool:
-    """Tests whether a compiler is installed."""
+    """Tests whether numba, the compiler of kernels, is installed."""
     return importlib.util.find_spec("numba") is not None
 
 
 def require_compiler() -> None:
-    """Raises InputError when no compiler is installed.
-
-    Raises:
-        InputError: when numba is not there.
-    """
+    """Raises InputError when numba, the compiler of kernels, is not installed."""
     if not has_compiler():
         raise InputError("execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out")
 
 
 @cache
 def compiler() -> Compiler:
-    """Makes numba ready to compile kernels.
+    """Prepares numba for kernels, once per process; returns its version, cache folder and timer.
 
     Raises:
         InputError: when it is not there, or cannot be loaded.
@@ -296,7 +295,7 @@ def compiler() -> Compiler:
 
 @contextmanager
 def _use_cache_folder(folder: Path | None) -> Iterator[None]:
-    """Makes numba keep compiled code in a folder within the context; its setting is restored after."""
+    """Sets numba's cache folder within the context and restores its setting after."""
     import numba  # noqa: PLC0415 (optional, slow to load)
 
     before = numba.config.CACHE_DIR
@@ -308,7 +307,7 @@ def _use_cache_folder(folder: Path | None) -> Iterator[None]:
 
 
 def has_cached_kernels() -> bool:
-    """Tests whether compiled kernels are kept already.
+    """Tests whether compiled kernels are in the cache folder already.
 
     Raises:
         InputError: when numba is not there.
@@ -319,12 +318,13 @@ def has_cached_kernels() -> bool:
 
 
 def _cache_path() -> Path:
+    """Returns the cache folder of compiled kernels of this version of the sources."""
     named = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     return Path(named or os.path.expanduser("~/.cache")) / "massprop_drake" / _digest()
 
 
 def _writable_cache_folder() -> Path | None:
-    """Returns the folder of compiled code; None, with a warning, where nothing can be written."""
+    """Makes and returns the cache folder of compiled kernels; None, with a warning, where it cannot."""
     folder = _cache_path()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -347,7 +347,7 @@ def _make_timer(event: Any, kept: str) -> Any:
         said = False
 
         def on_start(self, what: Any) -> None:
-            """Logs once that kernels of this package are being compiled."""
+            """Starts timing; logs, at the first compilation of this package's kernels, that it takes a minute."""
             home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
             if home.startswith("massprop_drake.") and not self.said:
                 _LOG.warning("kernels are being compiled, which takes about a minute, once%s", kept)
@@ -358,7 +358,7 @@ def _make_timer(event: Any, kept: str) -> Any:
 
 
 def _digest() -> str:
-    """Computes a digest of the sources of all kernels, and of what compiles them."""
+    """Computes a digest of all kernels' sources and of the versions of Python, numpy and numba, 16 digits."""
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
     own = {
         __file__,
@@ -374,7 +374,7 @@ def _digest() -> str:
 
 
 def _register_idioms(extending: Any) -> None:
-    """Registers the idioms with numba."""
+    """Registers all idioms' compiled forms with numba."""
     for _, teach in _IDIOMS:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
@@ -384,7 +384,7 @@ def _register_idioms(extending: Any) -> None:
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `numbers` for a count written out by the caller."""
+    """Makes the compiled form of `numbers` for a literal count."""
     last = _count.literal_value - 1
     if last == 0:
         return lambda vector, _count: (vector[0],)
@@ -392,11 +392,12 @@ def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
 
 
 def _element_of(values, index):  # type: ignore[no-untyped-def] # of types
+    """Makes the compiled form of element access, for a vector or a number."""
     return (lambda values, index: values[index]) if getattr(values, "ndim", 0) else (lambda values, index: values)
 
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `fill` for the types of some values."""
+    """Makes the compiled form of `fill` for the numba types of a row and its values."""
     lines = ["def filled(row, values):", "    begin = 0"]
     fields = getattr(values, "field_dict", None)  # of a bundle, by name
     named = (
@@ -420,7 +421,7 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
 
 
 def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
-    """Makes the compiled form of `read_bundle` for the type of a bundle."""
+    """Makes the compiled form of `read_bundle` for the numba type of a bundle."""
     lines = ["def taken(vector, like):", "    begin = 0"]
     for name, kind in like.field_dict.items():
         if getattr(kind, "ndim", 0):
@@ -436,7 +437,7 @@ def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
 
 
 def _overload_for_all_types(meaning: Callable[..., Any]) -> Callable[..., Any]:
-    """Wraps a function for `overload`: it is the same for all types of arguments, and keeps their names."""
+    """Wraps a function as numba's `overload` wants it: the same for all argument types, names unchanged."""
 
     @wraps(meaning)
     def of_types(*_kinds: Any, **_named: Any) -> Callable[..., Any]:
@@ -447,7 +448,7 @@ def _overload_for_all_types(meaning: Callable[..., Any]) -> Callable[..., Any]:
 
 @cache
 def compile_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns the compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
+    """Returns a kernel's compiled form, which compiles at its first call or loads from the cache.
 
     Raises:
         InputError: when numba is not there.
@@ -462,17 +463,17 @@ def compile_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def compile_kernel_if(function: F, compile_it: bool) -> F:
-    """Returns a kernel's compiled form where it is asked for, else the kernel itself."""
+    """Returns a kernel's compiled form where ``compile_it``, else the kernel itself."""
     return compile_kernel(function) if compile_it else function  # type: ignore[return-value]
 
 
 def make_holder(value: Any, compile_it: bool) -> Any:
-    """Puts a bundle into a holder: a `Holder`, or that of compiled code."""
+    """Puts a bundle (named tuple) into a mutable holder, a compiled one where ``compile_it``."""
     return make_shared_holder(_copy_for_compiler(value), compile_it) if compile_it else Holder(value)
 
 
 def make_shared_holder(value: Any, compile_it: bool) -> Any:
-    """Makes a holder of a bundle whose arrays stay the caller's: what either writes into them the other reads.
+    """Makes a holder of a bundle whose arrays are shared with the caller, not copied.
 
     Args:
         value: with contiguous arrays that may be written to, and no enumeration members.
@@ -487,7 +488,7 @@ def make_shared_holder(value: Any, compile_it: bool) -> Any:
 
 
 def _copy_for_compiler(value: Any) -> Any:
-    """Copies a bundle to contiguous arrays, of one type to numba, and to numbers of enumeration members, slow to it."""
+    """Copies a bundle with contiguous arrays and plain numbers for enumeration members, as numba wants."""
     if isinstance(value, np.ndarray):
         return np.array(value, order="C")
     if isinstance(value, IntEnum):
@@ -499,7 +500,7 @@ def _copy_for_compiler(value: Any) -> Any:
 
 
 def read_holder(holder: Any) -> Any:
-    """Returns the bundle in a holder, in Python's form."""
+    """Returns the bundle in a plain or compiled holder, as a named tuple."""
     if isinstance(holder, Holder):
         return holder.value
     from massprop_drake.maths._holding import release  # noqa: PLC0415 (loads numba)

@@ -35,12 +35,12 @@ class NotPositiveDefiniteError(ArithmeticError):
 
     @property
     def headline(self) -> str:
-        """Name of the matrix, and the time, in a line."""
+        """Name of the matrix, and the time where known, in one line."""
         when = "" if self.time_s is None else f" at t = {moment(self.time_s)} s"
         return f"{self.what} is not positive definite{when}"
 
     def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:
-        """Returns the same error, with the time and the system it happened in, where these are not known yet."""
+        """Returns the same error with time and system added where these are unknown yet."""
         return (
             self if self.time_s is not None else NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
         )
@@ -48,7 +48,7 @@ class NotPositiveDefiniteError(ArithmeticError):
 
 @kernel
 def skew(vector: Array) -> Array:
-    """Computes the matrix [v x] with [v x] u = v x u, shape (3, 3)."""
+    """Computes the cross product matrix [v x] of a vector, [v x] u = v x u, shape (3, 3)."""
     x, y, z = numbers(vector, 3)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
@@ -71,7 +71,7 @@ def cross_products(left: Array, right: Array) -> Array:
 
 
 def normals(along: Array, near: Array | None = None) -> Array:
-    """Computes two unit vectors normal to each direction and to each other, shape (n, 2, 3).
+    """Computes two unit vectors normal to each direction, and to one another, shape (n, 2, 3).
 
     Args:
         along: unit vectors, shape (n, 3).
@@ -86,18 +86,19 @@ def normals(along: Array, near: Array | None = None) -> Array:
 
 @kernel
 def congruence(matrix: Array, inner: Array) -> Array:
-    """Computes M S M^T; for small matrices numpy's `dot` takes a third to a half of the time of its operator."""
+    """Computes M S M^T; for small matrices `dot` takes less time than numpy's operator."""
     result: Array = np.dot(np.dot(matrix, inner), matrix.T)
     return result
 
 
 @kernel
 def quadratic_form(vector: Array, matrix: Array) -> float:
-    """Computes v^T M v; see `congruence`."""
+    """Computes the scalar v^T M v of a vector and a matrix; see `congruence`."""
     return float(np.dot(np.dot(vector, matrix), vector))
 
 
 def _has_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
+    """Tests whether any element differs from zero, in compiled code."""
     return np.any(vector != 0.0)
 
 
@@ -108,12 +109,13 @@ def has_nonzero(vector: NDArray[Any]) -> bool:
 
 
 def _deviations(covariance):  # type: ignore[no-untyped-def] # compiled alone
+    """Computes 1-sigmas of a covariance, in compiled code."""
     return np.sqrt(np.diag(covariance))
 
 
 @idiom(_deviations)
 def deviations(covariance: Array) -> Array:
-    """Computes the 1-sigma of each element: the roots of a covariance's diagonal."""
+    """Computes 1-sigmas, the square roots of a covariance's diagonal, shape (n,)."""
     result: Array = np.sqrt(covariance.diagonal())
     return result
 
@@ -184,7 +186,7 @@ def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_times_stack)
 def times_stack(matrix: Array, stack: Array) -> Array:
-    """Multiplies a matrix by each of a stack."""
+    """Multiplies a matrix from the left by each matrix of a stack."""
     return matrix @ stack
 
 
@@ -198,7 +200,7 @@ def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_stack_times)
 def stack_times(stack: Array, matrix: Array) -> Array:
-    """Multiplies each matrix of a stack by another one."""
+    """Multiplies each matrix of a stack by one matrix from the right."""
     return stack @ matrix
 
 
@@ -212,7 +214,7 @@ def _stack_times_stack(left, right):  # type: ignore[no-untyped-def] # compiled 
 
 @idiom(_stack_times_stack)
 def stack_times_stack(left: Array, right: Array) -> Array:
-    """Multiplies each matrix of a stack by its own of another."""
+    """Multiplies the matrices of two stacks pair by pair."""
     return left @ right
 
 
@@ -240,7 +242,7 @@ def _stack_times_vectors(stack, vectors):  # type: ignore[no-untyped-def] # comp
 
 @idiom(_stack_times_vectors)
 def stack_times_vectors(stack: Array, vectors: Array) -> Array:
-    """Multiplies each matrix of a stack by its own vector."""
+    """Multiplies matrices of a stack by vectors of another, pair by pair, shape (k, n)."""
     product: Array = np.einsum("ijk,ik->ij", stack, vectors)
     return product
 
@@ -283,24 +285,25 @@ def _triangular_roots(stack):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_triangular_roots)
 def triangular_roots(stack: Array) -> Array:
-    """Computes the lower triangular root of each positive definite matrix of a stack."""
+    """Computes the lower triangular Cholesky root of each positive definite matrix of a stack."""
     return np.asarray(np.linalg.cholesky(stack), dtype=np.float64)
 
 
 def _lower_factor(columns):  # type: ignore[no-untyped-def] # compiled alone
+    """Computes the lower triangular factor L of A = L Q, in compiled code."""
     _, upper = np.linalg.qr(columns.T)
     return np.ascontiguousarray(upper.T)
 
 
 @idiom(_lower_factor)
 def lower_factor(columns: Array) -> Array:
-    """Computes lower triangular L of L Q, Q orthogonal, by reflections; shape (n, min(n, k)) of one of (n, k)."""
+    """Computes lower triangular L with A = L Q, Q orthogonal; shape (n, min(n, k)) from A of (n, k)."""
     return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
 
 
 @kernel
 def sparse_product(rows: Array, matrix: Array) -> Array:
-    """Multiplies two matrices, of the first of which most columns are zero."""
+    """Multiplies two matrices, using only the nonzero columns of the first."""
     told = np.flatnonzero(np.abs(rows).sum(axis=0))
     result: Array = np.ascontiguousarray(rows[:, told]) @ matrix[told]
     return result
@@ -317,13 +320,13 @@ def _triangular_rows(matrix):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_triangular_rows)
 def triangular_rows(matrix: Array) -> int:
-    """Counts the first rows of a matrix that are those of a lower triangular one."""
+    """Counts the leading rows of a matrix that are lower triangular."""
     beyond = np.triu(matrix, 1).any(axis=1)
     return int(beyond.argmax()) if beyond.any() else matrix.shape[0]
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverts any square matrix, or a 3x3 one of AutoDiffXd or Expression; where time does not matter."""
+    """Inverts a square matrix, or a 3x3 one of AutoDiffXd or Expression; slow on the latter."""
     if matrix.dtype == object:
         first, second, third = matrix
         columns = cross(second, third), cross(third, first), cross(first, second)  # of the adjugate
@@ -333,18 +336,18 @@ def inverse(matrix: Array) -> Array:
 
 @kernel
 def symmetrized(matrix: Array) -> Array:
-    """Computes the symmetric part of a square matrix."""
+    """Computes the symmetric part (A + A^T)/2 of a square matrix."""
     return 0.5 * (matrix + matrix.T)
 
 
 def symmetrized_stack(stack: Array) -> Array:
-    """Computes the symmetric part of each matrix of a stack."""
+    """Computes the symmetric part (A + A^T)/2 of each matrix of a stack."""
     result: Array = 0.5 * (stack + np.swapaxes(stack, -1, -2))
     return result
 
 
 def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
-    """Tests whether a matrix is symmetric and positive semidefinite, judged after scaling to a unit diagonal.
+    """Tests whether a matrix is symmetric and positive semidefinite, after scaling to a unit diagonal.
 
     The scaling matters: the elements of the rotation filter's covariance span more than twenty
     orders of magnitude in slug and feet. Rows whose variance is zero must be zero altogether.
@@ -363,7 +366,7 @@ def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
 
 
 def scaled_root(matrix: Array) -> tuple[Array, Array]:
-    """Computes the lower triangular root of a positive definite matrix in units u of unit diagonal, and u.
+    """Computes the Cholesky root of a matrix scaled to unit diagonal, and the scale u, shape (n,).
 
     Args:
         matrix: symmetric, its elements of any sizes, shape (n, n); with L the root it is (L L^T)_ij / (u_i u_j).
@@ -375,7 +378,7 @@ def scaled_root(matrix: Array) -> tuple[Array, Array]:
 
 
 def scaled_inverse(matrix: Array) -> Array:
-    """Inverts a positive definite matrix whose elements are of any sizes, in units that make its diagonal one."""
+    """Inverts a positive definite matrix by scaling it to unit diagonal, whatever its elements' sizes."""
     size = np.sqrt(np.diagonal(matrix))
     result: Array = np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
     return result

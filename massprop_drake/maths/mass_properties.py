@@ -44,7 +44,7 @@ class MassProperties(NamedTuple):
     inertia: Array
 
     def vector(self) -> Array:
-        """Returns the ten parameters in their order, shape (10,)."""
+        """Returns the ten parameters (inverse inertia, center of mass, 1/mass) in order, shape (10,)."""
         inverse = symmetrized(linear_algebra.inverse(self.inertia))
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
@@ -56,7 +56,7 @@ def parallel_axis(arm: Array) -> Array:
 
 
 def attach_body(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
-    """Computes mass properties of a body after another one is attached or, with negative mass, released.
+    """Computes mass properties after a body is attached or, with negative mass, released.
 
     By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
     the new center of mass.
@@ -71,6 +71,7 @@ def attach_body(body: MassProperties, mass: float, position: Array, inertia: Arr
     center = (body.mass * body.center_of_mass + mass * position) / total
 
     def offset(of_mass: Any, at: Array) -> Array:
+        """Computes the parallel-axis inertia of a mass at a place about the new center of mass."""
         return np.asarray(of_mass * parallel_axis(at - center))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
@@ -80,7 +81,7 @@ def attach_body(body: MassProperties, mass: float, position: Array, inertia: Arr
 def perturb_body(
     body: MassProperties, *, mass_factor: float, shift: Array, second_moment_factors: Array, rotation: Array
 ) -> MassProperties:
-    r"""Perturbs a body's mass properties such that they stay physically possible.
+    r"""Changes mass, center of mass, second moments and axes of a body; the result is physically possible.
 
     The second moments of the mass distribution, E = (tr I / 2) 1 - I, are positive semidefinite for every body, and
     every such matrix belongs to one. They are scaled along their principal axes, which are then turned.
@@ -116,7 +117,7 @@ class Spread(NamedTuple):
 
 
 def draw_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
-    """Perturbs mass properties by ten standard normal numbers, shape (10,), scaled by a spread; see `perturb_body`."""
+    """Draws mass properties about a body's by ten standard normal numbers, (10,), scaled by a spread."""
     return perturb_body(
         body,
         mass_factor=(1.0 + spread.mass) ** float(z[0]),
@@ -138,12 +139,12 @@ def six_elements(matrix: Array) -> Array:
 
 
 def pack(inverse_inertia: Array, center_of_mass: Array, mass_reciprocal: float) -> Array:
-    """Packs mass properties into the vector of ten parameters, shape (10,)."""
+    """Packs inverse inertia, center of mass and 1/mass into the vector of ten parameters, shape (10,)."""
     return np.concatenate([six_elements(inverse_inertia), center_of_mass, [mass_reciprocal]])
 
 
 def is_possible_inertia(inertia: Array, tolerance: float = 1e-9) -> bool:
-    """Tests whether some distribution of mass has this inertia matrix.
+    """Tests whether some mass distribution has an inertia matrix: moments meet the triangle inequality.
 
     The matrix must be positive definite, and no principal moment may exceed the sum of the other two:
     half the trace times the identity, minus the inertia, must be positive semidefinite.
@@ -178,7 +179,7 @@ class Derived(NamedTuple):
 
 
 def derive_mass_and_inertia(estimate: Array, covariance: Array) -> Derived:
-    r"""Computes mass and inertia from the estimated inverses.
+    r"""Computes mass and inertia matrix, with 1-sigmas, from the estimated inverses and their covariance.
 
     The uncertainties follow from the differentials dI = -I d(I^-1) I and dm = -m^2 d(1/m).
 
@@ -208,7 +209,7 @@ def derive_mass_and_inertia(estimate: Array, covariance: Array) -> Derived:
 def initial_standard_deviation(
     nominal: Array, fraction: float, center_of_mass_floor: float | None, *, floors: bool = True
 ) -> Array:
-    r"""Computes 1-sigma of the ten parameters before any measurement: a fraction of the nominal values.
+    r"""Computes prior 1-sigmas of the ten parameters, a fraction of nominal values, shape (10,).
 
     A nominal value that is zero or small cannot scale its own uncertainty, so with ``floors``
     each product element has at least the fraction times sqrt(I_ii^-1 I_jj^-1), and each coordinate of
@@ -234,7 +235,7 @@ _NOTHING = 1e-9  # of what scales a value: less is zero for every practical purp
 
 
 def product_floors(diagonal: Array) -> Array:
-    """Computes the magnitudes at which elements 23, 13, 12 of a matrix are as good as zero, shape (..., 3).
+    """Computes magnitudes below which products 23, 13, 12 of a matrix count as zero, shape (..., 3).
 
     They are 1e-9 of sqrt(A_ii A_jj).
 
@@ -247,7 +248,7 @@ def product_floors(diagonal: Array) -> Array:
 
 
 def zero_floors(parameters: Array) -> Array:
-    """Computes the magnitudes at which the ten parameters are as good as zero, which no percentage refers to.
+    """Computes magnitudes below which the ten parameters count as zero and have no percentage, shape (..., 10).
 
     That of a product is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center of mass 1e-9 of the vector's
     length or, where that is larger and the mass is known, of the largest radius of gyration; the others have none.
@@ -266,10 +267,7 @@ def zero_floors(parameters: Array) -> Array:
 
 
 def percent_error(estimate: Array, truth: Array) -> Array:
-    """Computes 100 (estimate - truth) / |truth|, parameter by parameter; NaN where truth is too small or not finite.
-
-    Too small is what is not above its floor, see `zero_floors`.
-    """
+    """Computes 100 (estimate - truth) / |truth| per parameter; NaN where truth counts as zero or is not finite."""
     known = np.abs(truth) > zero_floors(truth)
     error = np.full(10, np.nan)
     with np.errstate(over="ignore"):
@@ -280,7 +278,7 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 @kernel
 def join_ten_parameters(of_rotation: Array, of_mass: float) -> Array:
-    """Joins values of the nine rotational parameters and of the mass reciprocal to a vector, shape (10,)."""
+    """Joins nine values of the rotational parameters and one of 1/mass to a vector, shape (10,)."""
     result = np.empty(N_ROTATION + 1)
     result[:N_ROTATION] = of_rotation
     result[MASS_RECIPROCAL] = of_mass
@@ -290,7 +288,7 @@ def join_ten_parameters(of_rotation: Array, of_mass: float) -> Array:
 def are_converged(
     standard_deviation: Array, estimate: Array, limits: Array, known: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:
-    """Runs `is_converged` for many samples at once, shape (n,); arguments with a leading n.
+    """Flags samples at which estimates have converged, see `is_converged`, shape (n,).
 
     Args:
         standard_deviation, estimate, limits: see there.
@@ -310,10 +308,9 @@ def are_converged(
 
 @kernel
 def is_converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
-    r"""Tests whether estimates have converged: every 1-sigma tested is below its limit.
+    r"""Tests whether 1-sigmas of inverse inertia's diagonal, center of mass and 1/mass are below their limits.
 
-    Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass
-    reciprocal relative to their estimates, which must be positive, and the center of mass in length.
+    The center of mass in length, the others relative to their estimates, which must be positive.
 
     Args:
         standard_deviation: of the ten parameters, shape (10,).

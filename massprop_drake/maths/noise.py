@@ -20,18 +20,18 @@ Seed = int | tuple[int, int]  # of a run; and what was drawn to vary it
 
 
 def vary_seed(seed: int, draw: float) -> Seed:
-    """Combines a run's seed with a random draw; a draw of zero leaves the seed as it is."""
+    """Makes a seed from a run's seed and a random draw; a draw of zero leaves the seed as it is."""
     return seed if draw == 0.0 else (seed, int(np.float64(draw).view(np.uint64)))
 
 
 def stream_seed(seed: Seed, stream: str) -> np.random.SeedSequence:
-    """Makes the seed sequence of a named stream of a run."""
+    """Makes numpy's seed sequence for a named stream of random numbers of a run."""
     return np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
 
 
 @lru_cache(maxsize=256)
 def _draw_block(seed: Seed, stream: str, number: int, size: int) -> Array:
-    """Draws block ``number`` of a stream of standard normal numbers, shape (_BLOCK, size); read-only."""
+    """Draws block ``number`` of a stream of standard normal numbers, shape (_BLOCK, size), read-only and cached."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0]))
     block = generator.standard_normal((_BLOCK, size))
@@ -40,17 +40,17 @@ def _draw_block(seed: Seed, stream: str, number: int, size: int) -> Array:
 
 
 def normal_sample(seed: Seed, stream: str, number: int, size: int) -> Array:
-    """Draws independent standard normal numbers: sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
+    """Draws the standard normal numbers of sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
     block, row = divmod(number, _BLOCK)
     return _draw_block(seed, stream, block, size)[row]
 
 
 def uniform_phase(seed: Seed, stream: str, size: int) -> Array:
-    """Draws numbers once per run, uniform in [-1/2, 1/2): phases of a quantizer, shape (size,)."""
+    """Draws a run's quantizer phases, uniform in [-1/2, 1/2), shape (size,)."""
     return np.random.default_rng(stream_seed(seed, f"phase of {stream}")).uniform(-0.5, 0.5, size)
 
 
 def uniform_sample(seed: Seed, stream: str, number: int) -> float:
-    """Draws a number uniform in [0, 1): sample ``number`` (0, 1, ...) of a stream."""
+    """Draws the uniform number in [0, 1) of sample ``number`` (0, 1, ...) of a stream."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     return float(np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0])).random())

@@ -31,7 +31,7 @@ _EXACT = 1e-12  # of a variance, added to it: what is exactly known is nearly so
 
 
 def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
-    """Computes the nearest estimate whose inertia some distribution of mass has; a possible one is returned as it is.
+    """Computes the likeliest physically possible estimate, shape (10,); a possible one is returned as it is.
 
     To first order: the metric is the covariance of the estimate as it is, which knows nothing of the bound.
 
@@ -69,13 +69,14 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
 
 
 def _nearest(six: Array, whitener: Array) -> Array | None:
-    """Computes the nearest six elements of a possible inverse inertia; None where the search does not converge."""
+    """Computes six elements of the nearest possible inverse inertia; None: the search does not converge."""
     inertia = symmetrized(inverse(symmetric_matrix(six)))
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     inside = np.maximum(moments, _INSIDE * np.trace(inertia))
     second = six_elements(symmetrized((axes * inside) @ axes.T))
 
     def residual(moments: Array) -> Array:
+        """Computes the whitened difference of the inverse inertia of second moments from the estimate, (6,)."""
         result: Array = whitener @ (_inverse_from_moments(moments) - six)
         return result
 
@@ -97,16 +98,17 @@ def _nearest(six: Array, whitener: Array) -> Array | None:
 
 
 def _inverse_from_moments(moments: Array) -> Array:
-    """Computes the six elements of the inverse inertia of six second moments."""
+    """Computes the inverse inertia's six elements from six second moments of mass."""
     return six_elements(symmetrized(inverse(symmetric_matrix(_OF_MOMENTS @ moments))))
 
 
 def _half_square(values: Array) -> float:
+    """Computes half the sum of squares of a vector."""
     return 0.5 * float(values @ values)
 
 
 def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
-    """Computes second moments E, positive definite, with the least |matrix E - target|, shape (6,).
+    """Minimizes |matrix E - target| over positive definite second moments E, shape (6,), by a barrier method.
 
     Args:
         matrix, target: shapes (6, 6) and (6,).
@@ -114,6 +116,7 @@ def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
     """
 
     def cost(moments: Array, t: float) -> float:
+        """Computes the barrier cost of second moments at weight t; infinity where not positive definite."""
         sign, logarithm = np.linalg.slogdet(symmetric_matrix(moments))
         inside = sign > 0.0 and is_positive_definite(symmetric_matrix(moments))
         return t * _half_square(matrix @ moments - target) - float(logarithm) if inside else np.inf

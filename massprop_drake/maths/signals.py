@@ -138,32 +138,32 @@ SYMBOLS = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "Iyz⁻¹", "Ixz⁻¹", "Ixy⁻¹
 
 
 def gyro_signal(name: str) -> Signal:
-    """Describes the readings of a gyro package."""
+    """Returns the signal description (name, columns, unit) of a gyro package's readings."""
     return Signal(name, f"reading of {name}", "rad/s", AXES)
 
 
 def accelerometer_signal(name: str) -> Signal:
-    """Describes the readings of an integrating-accelerometer package."""
+    """Returns the signal description of an integrating-accelerometer package's readings."""
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
 def pose_signal(name: str) -> Signal:
-    """Describes the readings of a sensor of position and attitude in a fixed frame."""
+    """Returns the signal description of a pose sensor's readings, position and attitude in a fixed frame."""
     return Signal(name, f"reading of {name}", "{length} (3); - (4)", (*AXES, *(f"q{part}" for part in "wxyz")))
 
 
 def velocity_signal(name: str) -> Signal:
-    """Describes the readings of a sensor of velocity in a fixed frame."""
+    """Returns the signal description of a velocity sensor's readings in a fixed frame."""
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
 def wheel_signal(name: str) -> Signal:
-    """Describes the readings of a reaction wheel's speed."""
+    """Returns the signal description of a reaction wheel's measured speed."""
     return Signal(name, f"speed of {name} as it is read", "rad/s", ("speed",))
 
 
 def engine_signal(name: str, *, turns: bool) -> Signal:
-    """Describes the level and, of an engine with a gimbal, the angles that are read of it."""
+    """Returns the signal description of an engine's measured level and, with a gimbal, its angles."""
     angles, unit = (("gimbal_1", "gimbal_2"), "- (1); rad (2)") if turns else ((), "-")
     return Signal(name, f"{name} as it is read", unit, ("level", *angles))
 
@@ -173,12 +173,12 @@ JOINTS = "joint_positions"
 
 
 def propellant_signal(tanks: tuple[str, ...]) -> Signal:
-    """Describes the true propellant in the tanks of a vehicle, by their names."""
+    """Returns the signal description of the true propellant in named tanks."""
     return Signal(PROPELLANT, "propellant in the tank", "{mass}", tanks)
 
 
 def joint_signal(columns: tuple[str, ...], units: tuple[str, ...]) -> Signal:
-    """Describes the positions of a multibody plant's joints.
+    """Returns the signal description of joint positions of a multibody plant.
 
     Args:
         columns: their names.
@@ -191,7 +191,7 @@ AGAINST = "against."  # begins the names of what a simulation beside a record re
 
 
 def simulated_signal(package: Signal) -> Signal:
-    """Describes the readings of a simulation beside a record in place of a package's."""
+    """Returns the signal description of simulated readings in place of a package's recorded ones."""
     return package._replace(name=AGAINST + package.name, label=f"{package.label} in the simulation")
 
 
@@ -199,19 +199,19 @@ _OWN = re.compile(r"[^./\\]+\.[^./\\]+")
 
 
 def is_user_signal(name: str) -> bool:
-    """Tests whether a name is that of a signal of the user's own, `<system>.<port>`."""
+    """Tests whether a signal's name is that of a user's own output port, `<system>.<port>`."""
     return _OWN.fullmatch(name) is not None
 
 
 def user_signal(name: str, size: int) -> Signal:
-    """Describes an output port of a user's own system as a signal."""
+    """Returns the signal description of an output port of a user's own system."""
     return Signal(
         name, f"output {name.rpartition('.')[2]} of {name.rpartition('.')[0]}", "-", tuple(map(str, range(size)))
     )
 
 
 def fill_unit_template(unit: str, names: dict[str, str]) -> str:
-    """Fills a unit template with the vehicle's units: {length}/s becomes ft/s.
+    """Returns a unit in the vehicle's unit names: {length}/s becomes ft/s.
 
     Args:
         unit: template of a `Signal`.
@@ -221,7 +221,7 @@ def fill_unit_template(unit: str, names: dict[str, str]) -> str:
 
 
 def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
-    """Returns the units of the ten parameters, in the vehicle's unit system."""
+    """Returns the units of the ten parameters, in order, in the vehicle's unit system."""
     return tuple(fill_unit_template(unit, names) for unit in _MASS_PROPERTY_UNITS)
 
 

@@ -54,7 +54,7 @@ class Reference(NamedTuple):
 
 @kernel
 def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array:
-    """Computes a row of the attitude error, rad (3), and the memory after the sample.
+    """Computes the attitude error, rad, and the attitude memory after a sample, in one vector.
 
     Args:
         memory: packed as `ATTITUDE_MEMORY`.
@@ -84,7 +84,7 @@ class Control(NamedTuple):
 
 @kernel
 def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, held: Any) -> Array:
-    """Computes a row of the request, packed as `REQUEST`, and the memory after the sample.
+    """Computes the autopilot's request to jet selection, and its memory after a sample, in one vector.
 
     Args:
         memory: packed as `TRANSLATION_MEMORY`.
@@ -123,7 +123,7 @@ class Burning(NamedTuple):
 def select_or_fire(
     remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any
 ) -> Array:
-    """Computes a row of 1 where jets must be selected, else 0, and the output of `fire_sample`, valid where it is 0.
+    """Returns 1 where jets must be selected anew, else 0, then `fire_sample`'s output, valid with 0.
 
     Args:
         remaining, mass_reciprocal, held: as in `fire_sample`.
@@ -140,7 +140,7 @@ def select_or_fire(
 
 @kernel
 def fire_sample(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
-    """Runs a sample of a burst, shape (2 n_jets + 3,): cycles left after it, the command, and its velocity change.
+    """Computes a burst's sample, shape (2 n_jets + 3,): cycles left, jet command, and its velocity change.
 
     Args:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).

@@ -31,7 +31,7 @@ class GimbalControl(NamedTuple):
 
 
 def gimbal_jacobian(levels: Array, control: GimbalControl) -> Array:
-    """Computes derivatives of the vehicle's angular acceleration by the gimbal angles, 1/s^2, shape (3, 2 n).
+    """Computes derivatives of the vehicle's angular acceleration by gimbal angles, 1/s^2, shape (3, 2 n).
 
     Args:
         levels: of the engines, shape (n,).
@@ -46,7 +46,7 @@ def gimbal_jacobian(levels: Array, control: GimbalControl) -> Array:
 
 
 def steer_gimbals(scheduled: Array, rate: Array, turned: Array, control: GimbalControl) -> tuple[Array, Array]:
-    """Computes engine commands, shape (n, 3), and the integral of the rate since the burn began, rad, shape (3,).
+    """Computes engine commands (level, angles), (n, 3), that damp rate and its integral, and that integral.
 
     Args:
         scheduled: level and two angles of each, rad, shape (n, 3).

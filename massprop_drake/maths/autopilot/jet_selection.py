@@ -19,7 +19,7 @@ from massprop_drake.maths.mass_properties import symmetric_matrix
 
 
 def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
-    """Computes activity vectors of all jets as columns, rotation first (1-1), shape (6, n_jets).
+    """Computes each jet's angular and linear acceleration, its activity vector (1-1), shape (6, n_jets).
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -34,18 +34,18 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
 
 
 def jet_forces(wrenches: Array) -> Array:
-    """Returns forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
+    """Returns each jet's force as a column, shape (3, n_jets); ``wrenches`` as in `activity_vectors`."""
     return np.ascontiguousarray(wrenches[:, 3:].T)
 
 
 def least_cycles(minimum_s: Array, period_s: float) -> Array:
-    """Rounds least on-times, s, up to whole cycles, shape (n_jets,)."""
+    """Rounds minimum on-times, s, up to whole control cycles, shape (n_jets,)."""
     cycles: Array = np.ceil(minimum_s / period_s - 1e-9)
     return cycles
 
 
 def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
-    """Rounds on-times to the nearest whole cycles, shape (n_jets,).
+    """Rounds on-times to the nearest whole cycles, those above zero to at least ``least``, shape (n_jets,).
 
     An on-time of at least half a cycle but below the jet's minimum is raised to it.
 
@@ -59,7 +59,7 @@ def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
 
 
 def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -> float:
-    """Computes the least change by which a request that rounds to no firing can round to one.
+    """Computes by how much a rate request that rounds to no firing must change to round to one, rad/s.
 
     On-times grow in proportion to a request, so the same direction needs, as a factor, the shortest on-time that is
     flown over that selected, of the jet that is nearest to it. Until some element of the rate change differs by the
@@ -69,9 +69,6 @@ def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -
         request: [dw; dv], shape (6,).
         on_times_s: the answer, all below those that are flown, s, shape (n_jets,).
         shortest_s: that are flown: half a control period where they are whole cycles, s, shape (n_jets,) or one.
-
-    Returns:
-        The change, rad/s.
     """
     longest = float((on_times_s / shortest_s).max())
     if longest == 0.0:
@@ -81,7 +78,7 @@ def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -
 
 @kernel
 def must_select(remaining: Array, request: Request, refused: Array, acts: bool, declared: bool) -> bool:
-    """Tests whether jets are to be selected at a sample.
+    """Tests whether jet selection must run at a sample: urgent request, failure, or idle jets and a new request.
 
     Args:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
@@ -105,7 +102,7 @@ def must_select(remaining: Array, request: Request, refused: Array, acts: bool, 
 
 @kernel
 def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, period_s: float) -> Array:
-    """Computes the change of velocity that a command gives in a sample, ft/s or m/s, shape (3,).
+    """Computes the change of velocity that a jet command gives in a sample, ft/s or m/s, shape (3,).
 
     Args:
         command: share of the sample for which each jet fires, shape (n_jets,).

@@ -50,7 +50,7 @@ class Window(NamedTuple):
 
 
 def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
-    """Returns both hand controllers at some times: -1, 0 or 1 per axis, rotation, then translation, shape (n, 6)."""
+    """Returns both hand controllers' -1, 0 or 1 per axis at times, rotation first, shape (n, 6)."""
     rows = np.zeros((times_s.size, 6))
     for window in windows:
         rows[(window.start_s <= times_s) & (times_s < window.end_s), window.channel] = window.sign
@@ -121,7 +121,7 @@ class AttitudeMemory(NamedTuple):
 def attitude_step(
     memory: AttitudeMemory, rate: Array, rotation_command: Array, period_s: float, capture_rate: float
 ) -> AttitudeStep:
-    """Integrates the measured rate and lets the reference follow the axes that do not hold attitude.
+    """Integrates measured rate to attitude; returns it, its reference and error, and axes that hold attitude.
 
     Args:
         memory: of the sample before.
@@ -150,13 +150,13 @@ def attitude_step(
 
 @kernel
 def _holds_attitude(command: float, held: float, rate: float, capture_rate: float) -> float:
-    """Returns 1 where an axis holds its attitude: in detent, and held before or slow enough by now; else 0."""
+    """Returns 1 where an axis holds attitude (in detent, and holding already or slow enough), else 0."""
     return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
 
 
 @kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
-    """Computes the commanded rate of each axis, rad/s: the discrete rate, or the return to the held attitude."""
+    """Computes commanded rates, rad/s, (3,): the stick's discrete rate, or the return to the held attitude."""
     x, y, z = numbers(rotation_command, 3)
     error_x, error_y, error_z = numbers(attitude_error, 3)
     return np.array(
@@ -170,7 +170,7 @@ def commanded_rate(rotation_command: Array, attitude_error: Array, params: Phase
 
 @kernel
 def _commanded_axis_rate(command: float, error: float, params: PhaseSpaceParams) -> float:
-    """Computes the commanded rate of one axis, rad/s."""
+    """Computes one axis's commanded rate, rad/s: the stick's, or that which reduces its attitude error."""
     if command != 0.0:
         return command * params.discrete_rate
     return min(max(-params.hold_gain * error, -params.hold_rate_limit), params.hold_rate_limit)
@@ -231,7 +231,7 @@ class Sensed(NamedTuple):
 def phase_space_request(
     sensed: Sensed, memory: TranslationMemory, params: PhaseSpaceParams
 ) -> tuple[Request, TranslationMemory]:
-    """Computes the request of one sample, and the memory for the next.
+    """Computes the request to jet selection at a sample by the phase-space law, and the memory after it.
 
     Args:
         sensed: at the sample.
@@ -278,7 +278,7 @@ class PilotMemory(NamedTuple):
 def run_autopilot(
     memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
 ) -> tuple[Request, Array, PilotMemory]:
-    """Runs the autopilot for a sample: attitude by the gyro, then the request to jet selection.
+    """Runs the autopilot for a sample; returns request, rotation vector from the held attitude, rad, and memory.
 
     Args:
         memory: of the sample before.
@@ -286,9 +286,6 @@ def run_autopilot(
         controllers: see `hand_controller_rows`, shape (6,).
         delivered: see `Sensed`, shape (3,).
         params: see `PhaseSpaceParams`.
-
-    Returns:
-        The request, the rotation vector from the held attitude, rad, shape (3,), and what to remember.
     """
     rotation, translation = controllers[:3], controllers[3:]
     turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)
@@ -299,7 +296,7 @@ def run_autopilot(
 
 
 def initial_memory() -> PilotMemory:
-    """Returns the memory at rest, holding attitude, no reading yet."""
+    """Returns the autopilot's memory before the first reading: at rest, holding attitude."""
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     attitude = AttitudeMemory(upright, upright, np.ones(3), np.full(3, np.nan))
     return PilotMemory(attitude, TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0))

@@ -37,12 +37,12 @@ class Pulses(NamedTuple):
 
 
 def whole_cycle_pulses(n_jets: int) -> Pulses:
-    """Makes `Pulses` of valves that open and close only at cycle boundaries."""
+    """Makes the `Pulses` of valves that open and close only at control cycle boundaries."""
     return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
 
 
 def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: float, accumulates: bool) -> Pulses:
-    """Makes `Pulses` of valves that open and close within a cycle.
+    """Makes the `Pulses` of valves that open and close within a control cycle.
 
     Args:
         minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
@@ -57,7 +57,7 @@ def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: floa
 
 
 def round_to_clock(on_times: Array, pulses: Pulses) -> Array:
-    """Rounds on-times to the nearest whole steps of the valves' clocks, cycles, shape (n_jets,)."""
+    """Rounds on-times to the nearest whole steps of the valves' clocks; in cycles, shape (n_jets,)."""
     steps = np.where(pulses.quanta > 0.0, pulses.quanta, 1.0)
     ticked = np.where(pulses.quanta > 0.0, np.floor(on_times / steps + 0.5) * steps, on_times)
     nearest = np.round(ticked)
@@ -65,7 +65,7 @@ def round_to_clock(on_times: Array, pulses: Pulses) -> Array:
 
 
 def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, Array]:
-    """Rounds on-times to those flown; returns these and the remainders owed, cycles, shape (n_jets,) each.
+    """Rounds selected on-times to those flown; returns these, and what is still owed, cycles, (n_jets,) each.
 
     Below the shortest an on-time is not flown. It is dropped or, where such accumulate, owed: once what a jet owes by
     selections that all ask for it reaches the shortest, this is flown, and the rest stays owed.
@@ -90,7 +90,7 @@ def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, A
 
 @kernel
 def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
-    """Computes the share of the coming cycle for which each jet is open, shape (n_jets,).
+    """Computes the share of the coming control cycle for which each jet is open, shape (n_jets,).
 
     Args:
         remaining: what is left of each on-time, cycles, shape (n_jets,).
@@ -110,21 +110,21 @@ def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
 
 @kernel
 def remaining_after_pulse(remaining: Array, flown: Array) -> Array:
-    """Computes on-times left after a cycle, cycles, shape (n_jets,); rounding errors count as zero."""
+    """Subtracts flown from remaining on-times, cycles, shape (n_jets,); rounding errors count as zero."""
     left = remaining - flown
     return np.where(left < _SAME, 0.0, left)
 
 
 @kernel
 def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
-    """Returns times in a cycle at which jets open, s, NaN where they switch with cycles, shape (n_jets,)."""
+    """Returns when in a cycle each jet opens, s, shape (n_jets,); NaN where jets switch with cycles."""
     if not pulses.within:
         return level_onsets(shares.size)
     return pulses.place * period_s * (1.0 - shares)
 
 
 def most_edges(pulses: Pulses) -> int:
-    """Returns the largest number of times at which jets open or close inside a cycle."""
+    """Returns the largest number of times within a cycle at which jets can open or close."""
     if not pulses.within:
         return 0
     return pulses.quanta.size * (2 if 0.0 < pulses.place < 1.0 else 1)

@@ -53,7 +53,7 @@ class WheelControlParams(NamedTuple):
 
 
 def torque_shares(axes: Array) -> Array:
-    """Computes the matrix from the wheels' total torque to each motor's, shape (n, 3).
+    """Computes the pseudoinverse that shares a total torque among wheel motors, shape (n, 3).
 
     Args:
         axes: of the wheels, unit vectors that span space, shape (n, 3).
@@ -63,7 +63,7 @@ def torque_shares(axes: Array) -> Array:
 
 
 def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: WheelControlParams) -> Array:
-    """Computes the torque of each motor on its wheel, ft-lbf or N-m, shape (n,).
+    """Computes each motor's torque on its wheel by rate feedback, limited, ft-lbf or N-m, shape (n,).
 
     Torques beyond what a motor gives are made smaller together, so that their direction stays. A wheel at its largest
     speed is made no faster.
@@ -84,7 +84,7 @@ def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: Wh
 
 
 def must_unload(unloading: bool, speeds: Array, params: WheelControlParams) -> bool:
-    """Tests whether jets are to unload the wheels from now on.
+    """Tests whether jets must unload the wheels' momentum, with hysteresis.
 
     They begin when a wheel is too fast. They end when no wheel would be, were momentum shared as well as can be: what
     wheels turn against each other no jet takes off.
@@ -100,7 +100,7 @@ def must_unload(unloading: bool, speeds: Array, params: WheelControlParams) -> b
 
 
 def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelControlParams) -> Array:
-    """Computes the rate given to the jets' controller, biased while jets unload the wheels, rad/s, shape (3,).
+    """Computes the rate that jets control to zero, biased by excess wheel momentum while unloading, rad/s.
 
     Args:
         rate: as it is read, rad/s, shape (3,).
@@ -116,6 +116,6 @@ def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelCont
 
 
 def _momentum(speeds: Array, params: WheelControlParams) -> Array:
-    """Computes the angular momentum of the wheels, body axes, shape (3,)."""
+    """Computes the wheels' total angular momentum, body axes, shape (3,)."""
     momentum: Array = (params.inertias * speeds) @ params.axes
     return momentum

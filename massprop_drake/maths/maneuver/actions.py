@@ -65,19 +65,19 @@ class FiringAction(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Number of samples with the coast."""
+        """Number of samples that the action lasts, firing and coast together."""
         return self.samples + self.coast
 
 
 def coast_action(samples: int, craft: Craft) -> FiringAction:
-    """Makes an action in which nothing fires."""
+    """Makes an action of so many samples in which no jet fires and no wheel turns."""
     return FiringAction((), (0.0,) * craft.torques.size, 0, samples, 0.0)
 
 
 def candidate_actions(
     sets: Sequence[tuple[int, ...]], craft: Craft, lengths: Sequence[int] = _LENGTHS
 ) -> list[FiringAction]:
-    """Lists actions of a vehicle: sets of jets, and wheels, of several lengths.
+    """Lists the actions that a search may choose: each set of jets, and each wheel, for several lengths.
 
     Args:
         sets: of jets that fire together, integers.
@@ -121,7 +121,7 @@ class FlownAction(NamedTuple):
 def fly_action(
     before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, known: Known | None = None
 ) -> FlownAction:
-    """Propagates a course, its information and motion, through an action.
+    """Propagates vehicle motion and parameter information through an action; returns them and largest excursions.
 
     Args:
         before: the course, and the number of its samples.
@@ -138,7 +138,7 @@ def fly_action(
 def fly_action_sample(
     before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
 ) -> FlownAction:
-    """Propagates a course by one sample of an action, firing or coasting; arguments as `fly_action`."""
+    """Propagates motion and information by one sample of an action, firing or coasting; see `fly_action`."""
     places, row = craft.params.places, before.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:

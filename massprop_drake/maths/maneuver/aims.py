@@ -87,12 +87,12 @@ class Reached(NamedTuple):
 
     @property
     def shortfall(self) -> float:
-        """Sum of the logarithms of the ratios above 1."""
+        """Sum of the logs of all ratios of reached to wanted precision above 1; zero: all aims are reached."""
         return float(np.log(np.maximum(self.ratios, 1.0)).sum())
 
 
 def compare_with_aims(shown: Array, known: Known, aims: Aims) -> Reached:
-    """Compares the information of a course with aims.
+    """Computes 1-sigmas and failure separations from a course's information, and their ratios to the aims.
 
     Args:
         shown: G with forces, see `information.FollowedCourse`, shape (k, k).
@@ -120,7 +120,7 @@ def compare_with_aims(shown: Array, known: Known, aims: Aims) -> Reached:
 
 
 def expected_llr_other_jet(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
-    """Computes the expected log likelihood ratio of a jet's force to the best-fitting force of another jet, nats.
+    """Computes the expected log likelihood ratio of a jet's failure to the best-fitting other jet's, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
 
@@ -132,12 +132,12 @@ def expected_llr_other_jet(own: Array, cross: Array, other: Array, force: Array 
 
 
 def expected_llr_no_failure(own: Array, force: Array | float, most: Array | float) -> Array:
-    """Computes the expected log likelihood ratio of an unknown force to none, nats, as `expected_llr_other_jet`."""
+    """Computes the expected log likelihood ratio of a failure of unknown force to no failure, nats."""
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
 
 
 def expected_llr_jumps(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
-    """Computes log likelihood ratios of jumps, summed over sizes, to no fault, where a jet fails, nats, shape (p,).
+    """Computes log likelihood ratios of mass-property jumps to no fault, where jets fail, nats, shape (p,).
 
     Args:
         left: S, jumps last, in units of the largest, shape (f, f).

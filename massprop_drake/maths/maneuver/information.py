@@ -78,12 +78,12 @@ class FollowedCourse(NamedTuple):
 
 
 def n_known(params: JointParams) -> int:
-    """Counts the parameters without the forces of jets: 10 and those of the state from thrust errors on."""
+    """Returns the number of parameters other than jet forces: 10, and the state's from thrust errors on."""
     return N_PROPERTIES + params.places.force - params.places.thrust
 
 
 def initial_course(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
-    """Makes the course before its first step, with no information on the motion.
+    """Makes the course at the start of a maneuver: the vehicle's state, and no information on its motion.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -111,7 +111,7 @@ def initial_course(properties: Array, rate: Array, speeds: Array, params: JointP
 
 
 def begin_failures(course: FollowedCourse, params: JointParams) -> FollowedCourse:
-    """Starts failures and mass-property jumps at the end of a course, with no information on them yet."""
+    """Sets the onset of failures and mass-property jumps to a course's end, without information on them."""
     first = n_known(params)
     carried, shown = course.carried.copy(), course.shown.copy()
     carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0
@@ -122,7 +122,7 @@ def begin_failures(course: FollowedCourse, params: JointParams) -> FollowedCours
 def advance_course(
     course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None
 ) -> FollowedCourse:
-    """Advances the course by one interval.
+    """Advances motion, information and covariance of a course by one interval of commands.
 
     Args:
         course: up to then.
@@ -160,7 +160,7 @@ def advance_course(
 
 
 def _covariance_root(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
-    """Computes a root of the whole state's covariance, motion and parameters independent, shape (size, size)."""
+    """Computes a root of the state's covariance, motion and parameters independent, shape (size, size)."""
     of, root = before_it.of, np.zeros_like(course.joint.root)
     lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
     half = np.linalg.inv(lower).T * size.reshape(-1, 1)
@@ -173,7 +173,7 @@ def _covariance_root(course: FollowedCourse, before_it: Known, params: JointPara
 
 
 def _reading_variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
-    """Computes variances of the readings, shape (m,): a rounded one without noise is new only when it changes."""
+    """Computes readings' variances, shape (m,); a rounded one without noise informs only when it changes."""
     moved = predict_outputs(end.mean, before.reference, end.spin, params)[0]
     moved -= predict_outputs(before.mean, before.reference, before.spin, params)[0]
     changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))
@@ -183,7 +183,7 @@ def _reading_variances(before: JointState, end: bound.IntervalEnd, params: Joint
 def _zero_sample(
     state: JointState, step: Step, frames: tuple[Array, Array], speeds: tuple[Array, Array], params: JointParams
 ) -> JointSample:
-    """Makes a sample in which only the missing readings matter; all others are zero."""
+    """Makes a sample of readings that are zero or missing, for a covariance that no value matters to."""
     places = params.places
     read = np.where(step.missing, np.nan, 0.0)
     counts = 3 * np.cumsum([places.gyros, places.accelerometers])
@@ -205,7 +205,7 @@ def _zero_sample(
 
 
 def prior_information(state: JointState, params: JointParams) -> tuple[Array, np.ndarray]:
-    """Computes the information of a state about the parameters, shape (n, n), and their places, shape (n,).
+    """Computes a filter state's information on the parameters, (n, n), and these parameters' indices, (n,).
 
     The common scale is back in inertia, mass and thrusts (`thrust_scale`); what the state knows exactly is left out.
 

@@ -59,7 +59,7 @@ class FiringTest(NamedTuple):
 
 
 def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
-    """Returns indices of the jets among which a failure is not yet isolated; empty: no test is needed.
+    """Returns indices of jets among which a failure is not isolated yet, likeliest few; empty: no test needed.
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
@@ -74,7 +74,7 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
 
 
 def misses_target(covariance: Array, settings: FiringTest) -> bool:
-    """Tests whether the 1-sigma of any target exceeds its aim.
+    """Tests whether the 1-sigma of any wanted combination of parameters exceeds its aim.
 
     Args:
         covariance: of the ten estimates, shape (10, 10).
@@ -95,7 +95,7 @@ def design_commands(
     among: tuple[int, ...],
     settings: FiringTest,
 ) -> Array:
-    """Designs the commands of a test firing, a row per sample, shape (n_samples, n_jets); no row: no firing helps.
+    """Designs a test firing's commands, shape (n_samples, n_jets); no rows: no firing helps.
 
     Args:
         sets: of jets that fire together.
@@ -123,7 +123,7 @@ def design_commands(
 
 
 def _separation_aims(among: tuple[int, ...], settings: FiringTest) -> Aims:
-    """Makes aims that separate suspects from each other and from no failure, for leaks and for losses of thrust."""
+    """Makes the aims that tell suspect jets from each other and from no failure, by leak and by loss of thrust."""
     n = settings.craft.params.places.jets
     pairs = [
         (one + kind, other + kind if other >= 0 else -1)
@@ -139,7 +139,7 @@ def _separation_aims(among: tuple[int, ...], settings: FiringTest) -> Aims:
 
 
 def _known_from_estimates(covariance: Array, craft: Craft) -> Known:
-    """Computes information: the estimators' on the ten parameters, the prior one on the rest."""
+    """Computes prior information: the ten estimates' covariance inverted, the filter's prior on the rest."""
     information, of = prior_information(initial_joint_state(craft.params), craft.params)
     ten = of[of < N_PROPERTIES]
     ten = ten[np.isfinite(np.diagonal(covariance)[ten])]

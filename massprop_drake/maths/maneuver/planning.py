@@ -78,7 +78,7 @@ class Task(NamedTuple):
 
     @property
     def doubt(self) -> Known | None:
-        """Knowledge whose errors' products are noise, see `information.advance_course`; None: they are not."""
+        """Prior knowledge by which products of errors count as noise, see `information.advance_course`; None: none."""
         return self.known if self.doubting else None
 
 
@@ -97,17 +97,17 @@ class Plan(NamedTuple):
 
     @property
     def propellant(self) -> float:
-        """Propellant that it uses, slug or kg."""
+        """Propellant mass that the plan uses, slug or kg."""
         return math.fsum(action.propellant for action in self.actions)
 
     @property
     def samples(self) -> int:
-        """Number of samples that it lasts."""
+        """Number of samples that the plan lasts."""
         return self.flown[-1].row
 
 
 def begin_plan(task: Task) -> Plan:
-    """Begins a plan with its lead alone, a coast at whose end the suspects fail."""
+    """Makes a plan of its lead alone: a coast, at whose end the failures of suspect jets begin."""
     craft = task.craft
     course = initial_course(craft.properties, craft.rate, craft.speeds, craft.params)
     lead = coast_action(LEAD, craft)
@@ -117,16 +117,17 @@ def begin_plan(task: Task) -> Plan:
 
 
 def plan_cost(plan: Plan, task: Task) -> float:
-    """Computes the cost of a plan."""
+    """Computes the cost of a plan: price of its propellant and of its duration."""
     return task.cost.propellant * plan.propellant + task.cost.second * plan.samples * task.craft.period_s
 
 
 def _action_cost(action: FiringAction, task: Task) -> float:
+    """Computes the cost of an action: price of its propellant and of its duration."""
     return task.cost.propellant * action.propellant + task.cost.second * action.length * task.craft.period_s
 
 
 def add_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
-    """Adds an action to the plan; returns None where that exceeds a limit."""
+    """Appends an action to a plan; returns the longer plan, or None where a limit would be exceeded."""
     if not _is_affordable(plan, action, task):
         return None
     last = plan.flown[-1]
@@ -138,18 +139,18 @@ def add_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
 
 
 def _is_affordable(plan: Plan, action: FiringAction, task: Task) -> bool:
-    """Tests whether propellant and time are left for an action."""
+    """Tests whether an action fits within the limits of propellant and time that a plan leaves."""
     time_s = (plan.flown[-1].row + action.length) * task.craft.period_s
     return plan.propellant + action.propellant <= task.limits.propellant and time_s <= task.limits.time
 
 
 def _keeps_limits(flown: FlownAction, limits: ManeuverLimits) -> bool:
-    """Tests whether the motion keeps its limits."""
+    """Tests whether a flown action stays within the limits of rate, angle and displacement."""
     return flown.rate <= limits.rate and flown.angle <= limits.angle and flown.displacement <= limits.displacement
 
 
 def characterize_actions(actions: Sequence[FiringAction], task: Task) -> Choice:
-    """Selects actions that keep the limits from rest, and computes the information of each, shape (k, k).
+    """Returns actions that keep all limits from rest, and the information that each adds, shape (k, k).
 
     Those of the same jets are followed together: a longer one goes on where a shorter one ends.
     """
@@ -169,7 +170,7 @@ def characterize_actions(actions: Sequence[FiringAction], task: Task) -> Choice:
 def _fly_reusing(
     known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
-    """Propagates a course through numbers ``at`` of firing and coasting samples, reusing shorter ones in ``known``."""
+    """Flies ``at`` numbers of firing and coasting samples of an action; keeps and reuses shorter ones."""
     if at not in known:
         firing, coasting_for = at
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
@@ -178,7 +179,7 @@ def _fly_reusing(
 
 
 def extend_plan(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
-    """Extends a plan by actions until its aims are reached, or none adds to it.
+    """Appends the most informative actions per cost to a plan until its aims are reached or none adds.
 
     Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
 
@@ -211,7 +212,7 @@ def extend_plan(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
 
 
 def rebuild_plan(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
-    """Builds a plan of actions, reusing the first ones of another plan; returns None where that exceeds a limit."""
+    """Builds a plan from actions, the first ``upto`` taken from another plan; None: a limit is exceeded."""
     made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
     for action in actions[upto:]:
         if made is None:
@@ -221,7 +222,7 @@ def rebuild_plan(actions: Sequence[FiringAction], upto: int, plan: Plan, task: T
 
 
 def trim_plan(plan: Plan, task: Task) -> Plan:
-    """Trims a plan: leaves out or shortens actions while its aims are still reached."""
+    """Removes or shortens actions of a plan while its aims stay reached; returns the cheapest plan found."""
     better = True
     while better:
         better = False
@@ -236,7 +237,7 @@ def trim_plan(plan: Plan, task: Task) -> Plan:
 
 
 def _shorter_variants(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
-    """Lists variants of the actions: with one left out, halved, or its coast cut to a sample."""
+    """Lists variants of an action sequence: one action removed, halved, or its coast cut to a sample."""
     before, one, after = actions[:place], actions[place], actions[place + 1 :]
     found = [before + after]
     if one.samples > 1:
@@ -261,7 +262,7 @@ class SearchResult(NamedTuple):
 
 
 def search_best_plan(choice: Choice, task: Task) -> SearchResult:
-    """Returns the plan of least cost among several searches.
+    """Searches plans with several weights of cost; returns the cheapest that reaches the aims, or nearest.
 
     Args:
         choice: see `extend_plan`.
@@ -277,7 +278,7 @@ def search_best_plan(choice: Choice, task: Task) -> SearchResult:
 
 
 def aims_floor(shown: Sequence[Array], task: Task) -> Reached:
-    """Computes the best precision that any firing can reach: every action is repeated without end.
+    """Computes the best precision that any firing can reach, every action repeated without end.
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -287,7 +288,7 @@ def aims_floor(shown: Sequence[Array], task: Task) -> Reached:
 
 
 def unobservable_direction(shown: Sequence[Array], task: Task, row: int) -> Array:
-    """Computes the parameter direction of a combination's error that no firing observes, shape (n_known,).
+    """Computes the parameter error that dominates a wanted combination after all firings, (n_known,).
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -302,5 +303,5 @@ def unobservable_direction(shown: Sequence[Array], task: Task, row: int) -> Arra
 
 
 def _unlimited_information(shown: Sequence[Array]) -> Array:
-    """Computes the information of all actions repeated without end, shape (k, k)."""
+    """Computes the information of all actions, each repeated without end, shape (k, k)."""
     return _FOREVER * np.sum(shown, axis=0)

@@ -37,7 +37,7 @@ class BodyPlaces(NamedTuple):
 
 
 def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
-    """Computes mass properties of all bodies together, in the frame of their places; parallel-axis theorem."""
+    """Computes mass, center of mass and inertia of all bodies together, in the frame of their poses."""
     turned = places.rotations
     centers = places.origins + np.einsum("nij,nj->ni", turned, bodies.centers)
     mass = float(bodies.masses.sum())
@@ -49,7 +49,7 @@ def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
 
 
 def center_velocity(bodies: Bodies, places: BodyPlaces, rates: Array, velocities: Array) -> Array:
-    """Computes the velocity of the common center of mass, in the frame of the places, shape (3,).
+    """Computes the velocity of all bodies' common center of mass, in the frame of their poses, shape (3,).
 
     Args:
         bodies: that move.
@@ -63,7 +63,7 @@ def center_velocity(bodies: Bodies, places: BodyPlaces, rates: Array, velocities
 
 
 def sensed_derivatives(rotation: Array, rate: Array, acceleration: Array, gravity: Array) -> Array:
-    """Computes time derivatives of `ORIGIN_VELOCITY` and `SPIN_INTEGRAL` of `rigid_body`, shape (9,).
+    """Computes time derivatives of the accelerometers' and the rate-product integrals, shape (9,).
 
     Args:
         rotation: R_NB of the body that carries the sensors, shape (3, 3).

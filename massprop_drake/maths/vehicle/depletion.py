@@ -54,13 +54,13 @@ class OutOfPropellantError(ArithmeticError):
         super().__init__(f"at {time_s} s jets draw more from tank {tank} than is in it")
 
     def at(self, time_s: float) -> OutOfPropellantError:
-        """Returns the same error, with the time."""
+        """Returns the same error with the simulation time added, s."""
         return OutOfPropellantError(self.tank, time_s)
 
 
 @kernel
 def structure_after_draining(structure: Array, mass: float, fill: Array, used: Array, tanks: Tanks) -> Array:
-    """Computes inertia (six, about the center of mass) and center of mass after propellant has been used, shape (9,).
+    """Computes the vehicle's inertia (six) and center of mass after propellant use, shape (9,).
 
     Args:
         structure: the same before, packed as `rigid_body.STRUCTURE`.
@@ -90,7 +90,7 @@ def structure_after_draining(structure: Array, mass: float, fill: Array, used: A
 
 @kernel
 def drain_tanks(fill: Array, used: Array) -> Array:
-    """Computes propellant left in tanks after some of it has been used, slug or kg, shape (n,).
+    """Computes propellant left in each tank after use, slug or kg, shape (n,); raises when there is too little.
 
     Args:
         fill: before, slug or kg, shape (n,).

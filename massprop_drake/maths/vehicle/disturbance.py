@@ -34,18 +34,18 @@ class DisturbanceModel(NamedTuple):
 
 
 def decay_factor(correlation_time_s: float, period_s: float) -> float:
-    """Computes the factor by which a deviation decays in a period."""
+    """Computes the factor exp(-T/tau) by which a Gauss-Markov deviation decays in a period."""
     return math.exp(-period_s / correlation_time_s)
 
 
 def draw_initial_deviation(seed: Seed, std: Array) -> Array:
-    """Draws the deviation in the sample before the first, by a seed, shape (6,)."""
+    """Draws the disturbance's deviation from its mean at the sample before the first, shape (6,)."""
     return std * normal_sample(seed, "disturbance before the start", 0, 6)
 
 
 @kernel
 def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> Array:
-    """Computes the deviation in the next sample; its 1-sigma stays.
+    """Computes the disturbance's deviation in the next sample, as Gauss-Markov process, shape (6,).
 
     Args:
         deviation: in this sample, shape (6,).
@@ -57,7 +57,7 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
 
 @kernel
 def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
-    """Moves the torque of a wrench to the vehicle origin, shape (6,).
+    """Converts a wrench about the center of mass to one about the vehicle origin, shape (6,).
 
     Args:
         disturbance: torque about the center of mass, force, shape (6,).
@@ -68,7 +68,7 @@ def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
 
 
 def add_wrench(wrench: Array, other: Array, pieces: int = 1) -> Array:
-    """Adds a wrench that is constant over the sample to another wrench, or to a profile.
+    """Adds a wrench that is constant over a sample to another wrench, or to a wrench profile.
 
     Args:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample

@@ -75,13 +75,13 @@ NO_ENGINES = EngineParams(
 
 
 def channel_mask(engines: EngineParams) -> np.ndarray:
-    """Returns a mask of the channels that each engine has, shape (n, 3): a fixed engine has no angles."""
+    """Flags the channels (level, two angles) that each engine has, shape (n, 3); a fixed engine has no angles."""
     turns = engines.stops[:, 1:] > 0.0
     return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
 
 
 def reading_std(at: Array, engines: EngineParams) -> Array:
-    """Computes 1-sigma of readings of levels and angles, shape (n, 3): of a shut engine the level is read exactly.
+    """Computes 1-sigmas of engine readings (level, two angles), shape (n, 3); zero for a shut engine's level.
 
     Args:
         at: levels and angles, shape (n, 3).
@@ -93,7 +93,7 @@ def reading_std(at: Array, engines: EngineParams) -> Array:
 
 
 def follow_command(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
-    """Computes levels and angles after following a command for some time, with a lag, and at most at some rate.
+    """Computes engine levels and angles after following a command for a time, with lag and rate limits.
 
     Args:
         now: at the start, shape (n, 3).
@@ -136,7 +136,7 @@ class Thrust(NamedTuple):
 
 @kernel
 def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrust:
-    """Computes the force of one engine.
+    """Computes an engine's force, its direction and place, and derivatives of the direction by gimbal angles.
 
     Args:
         which: index of the engine.
@@ -160,7 +160,7 @@ def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrus
 
 @kernel
 def rotate_about(axis: Array, angles: Array, vectors: Array) -> Array:
-    """Turns vectors about an axis of length 1 by an angle each, rad (Rodrigues' formula), shape (m, 3)."""
+    """Rotates vectors about a unit axis, each by its own angle, rad (Rodrigues' formula), shape (m, 3)."""
     cosines, sines = np.cos(angles).reshape(-1, 1), np.sin(angles).reshape(-1, 1)
     along = (vectors @ axis).reshape(-1, 1) * axis
     return along + (vectors - along) * cosines + (vectors @ skew(axis).T) * sines
@@ -168,5 +168,5 @@ def rotate_about(axis: Array, angles: Array, vectors: Array) -> Array:
 
 @kernel
 def wrenches_of(place: Array, forces: Array) -> Array:
-    """Computes torques about the vehicle origin, and forces at a place, shape (m, 6)."""
+    """Computes torques about the vehicle origin, and forces, of forces at a place, shape (m, 6)."""
     return np.hstack((forces @ skew(place).T, forces))

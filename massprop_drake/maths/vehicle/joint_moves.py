@@ -33,7 +33,7 @@ class JointReference(NamedTuple):
 
 
 def joint_reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
-    r"""Computes prescribed motion at a time: with s = (t - t0) / T, q = q0 + (q1 - q0) (10 s^3 - 15 s^4 + 6 s^5).
+    r"""Computes a joint's prescribed position, rate and acceleration at a time, from minimum-jerk moves.
 
     **Source**: Flash and Hogan, 1985.
 
@@ -59,7 +59,7 @@ def joint_reference(start: float, moves: Sequence[Move], time_s: float) -> Joint
 
 
 def peak_rate(way: float, span_s: float) -> float:
-    """Computes the largest rate of a move, in its middle, per s.
+    """Computes the largest rate of a minimum-jerk move, in its middle, rad/s, ft/s or m/s.
 
     Args:
         way: from position to position, rad, ft or m.
@@ -71,7 +71,7 @@ def peak_rate(way: float, span_s: float) -> float:
 def drive_forces(
     wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
 ) -> Array:
-    """Computes forces of critically damped proportional-derivative drives with feedforward, shape (n,).
+    """Computes joint forces of critically damped PD drives with feedforward, shape (n,).
 
     Args:
         wanted: of each driven joint, see `joint_reference`.
@@ -85,7 +85,7 @@ def drive_forces(
 
 
 def driven_inertia(mass_matrix: Array, places: Sequence[int]) -> Array:
-    """Computes inertia that driven joints move, with all else free: (S M^-1 S^T)^-1, shape (n, n).
+    """Computes the inertia matrix that joint drives move, all else free: (S M^-1 S^T)^-1, shape (n, n).
 
     Args:
         mass_matrix: M, of all generalized velocities.

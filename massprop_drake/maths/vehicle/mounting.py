@@ -36,7 +36,7 @@ EXACT = Mounting(np.zeros(0, dtype=np.intp), np.zeros((0, 6)))
 
 
 def mounting_errors(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
-    """Lists the errors of some jets' mounting, jet by jet.
+    """Lists jets' mounting errors of nonzero 1-sigma: the jet, and the change of wrench by a 1-sigma.
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
@@ -57,7 +57,7 @@ def mounting_errors(wrenches: Array, positions: Array, sigmas: Array) -> Mountin
 
 @kernel
 def displace_wrenches(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
-    """Computes jet wrenches with mounting errors, to first order, shape (n_jets, 6).
+    """Adds mounting errors to jet wrenches, to first order, shape (n_jets, 6).
 
     Args:
         wrenches: as stated, shape (n_jets, 6).
@@ -73,7 +73,7 @@ def displace_wrenches(wrenches: Array, errors: Array, errors_of: Mounting) -> Ar
 
 
 def true_mounted_wrenches(wrenches: Array, positions: Array, errors: Array) -> Array:
-    """Computes jet wrenches with mounting errors, exactly, shape (n_jets, 6 or more).
+    """Applies mounting errors to jet wrenches exactly, shape (n_jets, 6 or more).
 
     Args:
         wrenches: torque about the vehicle origin and force as stated, and anything more, shape (n_jets, 6 or more).

@@ -28,18 +28,18 @@ PLACES: dict[Place, float] = {"start": 0.0, "center": 0.5, "end": 1.0}  # share 
 
 
 def onsets(fractions: Array, place: Place, period_s: float) -> Array:
-    """Computes onsets of jets that open at a sample's start, about its middle, or until its end, s, shape as given."""
+    """Computes when jets open in a sample, s: at its start, about its middle, or until its end, shape as given."""
     return PLACES[place] * period_s * (1.0 - fractions)
 
 
 @kernel
 def level_onsets(shape: int | tuple[int, ...]) -> Array:
-    """Returns onsets of commands that are levels, all NaN, in the shape given."""
+    """Returns NaN onsets, as of commands that are levels and not pulses, in the given shape."""
     return np.full(shape, np.nan)
 
 
 def command_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
-    """Returns onsets of a command, s, shape (n_jets,): those given, else those that its place implies.
+    """Returns when each jet opens in a sample, s, (n_jets,): as given, else as the place of pulses implies.
 
     Args:
         command: fraction of each jet, shape (n_jets,).
@@ -53,12 +53,12 @@ def command_onsets(command: Array, told_s: Array | None, place: Place | None, pe
 
 
 def pulse_samples(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
-    """Returns the first sample in which a pulse is on, and the one after the last, to a billionth of a sample."""
+    """Returns the index of the first sample in which a pulse is on, and the index after the last one."""
     return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
 
 
 def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterator[tuple[int, float, float]]:
-    """Yields the samples in which a pulse is on, its onset in each, s, and the share of each for which it is on.
+    """Yields per sample in which a pulse is on: its index, the onset in it, s, and the share it is on.
 
     Args:
         start_s, end_s: of the pulse.
@@ -73,7 +73,7 @@ def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> I
 
 
 def rest_of_sample(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
-    """Computes commands and onsets of the rest of each sample, shape (n, n_jets) each.
+    """Computes commands and onsets of what is left of each sample after a time, shape (n, n_jets) each.
 
     Args:
         command: f, NaN where not known, shape (n, n_jets).
@@ -92,7 +92,7 @@ def rest_of_sample(command: Array, onset_s: Array, since_s: Array, period_s: flo
 
 @kernel
 def is_pulse(command: Any, onset_s: Any) -> Any:
-    """Tests for each command and onset whether the jet opens or closes within the sample; returns their shape."""
+    """Flags commands whose jet opens or closes within the sample; shape as command and onset."""
     return (onset_s >= 0.0) & (command > 0.0) & (command < 1.0)
 
 
@@ -104,7 +104,7 @@ def has_pulse(command: Array, onset_s: Array) -> bool:
 
 @kernel
 def split_sample(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
-    """Splits a sample where jets open or close: lengths, s, shape (k,), and commanded levels, shape (k, n_jets).
+    """Splits a sample at the times when jets switch: lengths, s, (k,), and commanded levels, (k, n_jets).
 
     Args:
         command: f of each jet, NaN where not known, shape (n_jets,).
@@ -139,7 +139,7 @@ def split_sample(command: Array, onset_s: Array, period_s: float, span_s: tuple[
 
 
 def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
-    """Returns the largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
+    """Returns the most pieces that switching jets split any sample of a table into; rows (n, n_jets) each."""
     rows = np.flatnonzero(is_pulse(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s
     return max((split_sample(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)

@@ -25,7 +25,7 @@ _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its th
 
 
 def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
-    """Draws true over nominal thrust of each jet by a seed, shape (count,); ones where nothing is spread.
+    """Draws each jet's ratio of true to nominal thrust by a seed, shape (count,); ones without spread.
 
     Args:
         seed: of the run.
@@ -42,7 +42,7 @@ def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
 
 
 def true_wrenches(nominal: Array, factors: Array, floor: Array | None = None) -> Array:
-    """Computes the wrench of each jet at its true thrust, shape (n_jets, 7).
+    """Computes each jet's torque, force and mass flow at its true full thrust, shape (n_jets, 7).
 
     Args:
         nominal: torque about the vehicle origin, force, mass flow at nominal thrust, shape (n_jets, 7).
@@ -78,13 +78,13 @@ class JetThrusts(NamedTuple):
 
 
 def class_wrenches(wrenches: Array, time_constants_s: Array, class_constants_s: Array) -> Array:
-    """Returns for each class the wrenches of its jets, zero for others, shape (n_classes, n_jets, 7)."""
+    """Returns per distinct time constant the wrenches of its jets, zero for others, (n_classes, n_jets, 7)."""
     members = [(time_constants_s == constant)[:, None] * wrenches for constant in class_constants_s.tolist()]
     return np.array(members).reshape(len(members), *wrenches.shape)
 
 
 def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetThrusts:
-    """Makes the true jets.
+    """Collects the true jets: wrenches, forces, lag factors of a period, and classes of equal time constant.
 
     Args:
         wrenches, time_constants_s: see `JetThrusts`.
@@ -98,7 +98,7 @@ def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetT
 
 @kernel
 def level_now(level: Array, held_target: Array, jets: JetThrusts) -> Array:
-    """Computes the level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
+    """Computes thrust levels (1: full) a sample later, under the target held over it, shape (n_jets,)."""
     return level_after(level, held_target, jets.lag.remaining)
 
 
@@ -118,9 +118,9 @@ def mean_force(level: Array, coming: Array, jets: JetThrusts) -> Array:
 
 @kernel
 def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
-    """Computes the wrench profile of the coming sample: steady wrench, then each time constant's decaying part.
+    """Computes the coming sample's wrench profile: steady wrench, then the decaying part per time constant.
 
-    Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
+    Arguments as `mean_force`; shape (1 + n_classes, 7).
     """
     profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]), dtype=coming.dtype)
     profile[0] = np.dot(coming, jets.wrenches)
@@ -133,7 +133,7 @@ def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
 
 @kernel
 def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrusts) -> Array:
-    """Computes propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
+    """Computes propellant mass drawn from each tank over a sample by jets' mean forces, slug or kg, (n_tanks,).
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
@@ -170,7 +170,7 @@ def level_course(
     failing: tuple[FailureTable, NDArray[np.bool_]],
     time_constants_s: Array,
 ) -> LevelCourse:
-    """Computes the course of each level over a sample.
+    """Computes thrust levels (1: full) over a sample, in pieces of constant target, failures included.
 
     Args:
         level: at its beginning, shape (n_jets,).
@@ -200,12 +200,12 @@ def level_course(
 
 
 def profile_size(n_lags: int, pieces: int = 1) -> int:
-    """Returns the size of a wrench profile: 7 (1 + n_lags), of a sample of several pieces one more for each piece."""
+    """Returns the length of a wrench profile: 7 (1 + n_lags), with several pieces one more for each."""
     return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
 
 
 def profile_by_pieces(course: LevelCourse, jets: JetThrusts, pieces: int) -> Array:
-    """Makes the wrench profile of a sample of several pieces: each piece's length and profile, shape (pieces, any).
+    """Packs length and wrench profile of each piece of a sample in which jets switch, shape (pieces, any).
 
     Args:
         course: of the levels.

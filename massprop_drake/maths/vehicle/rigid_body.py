@@ -80,7 +80,7 @@ class SpunUpError(ArithmeticError):
         super().__init__(f"at t = {moment(time_s)} s the vehicle makes {turns:.3g} turns in a step")
 
     def at(self, time_s: float) -> SpunUpError:
-        """Returns the same error, with the time."""
+        """Returns the same error with the simulation time added, s."""
         return SpunUpError(self.turns, time_s)
 
 
@@ -98,13 +98,13 @@ class OutOfMassError(ArithmeticError):
         super().__init__(f"at t = {moment(time_s)} s the vehicle has a mass of {left:g} and its jets use {wanted:g}")
 
     def at(self, time_s: float) -> OutOfMassError:
-        """Returns the same error, with the time."""
+        """Returns the same error with the simulation time added, s."""
         return OutOfMassError(self.left, self.wanted, time_s)
 
 
 @kernel
 def require_mass(left: float, wanted: float) -> None:
-    """Raises OutOfMassError when the jets are to use up all mass of the vehicle.
+    """Raises OutOfMassError when jets would use up all mass of the vehicle.
 
     Args:
         left: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
@@ -137,7 +137,7 @@ class Body(NamedTuple):
 
 
 def motion_constants(properties: MassProperties) -> Body:
-    """Computes the constants of motion of a body with these mass properties."""
+    """Computes inertia, its inverse and center of mass of a body as constants of its motion."""
     return Body(
         tuple(six_elements(properties.inertia).tolist()),
         tuple(six_elements(inverse(properties.inertia)).tolist()),
@@ -149,7 +149,7 @@ def motion_constants(properties: MassProperties) -> Body:
 
 @kernel
 def add_wheel_momentum(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
-    """Returns the constants of a body's motion with the angular momentum of its wheels set.
+    """Returns the constants of a body's motion with its wheels' angular momentum and torque put in.
 
     Args:
         body: without them.
@@ -162,19 +162,19 @@ def add_wheel_momentum(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
 
 
 def pack_structure(properties: MassProperties) -> Array:
-    """Packs inertia and center of mass as `STRUCTURE`."""
+    """Packs a body's inertia and center of mass into a vector laid out as `STRUCTURE`, shape (9,)."""
     return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
 
 
 def constants_from_structure(structure: Array) -> Body:
-    """Computes the constants of motion for a `STRUCTURE`."""
+    """Computes a body's constants of motion from inertia and center of mass packed as `STRUCTURE`."""
     read = STRUCTURE.read(structure)
     return motion_constants(MassProperties(math.nan, read.center_of_mass, symmetric_matrix(read.inertia)))
 
 
 @kernel
 def constants_kernel(structure: Array) -> Body:
-    """Computes the constants of motion for a `STRUCTURE` of plain floats, in compiled code too."""
+    """Computes constants of motion from a `STRUCTURE` of floats, in compiled code too."""
     inverted = np.linalg.inv(symmetric_matrix(structure[:6]))
     jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
     off = inverted[1, 2], inverted[0, 2], inverted[0, 1]
@@ -183,7 +183,7 @@ def constants_kernel(structure: Array) -> Body:
 
 
 def draw_true_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
-    """Draws true mass properties at the start by a seed."""
+    """Draws a vehicle's true mass properties at the start of a run: the nominal ones, spread by a seed."""
     return draw_body(body, spread, normal_sample(seed, "mass properties", 0, 10))
 
 
@@ -204,7 +204,7 @@ class Jump(NamedTuple):
 
 
 def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple[Jump, ...]]:
-    """Groups jumps by sample, in their order."""
+    """Groups mass-property jumps by the index of the sample at which each happens, in their order."""
     found: dict[int, tuple[Jump, ...]] = {}
     for jump in jumps:
         sample = math.ceil(jump.time_s / period_s - 1e-9)
@@ -213,7 +213,7 @@ def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple
 
 
 def apply_jumps(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
-    """Computes state and structure after some jumps at one sample.
+    """Applies mass-property jumps in a row at one sample; returns state, (23,), and packed structure.
 
     Args:
         state: shape (23,).
@@ -236,7 +236,7 @@ def round_as_stored(value: Any, start: Any) -> Any:
 
 
 def initial_state(mass: float) -> Array:
-    """Returns the state at rest at the origin of N, body axes along N's, its velocity integrals zero."""
+    """Returns the body state at rest at the origin of N, shape (23,); velocity integrals are zero."""
     state = np.zeros(N_STATE)
     state[0] = 1.0
     state[MASS] = mass
@@ -250,7 +250,7 @@ def torque_about_center(wrench: Array, center_of_mass: Array) -> Array:
 
 
 def derivative(state: Array, wrench: Array, body: Body) -> Array:
-    """Computes the time derivative of the state under a wrench about the vehicle origin, shape (23,).
+    """Computes the time derivative of the body state under a wrench about the vehicle origin, shape (23,).
 
     Args:
         state: shape (23,).
@@ -262,7 +262,7 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
 
 @kernel
 def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_s: float) -> Array:
-    """Computes the derivative of the state less its transient part, ``since_s`` after the wheels' momentum was set.
+    """Computes the body state's derivative without decaying thrust; ``since_s``: since wheels' momentum was set.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
     given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
@@ -353,7 +353,7 @@ def step(
     duration_s: float,
     body: Body,
 ) -> Array:
-    r"""Computes the state after a step during which each jet's target is constant.
+    r"""Computes the body state, (23,), after a step under a steady wrench and exponentially decaying ones.
 
     The wrench is ``steady + sum_c transient[c] exp(-s / tau_c)``, s the time since the step began. The
     decaying part is integrated in closed form and only its small effect through rotation by the
@@ -403,7 +403,7 @@ def step(
 
 @kernel
 def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duration_s: float, body: Body) -> float:
-    """Computes the longest substep, s, that keeps the angle turned in it small."""
+    """Computes the longest substep, s, in which the body turns by no more than a small angle."""
     wrench = steady
     if len(lagging) > 0:
         wrench = np.abs(steady)
@@ -422,7 +422,7 @@ def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duratio
 
 @kernel
 def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tuple[float, float], body: Body) -> Array:
-    """Computes the state after a Runge-Kutta substep; ``during_s``: its start within the step, and its length, s."""
+    """Computes the body state after a Runge-Kutta substep; ``during_s``: start within the step, and length, s."""
     since, length = during_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
@@ -444,7 +444,7 @@ def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tu
 
 @kernel
 def _decayed_impulse(amplitudes: list[_Decay], elapsed_s: float) -> Array:
-    """Computes the impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
+    """Computes the impulse of decaying wrenches since a substep began, and their mass flow now, shape (8,)."""
     gathered = np.zeros(N_WRENCH + 1, dtype=amplitudes[0][0].dtype)
     for row, tau in amplitudes:
         gathered[:N_WRENCH] += row * decay_integral(tau, elapsed_s)
@@ -454,7 +454,7 @@ def _decayed_impulse(amplitudes: list[_Decay], elapsed_s: float) -> Array:
 
 @kernel
 def _add_transient(state: Array, gathered: Array, body: Body) -> None:
-    """Adds the closed-form part of decaying thrust; see `_derivative`."""
+    """Adds to the state, in place, what decaying thrust changes in closed form; see `_derivative`."""
     center = np.array(body.center)
     rate_change = symmetric_matrix(np.array(body.inverse)) @ torque_about_center(gathered, center)
     state[MASS] -= gathered[6]
@@ -466,7 +466,7 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
 
 
 def change_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
-    """Computes the state after a sudden change of mass properties by a payload that moves with the structure.
+    """Computes the body state after mass properties jump, the structure's motion going on, shape (23,).
 
     Rate, attitude and the motion of every point of the structure go on as they were; the new center of
     mass has that structure's motion where it lies, so what leaves takes its momentum along.
@@ -486,7 +486,7 @@ def change_properties(state: Array, before: MassProperties, after: MassPropertie
 
 @kernel
 def center_shift_increment(state: Array, rate: Array, shift: Array) -> Array:
-    """Computes the state's change when the center of mass shifts in a structure whose motion goes on, shape (23,).
+    """Computes the body state's change as the center of mass shifts, structure moving on, shape (23,).
 
     Args:
         state: shape (23,).
@@ -500,5 +500,5 @@ def center_shift_increment(state: Array, rate: Array, shift: Array) -> Array:
 
 
 def angular_momentum(state: Array, properties: MassProperties) -> Array:
-    """Computes angular momentum about the center of mass in N, shape (3,)."""
+    """Computes a body's angular momentum about the center of mass in N, shape (3,)."""
     return rotation_matrix(state[QUATERNION]) @ (properties.inertia @ state[RATE])

@@ -23,7 +23,7 @@ from massprop_drake.maths.noise import Seed, uniform_phase
 
 
 def increment_noise(reading_variance: float) -> Array:
-    """Computes the covariance of the difference of two readings (2-64b), (3-36b), without disturbance, shape (3, 3).
+    """Computes the covariance of a change between readings (2-64b), (3-36b), without disturbance, (3, 3).
 
     Args:
         reading_variance: of the error of one reading per component.
@@ -33,7 +33,7 @@ def increment_noise(reading_variance: float) -> Array:
 
 @kernel
 def mask_saturated(reading: Array, limit: float) -> Array:
-    """Returns a reading, or NaN throughout where a component has reached the sensor's range.
+    """Returns a reading, or NaN in all components where one has reached the sensor's range.
 
     Args:
         reading: shape (3,).
@@ -65,7 +65,7 @@ def quantize(value: Array, quantum: float, phase: Array) -> Array:
 
 
 def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
-    """Computes the share of the old value that a first-order low-pass keeps over one period; 0: unlimited.
+    """Computes the share of its old output that a first-order low-pass keeps over a period; 0: no low-pass.
 
     Args:
         bandwidth_hz: corner frequency, Hz; None: unlimited.
@@ -76,7 +76,7 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
 
 @kernel
 def low_pass(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
-    """Computes the output of a first-order low-pass for a signal linear between samples, and its memory.
+    """Computes a first-order low-pass's output for a signal linear between samples; returns it, and its memory.
 
     Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
 
@@ -121,13 +121,13 @@ class Vibration(NamedTuple):
     phase: Array
 
     def at(self, time_s: float) -> Array:
-        """Computes the sum of the tones at a time, shape (3,)."""
+        """Computes the vibration in a reading at a time, the sum of its tones, shape (3,)."""
         angles = (self.frequency * time_s)[:, None] + self.phase
         return (self.amplitude * np.sin(angles)).sum(axis=0)
 
 
 def make_vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
-    """Makes the `Vibration` in readings from tones: scale, integral and low-pass at each one's frequency.
+    """Makes the `Vibration` of readings from tones at the sensor: scaled, integrated, low-passed at their frequency.
 
     Args:
         tones: at the sensors.
@@ -184,7 +184,7 @@ class SensorModel(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """True if a reading depends on anything but the signal, the noise and the time now."""
+        """True if readings depend on earlier ones: low-pass, random walk, accumulated bias or delay."""
         drifts = self.walk_std > 0.0 or (self.integrates and bool(self.bias.any()))
         return self.smoothing > 0.0 or drifts or self.delay > 0
 
@@ -237,7 +237,7 @@ class Draws(NamedTuple):
 
 
 def add_drawn_phases(model: SensorModel, draws: Draws, seed: Seed) -> SensorModel:
-    """Adds the phases that a seed draws to the errors of a package.
+    """Adds phases of quantizer and vibration tones, drawn by a seed, to a package's sensor model.
 
     Args:
         model: with the phases before the draw.
@@ -261,12 +261,12 @@ _STILL = np.empty(0)  # vibration where there is none
 
 @kernel
 def limit_to_range(reading: Array, limit: float) -> Array:
-    """Limits a reading to a sensor's range."""
+    """Clips each component of a reading to within plus and minus a sensor's range."""
     return reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
 
 
 def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s: float = 0.0) -> tuple[Array, Array]:
-    """Computes one reading, and the memory for the next.
+    """Computes a package's reading, shape (3,), from the true signal, and its memory for the next.
 
     Args:
         signal: the true quantity, shape (3,).
@@ -288,7 +288,7 @@ def vibration_at(model: SensorModel, time_s: float) -> Array:
 def read_with_memory(
     signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
-    """Computes one reading, and the memory for the next; ``shaking``: vibration in it, shape (3,) or empty."""
+    """Computes a reading, (3,), and memory for the next; ``shaking``: vibration in it, shape (3,) or empty."""
     started = memory[0] != 0.0
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()
@@ -316,7 +316,7 @@ def read_with_memory(
 
 @kernel
 def read_without_memory(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) -> Array:
-    """Computes one reading of a package without memory; ``shaking``: vibration in it, shape (3,), or empty."""
+    """Computes a reading, (3,), of a package without memory; ``shaking``: vibration in it, (3,) or empty."""
     value = (1.0 + errors.scale_factor) * signal
     if shaking.size:
         value = value + shaking
@@ -328,6 +328,7 @@ def read_without_memory(signal: Array, noise: Array, shaking: Array, errors: Pac
 
 @kernel
 def _quantize_and_limit(value: Array, errors: PackageErrors) -> Array:
+    """Quantizes a value and clips it to the sensor's range, shape (3,)."""
     return limit_to_range(quantize(value, errors.quantum, errors.phase), errors.limit)
 
 
@@ -347,7 +348,7 @@ class TruePackage(NamedTuple):
 
 @kernel
 def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, position: Array) -> Array:
-    r"""Computes the velocity that an ideal integrating accelerometer gathers at a point fixed in the body.
+    r"""Computes the velocity that an ideal integrating accelerometer at a body-fixed point measures, shape (3,).
 
     The time integral, in body axes, of the specific force at the point (3-17):
 

@@ -36,7 +36,7 @@ class LagFactors(NamedTuple):
 
 
 def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
-    """Computes the lag's factors over one period.
+    """Computes the jets' first-order lag factors over a period: shares that remain, and those of the mean.
 
     Args:
         time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).
@@ -52,18 +52,18 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
 
 @kernel
 def level_after(level: _Level, target: _Level, remaining: _Level) -> _Level:
-    """Computes the level at the end of a period that began at ``level`` with a constant ``target``."""
+    """Computes the thrust level after a period with constant target, from ``level`` at its beginning."""
     return target + (level - target) * remaining
 
 
 @kernel
 def mean_level(level: _Level, target: _Level, mean: _Level) -> _Level:
-    """Computes the level averaged over a period that began at ``level`` with a constant ``target``."""
+    """Computes the mean thrust level over a period with constant target, from ``level`` at its beginning."""
     return target + (level - target) * mean
 
 
 def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: float) -> Array:
-    """Computes the level at a time, s, after the period began; the target itself where there is no lag."""
+    """Computes thrust levels at a time, s, since a period with constant target began, under the valves' lag."""
     if value_of(elapsed_s) <= 0.0:
         return np.where(time_constants_s > 0.0, level, target)
     return level_after(level, target, lag_factors(time_constants_s, elapsed_s).remaining)

@@ -41,7 +41,7 @@ class PoseModel(NamedTuple):
 
 
 def is_due(time_s: float, model: PoseModel) -> bool:
-    """Tests whether a sensor is read at a sample: the first one after another of its own times has come."""
+    """Tests whether a pose sensor, with a sample time of its own, is read at a sample's time."""
     if not model.rate_hz * model.period_s < 1.0:
         return True
     sample = round(time_s / model.period_s)
@@ -50,7 +50,7 @@ def is_due(time_s: float, model: PoseModel) -> bool:
 
 
 def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
-    """Computes position of the tracked point and quaternion to the fixed frame, NaN where not measured, shape (7,).
+    """Measures a tracked point's position and a quaternion to the fixed frame, NaN: not measured, shape (7,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).
@@ -79,7 +79,7 @@ def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
 
 
 def read_velocity(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
-    """Computes the velocity of a point in the fixed frame, shape (3,).
+    """Measures the velocity of a body-fixed point in the fixed frame, with noise, shape (3,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).

@@ -55,26 +55,26 @@ class EnginesModel(NamedTuple):
 
 
 def draw_engine_errors(model: EnginesModel, seed: Seed) -> Array:
-    """Draws the errors of the engines by a seed, shape (6 n,)."""
+    """Draws the engines' errors of thrust, direction and place by a seed, six per engine, shape (6 n,)."""
     if not model.spread.any():
         return model.errors
     return np.asarray(model.errors + model.spread * normal_sample(seed, "engines", 0, model.errors.size))
 
 
 def limit_to_stops(told: Array, engines: EngineParams) -> Array:
-    """Limits a command to the range of throttle and gimbal, shape (n, 3)."""
+    """Clips engine commands to the range of throttle and gimbal, shape (n, 3)."""
     least = -engines.stops
     least[:, 0] = 0.0
     return np.asarray(np.clip(told, least, engines.stops))
 
 
 def _is_active(failure: EngineFailure, time_s: float) -> bool:
-    """Tests whether a failure holds at a sample, whose time may be off by rounding."""
+    """Tests whether an engine failure lasts at a time, s, with a tolerance for rounding."""
     return failure.start_s - _DIGITS_S <= time_s < failure.end_s - _DIGITS_S
 
 
 def effective_command(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
-    """Returns the command that the engines follow, shape (n, 3): a stuck channel stays where it is.
+    """Returns the command that engines follow under failures, (n, 3): a stuck channel keeps its value.
 
     Args:
         now: levels and angles, shape (n, 3).
@@ -90,7 +90,7 @@ def effective_command(now: Array, told: Array, time_s: float, model: EnginesMode
 
 
 def engines_wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
-    """Computes mean torque about the vehicle origin, force and propellant flow of the engines, shape (7,).
+    """Computes mean torque about the vehicle origin, force and propellant flow of all engines, shape (7,).
 
     Args:
         at: levels and angles at some instants, shape (m, n, 3).
@@ -109,7 +109,7 @@ def engines_wrench(at: Array, errors: Array, time_s: float, model: EnginesModel)
 
 
 def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, float], model: EnginesModel) -> Array:
-    """Computes the mean of the wrench over an interval in which the engines follow a command, shape (7,).
+    """Computes the engines' mean wrench and flow over an interval in which they follow a command, shape (7,).
 
     Args:
         now: levels and angles at its start, shape (n, 3).
@@ -125,7 +125,7 @@ def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, flo
 
 
 def read_engines(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
-    """Computes measured levels and angles, shape (n, 3): a channel without a sensor reads its command.
+    """Measures levels and gimbal angles, shape (n, 3); a channel without a sensor reads its command.
 
     Args:
         now: as they are, shape (n, 3).
@@ -138,5 +138,5 @@ def read_engines(now: Array, told: Array, noise: Any, engines: EngineParams) -> 
 
 
 def reshape_by_engine(vector: Array) -> Array:
-    """Reshapes a vector of levels and angles to a row per engine, shape (n, 3)."""
+    """Reshapes a vector of levels and gimbal angles to a row per engine, shape (n, 3)."""
     return np.asarray(vector).reshape(-1, N_CHANNELS)

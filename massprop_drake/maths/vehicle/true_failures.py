@@ -64,7 +64,7 @@ class FailureTable(NamedTuple):
 
 
 def leaks_as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
-    """Converts forces of leaks, lbf or N, to levels of their jets.
+    """Returns failures with the forces of leaks, lbf or N, converted to shares of their jets' thrust.
 
     Args:
         failures: amount of a leak: its force.
@@ -76,7 +76,7 @@ def leaks_as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Fail
 
 
 def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
-    """Packs some failures into arrays."""
+    """Packs jet failures (jets, kinds, amounts, times) into arrays, an element per failure."""
     return FailureTable(
         np.array([failure.jet for failure in failures], dtype=np.int_),
         np.array([int(failure.kind) for failure in failures], dtype=np.int_),
@@ -87,7 +87,7 @@ def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
 
 
 def delivered_levels(command: Array, sample: int, period_s: float, failures: tuple[Failure, ...], seed: int) -> Array:
-    """Computes the target of each jet's level over a sample, 1: full thrust; the command itself without failures.
+    """Computes each jet's target level over a sample under failures, 1: full thrust, shape (n_jets,).
 
     A failure that begins or ends within the sample acts with the share of the sample it covers.
 
@@ -105,7 +105,7 @@ def delivered_levels(command: Array, sample: int, period_s: float, failures: tup
 
 
 def draw_strikes(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Seed) -> NDArray[np.bool_]:
-    """Draws which intermittent failures strike in a sample, shape (n,); arguments as `delivered_levels`."""
+    """Draws which intermittent failures act in a sample, a mask of shape (n,); see `delivered_levels`."""
     result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s
     for index, failure in enumerate(failures):
@@ -120,7 +120,7 @@ def draw_strikes(failures: tuple[Failure, ...], sample: int, period_s: float, se
 def apply_failures(
     command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
 ) -> Array:
-    """Computes the target of each jet's level, see `delivered_levels`, with intermittent failures drawn before.
+    """Computes each jet's target level under failures, shape (n_jets,), intermittent ones drawn before.
 
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
@@ -143,7 +143,7 @@ def apply_failures(
 
 @kernel
 def _failed_level(told: float, kind: int, amount: float, strikes: bool, late_s: float) -> float:
-    """Computes the level of a failed jet; ``late_s``: time since the failure began."""
+    """Computes a failed jet's thrust level, 1: full, under a command; ``late_s``: time since the failure began."""
     if kind == FailureKind.STUCK_ON:
         return 1.0
     if kind == FailureKind.STUCK_OFF:

@@ -75,14 +75,16 @@ class Packages(NamedTuple):
 
 
 def pack_packages(packages: tuple[TruePackage, ...]) -> Packages:
-    """Packs some packages into arrays."""
+    """Packs sensor packages' errors, positions and kinds into arrays, a row per package."""
     models = [package.model for package in packages]
     nowhere = np.zeros(3)
 
     def vectors(name: str) -> Array:
+        """Collects a vector attribute of all sensor models, shape (n_packages, 3)."""
         return np.array([getattr(model, name) for model in models], dtype=float).reshape(-1, 3)
 
     def numbers(name: str) -> Array:
+        """Collects a scalar attribute of all sensor models, shape (n_packages,)."""
         return np.array([getattr(model, name) for model in models], dtype=float)
 
     exact = np.array([model.exact and not model.remembers for model in models], dtype=np.bool_)
@@ -164,7 +166,7 @@ class VehicleParams(NamedTuple):
 
 
 def pack_truth(params: VehicleParams) -> Truth:
-    """Packs the true vehicle's parameters into arrays."""
+    """Packs the parameters of the true vehicle for the compiled cycle: jets, packages, tanks, failures."""
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,
@@ -198,7 +200,7 @@ class Ahead(NamedTuple):
 
 
 def draw_ahead(first: int, count: int, params: VehicleParams) -> Ahead:
-    """Draws the random numbers and events of coming samples.
+    """Draws noise, vibration, disturbance and intermittent failures of coming samples, a row per sample.
 
     Args:
         first: sample.
@@ -250,7 +252,7 @@ class VehicleState(NamedTuple):
 
 
 def initial_state(params: VehicleParams) -> VehicleState:
-    """Returns the state before the first sample: jets off."""
+    """Returns the vehicle's state before the first sample: jets off, memories zero."""
     off = np.zeros(params.jets.forces.size)
     longest = max((package.model.delay for package in params.packages), default=0)
     return VehicleState(
@@ -267,7 +269,7 @@ def initial_state(params: VehicleParams) -> VehicleState:
 
 @kernel
 def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[Array, Array]:
-    """Computes readings of every package, shape (n_packages, 3), and their memory.
+    """Computes readings of all packages, shape (n_packages, 3), and the packages' memories after them.
 
     Args:
         state: at the sample.
@@ -302,7 +304,7 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
 
 @kernel
 def _signals(body: Array, packages: Packages) -> Array:
-    """Computes the error-free reading of each package, shape (n_packages, 3)."""
+    """Computes each package's error-free signal, rate or velocity, shape (n_packages, 3)."""
     rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
     signals = np.empty(packages.positions.shape)
     for index in range(packages.quanta.size):
@@ -313,7 +315,7 @@ def _signals(body: Array, packages: Packages) -> Array:
 
 @kernel
 def _package_errors(index: int, params: Truth) -> PackageErrors:
-    """Returns the errors of a package."""
+    """Returns the errors of a sensor package, by its index."""
     packages = params.packages
     return PackageErrors(
         params.period_s,
@@ -334,7 +336,7 @@ def _package_errors(index: int, params: Truth) -> PackageErrors:
 def step(
     state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
-    """Advances the vehicle by one sample with the memories given; also returns the mean force of each jet over it.
+    """Advances the vehicle by a sample; returns its state, memories unchanged, and each jet's mean force.
 
     Args:
         state: at the sample.
@@ -374,7 +376,7 @@ def step(
 
 @kernel
 def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
-    """Drains the tanks by a sample's firings; returns mass properties and fill after it, and in its middle.
+    """Drains the tanks by a sample's firings; returns structure, fill, and motion constants in its middle.
 
     Args:
         state: before it.
@@ -391,7 +393,7 @@ def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple
 
 @kernel
 def _finish_step(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
-    """Computes body, structure and constants of motion after a step.
+    """Applies center-of-mass shift and rounding after a step; returns body, structure and motion constants.
 
     Args:
         body: as the step leaves it.
@@ -413,7 +415,7 @@ def _finish_step(body: Array, structure: Array, before: VehicleState, params: Tr
 def _step_by_pieces(
     state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
-    """Runs `step` over a sample in which jets open or close; levels are kept as they are at its end."""
+    """Advances the vehicle as `step`, over a sample within which jets open or close, piece by piece."""
     jets, (coming, row) = params.jets, luck
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
@@ -434,7 +436,7 @@ def _step_by_pieces(
 
 @kernel
 def _step_disturbance(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
-    """Computes the disturbance's deviation over a sample, and torque about the origin and force, shape (6,) each."""
+    """Computes the disturbance's next deviation, and its wrench about the vehicle origin, shape (6,) each."""
     if not params.pushed:
         return state.deviation, np.zeros(6)
     coming, row = luck
@@ -443,7 +445,7 @@ def _step_disturbance(state: VehicleState, luck: tuple[Ahead, int], params: Trut
 
 
 def apply_sample_jumps(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
-    """Applies the mass-property jumps of a sample to the vehicle's state."""
+    """Applies the mass-property jumps of a sample to the vehicle; returns its state after them."""
     body, structure = rigid_body.apply_jumps(state.body, state.structure, params.jumps[sample])
     body[MASS] = round_as_stored(body[MASS], float(params.body[MASS]))
     structure = round_as_stored(structure, params.structure)
@@ -451,7 +453,7 @@ def apply_sample_jumps(state: VehicleState, sample: int, params: VehicleParams) 
 
 
 def update_floor_wrenches(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
-    """Updates the jet wrenches of a vehicle on a floor for its center of mass after a jump."""
+    """Returns a floor vehicle's truth with jet wrenches about the center of mass after a jump."""
     jets = params.jets
     wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])
     classes = reaction_jets.class_wrenches(wrenches, jets.time_constants_s, jets.class_constants_s)

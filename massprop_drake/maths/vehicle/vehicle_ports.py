@@ -43,7 +43,7 @@ class Sensing(NamedTuple):
 
 @kernel
 def _signal(body: Array, sensing: Sensing) -> Array:
-    """Computes the true quantity, shape (3,)."""
+    """Computes the true rate or velocity that a package measures, shape (3,), from the body state."""
     if sensing.gathers:
         return point_velocity(body[ORIGIN_VELOCITY], body[RATE], body[SPIN_INTEGRAL], sensing.position)
     return body[RATE]
@@ -51,7 +51,7 @@ def _signal(body: Array, sensing: Sensing) -> Array:
 
 @kernel
 def exact_reading(body: Array, held: Any) -> Array:
-    """Computes the reading, shape (3,), of a package that only quantizes, within its range.
+    """Computes the reading of a package that only quantizes and limits, shape (3,).
 
     Args:
         body: see `rigid_body`, shape (23,).
@@ -64,7 +64,7 @@ def exact_reading(body: Array, held: Any) -> Array:
 
 @kernel
 def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
-    """Computes the reading, shape (3,), of a package without memory.
+    """Computes the reading of a package without memory, shape (3,), from the body state.
 
     Args:
         body, held: as in `exact_reading`.
@@ -77,7 +77,7 @@ def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
 
 @kernel
 def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array, held: Any) -> Array:
-    """Computes the reading (3), then the memory, shape (3 + memory,); other arguments as `reading`.
+    """Computes a reading (3) of a package with memory, then that memory, in one vector; see `reading`.
 
     Args:
         memory: see `sensing.sense`.
@@ -104,7 +104,7 @@ class Jets(NamedTuple):
 
 @kernel
 def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArray[np.bool_], held: Any) -> Array:
-    """Computes the target of each jet's level over a sample where jets fail, shape (n_jets,).
+    """Computes each jet's target level over a sample, failures and closed manifolds applied, shape (n_jets,).
 
     Args:
         command: fraction commanded over it, shape (n_jets,).
@@ -120,7 +120,7 @@ def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArr
 
 @kernel
 def forces_and_profile(level: Array, coming: Array, held: Any) -> Array:
-    """Computes mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
+    """Computes each jet's mean force, then the wrench profile row by row, in one vector.
 
     Args:
         level, coming: levels now, and what they tend to, shape (n_jets,) each.
@@ -149,7 +149,7 @@ class Motion(NamedTuple):
 
 @kernel
 def step_body(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
-    """Computes the body after a step, shape (23,).
+    """Computes the body state after a sample under a wrench profile and wheels, shape (23,).
 
     Args:
         body: before it.

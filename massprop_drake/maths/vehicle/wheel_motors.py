@@ -38,7 +38,7 @@ class WheelsModel(NamedTuple):
 
 
 def draw_inertias(model: WheelsModel, seed: Seed) -> Array:
-    """Draws inertias by a seed, shape (n,)."""
+    """Draws the true inertias of the wheels about their axes by a seed, shape (n,)."""
     if model.dispersion == 0.0:
         return model.inertias
     drawn = normal_sample(seed, "reaction wheels", 0, model.inertias.size)
@@ -46,7 +46,7 @@ def draw_inertias(model: WheelsModel, seed: Seed) -> Array:
 
 
 def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, period_s: float) -> Any:
-    """Computes angular accelerations that the motors give the wheels over a sample, rad/s^2, shape (n,).
+    """Computes angular accelerations of the wheels under motor torques over a sample, rad/s^2, shape (n,).
 
     Motors are limited by their torques, and leave a wheel at its largest speed.
 
@@ -62,13 +62,13 @@ def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, 
 
 
 def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsModel) -> Any:
-    """Computes angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
+    """Computes the wheels' angular momentum in body axes and its time derivative, shape (6,)."""
     arms = inertias[:, None] * model.axes
     return np.concatenate((speeds @ arms, accelerations @ arms))
 
 
 def read_speed(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
-    """Returns the speed of one wheel as its tachometer reads it.
+    """Measures the speed of one wheel as its tachometer does, with noise and quantum.
 
     Args:
         speed: rad/s.

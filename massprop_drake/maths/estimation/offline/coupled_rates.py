@@ -26,7 +26,7 @@ class MeanRates(NamedTuple):
 
 
 def mean_rates(rate: Array) -> MeanRates:
-    """Computes middles, gains and mean products of rates at the rows, shape (3, m), that are linear in between."""
+    """Computes interval means, changes and mean products w w^T of rates at the rows, shape (3, m)."""
     middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), rate[:, None] * rate
     mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * (middle[:, None] * middle)) / 6.0
     return MeanRates(middle, np.diff(rate), mean)
@@ -42,12 +42,12 @@ class ImpulseSums(NamedTuple):
 
 
 def moments_about(wrenches: Array, center: Array) -> Array:
-    """Computes torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
+    """Computes torques about a center of mass, (..., 3, n), from wrenches about the origin, (..., 6, n)."""
     return wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
 
 
 def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
-    """Computes angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
+    """Computes moments of angular impulse within intervals, by which rates bend, coupling included, (3, 3, m - 1).
 
     Args:
         sums: see `ImpulseSums`.
@@ -82,12 +82,13 @@ class _Coupling(NamedTuple):
 
 
 def _coupling(inverse: Array) -> _Coupling:
+    """Computes the matrices of dynamic coupling from an inverse inertia, shape (3, 3)."""
     straight = CROSS @ np.linalg.inv(inverse)
     return _Coupling(straight, CROSS + straight.transpose(0, 2, 1) @ inverse, inverse @ CROSS)
 
 
 def _coupling_derivatives(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
-    """Computes derivatives of the coupling by the inverse inertia in some directions, shape (e, 3, 3)."""
+    """Computes derivatives of the coupling matrices by changes of the inverse inertia, shape (e, 3, 3)."""
     inertia = np.linalg.inv(inverse)
     straight = CROSS @ (-inertia @ elements @ inertia)[:, None]
     ways = elements[:, None]
@@ -115,7 +116,7 @@ class GainedRate(NamedTuple):
 
 
 def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Lengths, at: Array) -> GainedRate:
-    """Computes the rate gained over a stretch, with the coupling of given rates and bows."""
+    """Computes the change of rate since a stretch began; rates and bends in its coupling terms are arguments."""
     inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))
@@ -142,12 +143,12 @@ def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Len
 
 
 def _flatten_coupling(coupling: _Coupling) -> Array:
-    """Arranges a coupling as it multiplies all products, shape (..., 3, 27)."""
+    """Reshapes the coupling matrices to one that multiplies all products of rates, shape (..., 3, 27)."""
     return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
 
 
 def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[Array, Array]:
-    """Computes derivatives of the rate gained by the unknowns that it is not linear in.
+    """Computes derivatives of the change of rate by inverse inertia, center of mass and gyro biases.
 
     What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
 
@@ -171,11 +172,7 @@ def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[
 
 
 def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Lengths) -> Array:
-    """Computes O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
-
-    Returns:
-        Of each row, shape (3, 3, m).
-    """
+    """Computes [(w - w_0) x] + integral of [w x]^2, by which lever arms enter velocities, shape (3, 3, m)."""
     crossed = moving.middle[:, None] * bowed[0] + moving.gained[:, None] * bowed[1]
     square = np.zeros((3, 3, whole.shape[1]))
     each = moving.square + crossed + crossed.transpose(1, 0, 2) + bowed[2][:, None] * bowed[2]
@@ -186,19 +183,19 @@ def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Le
 
 
 def cumulative_sums(gained: Array) -> Array:
-    """Sums gains over intervals, shape (..., m - 1), from the beginning to each row, shape (..., m)."""
+    """Sums changes over intervals, (..., m - 1), from the first row to each row, shape (..., m)."""
     sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
     np.cumsum(gained, axis=-1, out=sums[..., 1:])
     return sums
 
 
 def cross_product_matrices(vectors: Array) -> Array:
-    """Computes matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
+    """Computes the cross product matrix [v x] of vectors, shape (3, 3, m) from (3, m)."""
     return np.asarray(np.tensordot(CROSS, vectors, ((1,), (0,))))
 
 
 def add_rate_coupling(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
-    """Adds the coupling of a rate's changes: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
+    """Solves D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D for changes D of the rate, (3, c, m).
 
     Args:
         straight: G, the changes with the rates in coupling held, shape (3, c, m).

@@ -12,7 +12,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 
 def _parameters_at(at: Array, seconds: Array, model: FlightModel, more: Array | None = None) -> Array:
-    """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10)."""
+    """Computes the ten mass-property parameters at some jet on-times, tanks partly drained, shape (..., 10)."""
     places, tanks = columns(model), model.tanks
     flows = (tanks.feeds * model.flows) * (1.0 + at[places.flow])[:, None]
     both = (seconds * (1.0 + at[places.thrust])) @ flows.T
@@ -34,7 +34,7 @@ _ROWS_OF, _COLUMNS_OF = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1
 
 
 def _unit_mass_inertia(arm: Array) -> Array:
-    """Computes |a|^2 1 - a a^T of vectors, shape (..., 3, 3)."""
+    """Computes |a|^2 1 - a a^T of each vector, the inertia of a unit mass there, shape (..., 3, 3)."""
     squares = np.sum(arm * arm, axis=-1)[..., None, None]
     return np.asarray(squares * np.eye(3) - arm[..., :, None] * arm[..., None, :])
 
@@ -43,7 +43,7 @@ _STEP = 1e-4  # arithmetic, relative: of central differences, which have half th
 
 
 def expand_about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[ThrustCourse, Array]:
-    """Converts a stretch and all unknowns to the mass properties at its middle; without tanks both stay.
+    """Converts a stretch and the unknowns to mass properties at its middle; without tanks both stay.
 
     Args:
         course: of the stretch.
@@ -86,7 +86,7 @@ def expand_about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> 
 
 
 def _derivatives_by_draw(at: Array, seconds: Array, model: FlightModel) -> Array:
-    """Computes derivatives of elements 0 to 8 by propellant still to be drawn from each tank, (n_tanks, 9)."""
+    """Computes derivatives of parameters 0 to 8 by propellant still to be drawn from tanks, (n_tanks, 9)."""
     slopes = np.empty((model.tanks.fill.size, MASS))
     for tank, capacity in enumerate(model.tanks.capacities.tolist()):
         more = np.zeros(slopes.shape[0])

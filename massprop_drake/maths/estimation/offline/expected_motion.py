@@ -61,7 +61,7 @@ class ExpectedMotion(NamedTuple):
 
 
 def stretch_motion(stretch: Stretch, at: Array, model: FlightModel) -> tuple[ExpectedMotion, Array]:
-    """Computes the motion expected over a stretch, and the unknowns there: see `depletion_course`.
+    """Computes rate and velocity expected over a stretch, and the unknowns at its middle, shape (n,).
 
     Args:
         stretch: of at least two rows.
@@ -73,7 +73,7 @@ def stretch_motion(stretch: Stretch, at: Array, model: FlightModel) -> tuple[Exp
 
 
 def expected_motion(at: Array, course: ThrustCourse, model: FlightModel) -> ExpectedMotion:
-    """Computes the motion expected over a stretch, its coupling with the rates as they are read."""
+    """Computes rate and velocity expected over a stretch; measured rates serve in its coupling terms."""
     places, read = columns(model), course.read
     wrenches, rate, stretch = acting_wrenches(at, course, model), read.rate, read.stretch
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * read.lengths_s
@@ -122,7 +122,7 @@ def expected_motion(at: Array, course: ThrustCourse, model: FlightModel) -> Expe
 
 
 def with_swings(expected: ExpectedMotion, derivatives: tuple[Array, Array], at: Array, model: FlightModel) -> Swings:
-    """Computes a stretch with its modes, and derivatives of rate and velocity by k unknowns, shape (k, 3, m) each."""
+    """Computes rate and velocity over a stretch with its modes free, and derivatives by k unknowns, (k, 3, m)."""
     read, places = expected.course.read, columns(model)
     rate = read.rate - at[places.gyro_bias, None]
     locked = Locked(*expected.locked, rate, expected.sums.impulse[3:], read.lengths_s, *derivatives)
@@ -132,7 +132,7 @@ def with_swings(expected: ExpectedMotion, derivatives: tuple[Array, Array], at: 
 def _gained_rate_as_read(
     rate: Array, sums: ImpulseSums, read: RecordedStretch, at: Array, model: FlightModel
 ) -> GainedRate:
-    """Computes the rate gained, its coupling by rates at the rows as they are read, shape (3, m)."""
+    """Computes the change of rate over a stretch, measured rates less gyro biases in its coupling terms."""
     rate, held = rate - at[columns(model).gyro_bias, None], wheel_momentum(read, at, model)
     bows = bows_of(sums, rate, held, read.period_s, at)
     if read.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate
@@ -144,12 +144,12 @@ def _gained_rate_as_read(
 
 
 def wheel_momentum(read: RecordedStretch, at: Array, model: FlightModel) -> Array:
-    """Computes the angular momentum of the wheels at the rows, shape (3, m)."""
+    """Computes the wheels' total angular momentum at the rows, body axes, shape (3, m)."""
     return np.tensordot(1.0 + at[columns(model).wheel], read.momenta, 1)
 
 
 def mean_cross_products(rate: Array, momentum: Array) -> Array:
-    """Computes means over the intervals of w x h, both linear in between, shape (3, m - 1)."""
+    """Computes interval means of w x h, rate and momentum linear within intervals, shape (3, m - 1)."""
     (w0, w1), (h0, h1) = ((each[:, :-1].T, each[:, 1:].T) for each in (rate, momentum))
     return (
         (2.0 * cross_products(w0, h0) + cross_products(w0, h1) + cross_products(w1, h0) + 2.0 * cross_products(w1, h1))
@@ -158,18 +158,18 @@ def mean_cross_products(rate: Array, momentum: Array) -> Array:
 
 
 def acting_wrenches(at: Array, course: ThrustCourse, model: FlightModel) -> Array:
-    """Computes wrenches about the vehicle origin of the jets that ever act in the stretch, shape (6, j)."""
+    """Computes full-thrust wrenches about the vehicle origin of jets that fire in a stretch, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
     return (gains[:, None] * mounted_wrenches(at, model)[course.read.on]).T
 
 
 def mounted_wrenches(at: Array, model: FlightModel) -> Array:
-    """Computes wrenches of all jets at full thrust, with their mounting as assumed, shape (n_jets, 6)."""
+    """Computes full-thrust wrenches of all jets with the mounting errors of a point, shape (n_jets, 6)."""
     return displace_wrenches(model.wrenches, at[columns(model).mount], model.mounting)
 
 
 def engine_impulses(read: RecordedStretch, at: Array, model: FlightModel) -> tuple[Array, Array]:
-    """Computes impulses of the engines, shape (m - 1, 6), and their derivatives by the errors, shape (e, m - 1, 6)."""
+    """Computes angular and linear impulses of engines, (m - 1, 6), and derivatives by errors, (e, m - 1, 6)."""
     errors, rows, lengths = at[columns(model).engine], read.stretch.time_s.size - 1, read.lengths_s[:, None]
     impulse, by_errors = np.zeros((rows, 6)), np.zeros((errors.size, rows, 6))
     burns = np.zeros((rows + 1, 0, 3, N_CHANNELS)) if read.stretch.burns is None else read.stretch.burns
@@ -194,7 +194,7 @@ class TurningEffects(NamedTuple):
 
 
 def turning_effects(expected: ExpectedMotion, at: Array, model: FlightModel) -> TurningEffects:
-    """Computes what accelerometers show of the expected rotation."""
+    """Computes the terms by which rotation acts on accelerometer velocities over a stretch."""
     read, rate = expected.course.read, expected.rate
     off = np.where(read.there, read.rate - rate, 0.0).sum(axis=1, keepdims=True) / read.there.sum(axis=1, keepdims=True)
     whole = rate + off - at[columns(model).gyro_bias, None]
@@ -209,7 +209,7 @@ def turning_effects(expected: ExpectedMotion, at: Array, model: FlightModel) -> 
 
 
 def with_own_coupling(expected: ExpectedMotion, at: Array, model: FlightModel) -> ExpectedMotion:
-    """Computes the expected readings with the coupling of the rates that result, whose mean is that of the readings.
+    """Solves for the expected motion whose coupling uses its own rates, their mean that of the readings.
 
     With properties so wrong that these rates run away from the readings it is that of the readings, as given.
     """

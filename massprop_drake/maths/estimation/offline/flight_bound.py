@@ -45,7 +45,7 @@ class _Shown(NamedTuple):
 
 
 def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
-    """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
+    """Computes the information of each part of a stretch between cuts, shape (p + 1,), for unit noise."""
     (expected, at), wanted = stretch_motion(stretch, at, model), relevant_unknowns(model)
     fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
     components = list(components_of(expected, fixed, at, model))
@@ -75,7 +75,7 @@ def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model
 
 
 def _cut_rows(used: Array, rows: int) -> NDArray[np.int_]:
-    """Returns rows that cut a stretch into parts of similar propellant use and duration."""
+    """Returns rows that cut a stretch into parts of similar propellant use and duration, shape (p + 1,)."""
     last = used.shape[0] - 1
     if used[-1] <= 0.0 or rows >= last:
         return np.array([0, last])
@@ -92,7 +92,7 @@ def least_deviation(
     model: FlightModel,
     information: Array | None = None,
 ) -> Array:
-    """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where unknown, shape (10,).
+    """Computes Cramer-Rao 1-sigmas of the ten parameters, rounding as noise, NaN: not finite, shape (10,).
 
     What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
     parts are made shorter until it makes no difference.
@@ -124,14 +124,14 @@ def least_deviation(
 
 
 def _deviation(root: Array) -> Array:
-    """Computes the 1-sigma of the ten parameters, shape (10,)."""
+    """Computes 1-sigmas of the ten parameters from a root of the covariance, shape (10,)."""
     return np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
 
 
 def _root_after_flight(
     root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: FlightModel, rows: int
 ) -> Array:
-    """Computes a root of the unknowns' covariance after a flight from one before it, by parts of so many rows."""
+    """Computes a root of the unknowns' covariance after a flight, stretches cut into parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
@@ -143,7 +143,7 @@ def _root_after_flight(
 
 
 def _add_information(root: Array, information: Array) -> Array:
-    """Computes a root of a covariance with further information, NaN where that is not finite."""
+    """Updates a root of a covariance by an information matrix; NaN throughout where that is not finite."""
     inner = root.T @ information @ root
     if not np.isfinite(inner).all():
         return np.full_like(root, np.nan)
@@ -152,7 +152,7 @@ def _add_information(root: Array, information: Array) -> Array:
 
 
 def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
-    """Computes a root of the unknowns' covariance after a stretch from one before it."""
+    """Updates a root of the unknowns' covariance by a stretch: information and drift, part by part."""
     u, size = before.shape[0], shown.information.shape[1]
     root = np.zeros((size, size))
     root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
@@ -163,7 +163,7 @@ def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array)
 
 
 def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
-    """Returns a root with drift of the ten parameters added, square.
+    """Adds variances of drift of the ten parameters to a root of a covariance; returns a square root matrix.
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
     as they have become.
@@ -179,7 +179,7 @@ def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
 
 
 def _covariance_root(matrix: Array) -> Array:
-    """Computes a root of a covariance, shape (n, n); negative eigenvalues count as zero."""
+    """Computes a root of a covariance by eigenvalues, negative ones as zero, shape (n, n)."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -96,7 +96,7 @@ class FlightModel(NamedTuple):
 
 
 def has_accumulating_noise(model: FlightModel) -> bool:
-    """Tests whether noise accumulates in rates or velocities, by walks or by a disturbance."""
+    """Tests whether rates or velocities hold noise that accumulates, as walks or a disturbance do."""
     return any(model.walks) or bool(model.disturbance.accelerations.any())
 
 
@@ -133,7 +133,7 @@ class Stretch(NamedTuple):
 
 
 def columns(model: FlightModel) -> Columns:
-    """Returns the places of a vehicle's unknowns."""
+    """Returns the slice of each group of unknowns of a vehicle in the vector of all."""
     counts = model.flows.size, model.positions.shape[0], model.wheels.inertias.size
     sizes = model.engines.thrusts.size, model.mounting.jets.size, model.modes.sigmas.shape[0], model.tanks.fill.size
     return _place_unknowns(model.prior.shape[0], model.gyros, counts, sizes)
@@ -141,7 +141,7 @@ def columns(model: FlightModel) -> Columns:
 
 @cache
 def _place_unknowns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_others: tuple[int, ...]) -> Columns:
-    """Computes the places of the unknowns by the numbers of jets, sensors and other parts."""
+    """Computes the slice of each group of unknowns from the numbers of jets, sensors and other parts."""
     (n_jets, n_accelerometers, n_wheels), (n_engines, n_mounts, n_parts, n_tanks) = counts, of_others
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
     others = n_wheels, N_ERRORS * n_engines, n_mounts, ERRORS * n_parts, n_tanks, n_tanks, MASS
@@ -152,10 +152,10 @@ def _place_unknowns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], 
 
 
 def relevant_unknowns(model: FlightModel) -> NDArray[np.bool_]:
-    """Selects the unknowns that a fit, and the variances it allows for, depend on, shape (n,)."""
+    """Flags unknowns that a fit estimates or whose uncertainty it allows for, shape (n,)."""
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < N_PROPERTIES)
 
 
 def is_physical(at: Array) -> bool:
-    """Tests whether the inverse inertia is positive definite and the mass positive."""
+    """Tests whether a point of the fit has a positive definite inverse inertia and a positive mass."""
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[MASS] > 0.0)

@@ -34,7 +34,7 @@ class Flag(StrEnum):
 
 
 def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> tuple[NDArray[np.int_], Array]:
-    """Predicts the gain of one second of the most informative jet, for each parameter.
+    """Predicts for each parameter the jet whose one-second firing leaves the least 1-sigma, and its share.
 
     Args:
         covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).
@@ -56,7 +56,7 @@ def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> tuple[N
 
 
 def requested_deviation(estimate: Array, limits: Array) -> Array:
-    """Returns the 1-sigma that is asked of each parameter, shape (10,).
+    """Computes the 1-sigma required of each parameter by the convergence limits, shape (10,).
 
     A product element may be off by as much as the root of the product of its two diagonal elements.
 
@@ -74,7 +74,7 @@ def requested_deviation(estimate: Array, limits: Array) -> Array:
 
 
 def classify_parameters(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
-    """Classifies each parameter by its 1-sigma before and after a flight.
+    """Returns the status of each parameter by its 1-sigma before and after a flight.
 
     Args:
         start: 1-sigma before any measurement, shape (10,).

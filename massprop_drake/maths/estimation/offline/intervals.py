@@ -78,7 +78,7 @@ class Confined(NamedTuple):
 
     @property
     def is_contradicted(self) -> bool:
-        """True if no vehicle explains all readings."""
+        """True if no mass properties explain all quantized readings."""
         return self.bend < -_CLEAR * self.depth
 
 
@@ -86,7 +86,7 @@ class Confined(NamedTuple):
 
 
 def _scale_unknowns(given: Constraints) -> tuple[Constraints, Array]:
-    """Scales unknowns, x = root z, so that constraints on z are nearly orthogonal, by a QR decomposition."""
+    """Scales unknowns, x = root z, to nearly orthogonal constraints on z; returns these, and the root."""
     if not np.isfinite(given.matrix).all() or np.isnan(given.low).any() or np.isnan(given.high).any():
         raise ArithmeticError("the motion cannot be computed about the estimate")
     factor = np.linalg.qr(given.matrix, mode="r")
@@ -103,7 +103,7 @@ class _RowSearch:
         self._active = np.unique(np.concatenate((np.arange(given.always), *outmost)))
 
     def lowest(self, cost: Array) -> Array | None:
-        """Finds the point of least cost that all constraints allow, shape (n,); None: there is none."""
+        """Returns the point of least linear cost within all constraints, shape (n,); None: there is none."""
         matrix, low, high, _ = self._given
         size = float(np.abs(cost).max())
         while True:
@@ -122,7 +122,7 @@ class _RowSearch:
 
 
 def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
-    """Finds the point farthest from the edges of all constraints, and how far it is; negative: they contradict.
+    """Finds the point farthest from all constraints' edges, and its distance; negative: they contradict.
 
     Args:
         given: of r constraints on n unknowns; the first `always` are kept in any case.
@@ -151,7 +151,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
 
 
 def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None:
-    """Finds the points where each of the first unknowns is least and largest.
+    """Finds for each of the first ``count`` unknowns the points where it is least and largest.
 
     Args:
         given: see `deepest_point`.
@@ -193,7 +193,7 @@ class Cells(NamedTuple):
 
     @property
     def halves(self) -> Array:
-        """Half widths of the cells, quanta, shape (n_packages,)."""
+        """Half widths of the quantizer cells, noise included, quanta, shape (n_packages,)."""
         noise = np.divide(self.noise, self.quanta, out=np.zeros_like(self.noise), where=self.quanta > 0.0)
         return 0.5 + NOISE_SIGMAS * noise + _MARGIN
 
@@ -227,7 +227,7 @@ class _Outputs(NamedTuple):
 
 
 def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
-    """Computes outputs about a point; an unknown initial rate is the average by the readings.
+    """Computes error-free readings over a stretch and derivatives; a NaN initial rate is fitted to gyros.
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
     """
@@ -263,7 +263,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
 
 
 def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
-    """Computes outputs with two steps from each row to the next."""
+    """Computes error-free readings and derivatives over a stretch, with two integration steps per interval."""
     m = stretch.time_s.size
     rows = np.arange(2 * m - 1) // 2
     ends = np.minimum(rows + np.arange(2 * m - 1) % 2, m - 1)
@@ -281,7 +281,7 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
 
 
 def _lever_arm_changes(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Computes changes of w x arm and of the integral of w x (w x arm) in an accelerometer, shape (3, u + 3, m)."""
+    """Computes what changes of the rate change in an accelerometer off the center of mass, (3, u + 3, m)."""
     lever = -cross_product_matrices(arm)
     slope = np.einsum("ijm,jk->ikm", cross_product_matrices(rate), lever) - cross_product_matrices(lever @ rate)
     more = np.einsum("ij,jum->ium", lever, since)
@@ -318,7 +318,7 @@ class _Linear:
         self.point = point._replace(rates=rates)
 
     def _cell_rows(self, number: int, out: _Outputs) -> Iterator[_CellRows]:
-        """Yields the constraints of a stretch, by package and component."""
+        """Yields the linear constraints by the readings of a stretch, one per package and axis."""
         stretch, gyros, u = self._stretches[number], self._model.gyros, self._wanted.size
         own, size = (self._common + count * self._starts for count in (number, len(self._stretches)))
         for package in np.flatnonzero(self._cells.quanta > 0.0).tolist():
@@ -343,13 +343,13 @@ class _Linear:
 
     @property
     def spans(self) -> Array:
-        """Largest distance of each parameter from the point at which the mass is still positive, shape (10,)."""
+        """Largest difference of each parameter from the point, with mass still positive, shape (10,)."""
         spans = self._cells.spans.copy()
         spans[-1] = min(spans[-1], _LEFT * self.point.at[_N - 1])
         return spans
 
     def _bounds(self) -> Constraints:
-        """Returns the constraints of each unknown by itself, in units of its span."""
+        """Returns the constraints that bound each unknown by itself, in units of its span."""
         cells, model, point, stated = self._cells, self._model, self.point, self._wanted[_N:]
         least = _MARGIN * cells.quanta[: model.gyros]
         biases = np.repeat(np.maximum(SIGMAS * cells.gyro_biases, least), 3)
@@ -360,7 +360,7 @@ class _Linear:
         return Constraints(np.diag(1.0 / spans), middle / spans - 1.0, middle / spans + 1.0, spans.size)
 
     def constraints(self, more: Array | float) -> Constraints:
-        """Returns constraints on the unknowns' differences from the point, with cells wider by some quanta."""
+        """Returns all constraints on differences from the point, cells widened by ``more`` quanta."""
         bounds, halves = self._bounds(), self._cells.halves
         left = np.concatenate([part.left for part in self._parts])
         half = np.concatenate([np.full(part.left.size, halves[part.package]) for part in self._parts]) + more
@@ -369,7 +369,7 @@ class _Linear:
         return Constraints(matrix, low, high, bounds.always)
 
     def error(self) -> float:
-        """Bounds the error of the outputs by the steps of the model, quanta.
+        """Estimates the integration error of the computed readings, largest of all, quanta.
 
         Twice as many steps change them by three times what is then still wrong, or more: they are of second order.
         """
@@ -382,7 +382,7 @@ class _Linear:
         return worst / 3.0
 
     def move_point(self, move: Array) -> _Point:
-        """Returns the point at a difference of all unknowns, shape (n,).
+        """Returns the point of linearization moved by a difference of all unknowns, shape (n,).
 
         Inverse inertia and 1/m times a factor, and thrusts over it, give the same motion: where thrusts are not exact,
         the point moves by the factor along that curve, and not along its tangent.
@@ -400,11 +400,11 @@ class _Linear:
         return _Point(moved, rates + starts, biases + move[u : self._common].reshape(-1, 3))
 
     def relinearize(self, move: Array) -> _Linear:
-        """Linearizes the same readings about another point, at a difference of all unknowns, shape (n,)."""
+        """Returns the same readings linearized about the point moved by a difference, shape (n,)."""
         return _Linear(self._stretches, self.move_point(move), self._model, self._cells)
 
     def nonlinearity(self, move: Array) -> Array:
-        """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
+        """Computes every reading's departure from linearity at a difference of the unknowns, quanta."""
         if not flight_model.is_physical(self.move_point(move).at):
             return np.full(self.readings, np.inf)
         every = []
@@ -417,7 +417,7 @@ class _Linear:
 
 
 def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None, float]:
-    """Finds extreme points with cells widened by as much as the model departs from its linearization there.
+    """Finds the extreme points with cells widened until departures from linearity there fit within.
 
     Returns:
         Points as `extreme_points` gives them, None where departures grow with the cells; and the largest departure,
@@ -441,7 +441,7 @@ def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Ar
 def find_intervals(
     stretches: Sequence[Stretch], begin: Array, model: FlightModel, cells: Cells, solve: Solve
 ) -> Confined:
-    """Finds the intervals of the ten parameters that all readings of a flight allow.
+    """Finds the interval of each of the ten parameters that all quantized readings of a flight allow.
 
     The linearization is redone about the point amid the extreme ones, or about the one closest to all readings where
     they contradict each other. Then cells are widened until the model departs from it by less at the extreme points.

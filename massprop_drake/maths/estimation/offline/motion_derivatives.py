@@ -58,7 +58,7 @@ class MotionDerivatives(NamedTuple):
 def motion_derivatives(
     expected: ExpectedMotion, at: Array, model: FlightModel, wanted: NDArray[np.bool_]
 ) -> MotionDerivatives:
-    """Computes derivatives of the expected motion by at least the wanted unknowns; most groups come as a whole."""
+    """Computes derivatives of expected rate and velocity by the wanted unknowns, and by a stretch's own."""
     places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
     there = wanted[places.thrust][read.on]
     if there.any():
@@ -118,7 +118,7 @@ def _complete_derivatives(
     at: Array,
     model: FlightModel,
 ) -> MotionDerivatives:
-    """Completes the derivatives of a stretch with tanks, modes, ticks and the rate's initial value."""
+    """Appends to a stretch's derivatives those by tanks, modes, ticks and the initial rate."""
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
         _convert_from_middle(found, kept, expected, at, model)
@@ -134,7 +134,7 @@ def _complete_derivatives(
 def _add_modes(
     expected: ExpectedMotion, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: FlightModel
 ) -> tuple[Array, Array]:
-    """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last."""
+    """Adds modes' effects to derivatives of rate and velocity; appends those by initial eta and eta'."""
     swings, k = with_swings(expected, locked, at, model), locked[0].shape[0]
     own = np.concatenate((np.arange(k), np.arange(k + moving.size, swings.by_rate.shape[0])))
     by_rate, by_velocity = swings.by_rate[own], swings.by_velocity[own]
@@ -146,7 +146,7 @@ def _add_modes(
 def _convert_from_middle(
     found: tuple[Array, Array], kept: NDArray[np.int_], expected: ExpectedMotion, at: Array, model: FlightModel
 ) -> None:
-    """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place."""
+    """Converts derivatives by parameters at a stretch's middle to those by all unknowns, in place."""
     read, places, k = expected.course.read, columns(model), kept.size
     through = read.through
     assert through is not None
@@ -202,13 +202,13 @@ def _mounting_derivatives(expected: ExpectedMotion, at: Array, model: FlightMode
 
 
 def _bias_derivatives(held: Array, turned: Array, lengths_s: Lengths) -> Array:
-    """Computes derivatives of the rate by gyro biases, through the torque that turns the wheels' momentum."""
+    """Computes derivatives of rate by gyro biases through the wheels' gyroscopic torque, shape (3, 3, m)."""
     summed = cumulative_sums(weigh_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", CROSS, summed)))
 
 
 def _add_initial_values(by_rate: Array, biases: NDArray[np.int_], read: RecordedStretch) -> Array:
-    """Adds initial values to the rate's derivatives: their mean is the readings', less biases."""
+    """Shifts the rate's derivatives such that the mean rate is that of readings less gyro biases."""
     counted = by_rate * read.there
     whole = by_rate - counted.sum(axis=2, keepdims=True) / read.there.sum(axis=1)[:, None]
     for axis, place in enumerate(biases.tolist()):
@@ -218,7 +218,7 @@ def _add_initial_values(by_rate: Array, biases: NDArray[np.int_], read: Recorded
 
 
 def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, period_s: Lengths) -> Array:
-    """Computes derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
+    """Computes derivatives of the integral of w x (w x arm) by the unknowns, from those of w, (n, 3, m).
 
     Args:
         design: with these.
@@ -234,11 +234,7 @@ def centripetal_derivatives(design: MotionDerivatives, rate: Array, arm: Array, 
 
 
 def _lag_derivatives(expected: ExpectedMotion, pulls: Array, at: Array, model: FlightModel) -> Array:
-    """Computes derivatives of rate and velocity by the lags; ``pulls``: those by the jets' impulses, shape (j, 6).
-
-    Returns:
-        Of each lag, shape (l, 6, m).
-    """
+    """Computes derivatives of the motion by valve lags, shape (l, 6, m); ``pulls``: those by jets' impulses, (j, 6)."""
     places, course = columns(model), expected.course
     kinds = np.arange(places.lag.stop - places.lag.start)[:, None] == model.kinds[course.read.on]
     thrust = 1.0 + at[places.thrust][course.read.on]
@@ -249,7 +245,7 @@ def _lag_derivatives(expected: ExpectedMotion, pulls: Array, at: Array, model: F
 
 
 def _tick_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -> Array:
-    """Computes derivatives of rate and velocity by the offset and the period error of all ticks.
+    """Computes derivatives of rate and velocity by offset and period error of the command clock.
 
     Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
     in each. Constants make no difference.
@@ -269,7 +265,7 @@ def _tick_derivatives(expected: ExpectedMotion, at: Array, model: FlightModel) -
 def with_coupled_derivatives(
     design: MotionDerivatives, fixed: TurningEffects, at: Array, model: FlightModel
 ) -> MotionDerivatives:
-    """Adds the coupling to derivatives of the rate, and appends those by the rate at the beginning."""
+    """Adds the coupling of changes of rate to the derivatives; appends those by the initial rate."""
     place, m = design.place[columns(model).gyro_bias], fixed.rate.shape[1]
     straight = design.by_rate.copy()
     straight[place[place >= 0]] = 0.0
@@ -289,7 +285,7 @@ def with_coupled_derivatives(
 
 
 def _tick_variances(late_s: Array) -> Array:
-    """Computes variances of the ticks' offset and period, by a line through the stamps, shape (2,)."""
+    """Computes variances of offset and period of the command clock, fitted to stamps, shape (2,)."""
     counts = centered_counts(late_s.shape[0])
     variance = float(late_s @ late_s) / max(late_s.shape[0] - _TICKS, 1)
     return variance / np.array([late_s.shape[0], float(counts @ counts)])

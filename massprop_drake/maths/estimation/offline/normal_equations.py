@@ -75,7 +75,7 @@ class NormalEquations(NamedTuple):
         return self.misfit / max(self.readings, 1.0)
 
     def plus(self, other: NormalEquations) -> NormalEquations:
-        """Adds the equations of other readings."""
+        """Adds the normal equations of other readings to these; returns the sum."""
         return NormalEquations(*map(operator.add, self, other))
 
 
@@ -93,7 +93,7 @@ HeldRows = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by
 
 
 def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
-    """Returns the places of a package's gains, and of its biases; a gyro has none of its own."""
+    """Returns the slices of a package's gains and biases among the unknowns; a gyro's biases: empty."""
     places, number = columns(model), package - model.gyros
     if number < 0:
         return slice(places.gyro_gain.start + 3 * package, places.gyro_gain.start + 3 * package + 3), slice(0)
@@ -104,7 +104,7 @@ def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
 def components_of(
     expected: ExpectedMotion, fixed: TurningEffects, at: Array, model: FlightModel, held: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields sensor components with two new readings at least, gyros first; takes rows from `held`, or notes them."""
+    """Yields residuals per sensor component with two informative rows; `held`: these rows, if known, or to fill in."""
     read, held = expected.course.read, {} if held is None else held
     for package in range(read.readings.shape[0]):
         (gains, biases), number = _own_places(package, model), package - model.gyros
@@ -137,28 +137,29 @@ class ComponentBatch(NamedTuple):
     rows: NDArray[np.int_]  # (r,)
 
     def each(self, values: Sequence[float] | Array) -> Array:
-        """Repeats a value of each component, shape (..., c), for all of its rows, shape (..., r)."""
+        """Repeats a value per component, shape (..., c), for each of its rows, shape (..., r)."""
         return np.repeat(values, self.counts, axis=-1)
 
     def without_means(self, x: Array) -> Array:
-        """Subtracts the mean over each component, shape (..., r)."""
+        """Subtracts, in place, the mean over each component's rows, shape (..., r)."""
         x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
         return x
 
     def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
-        """Whitens each component's readings, or anything linear in them, initial values eliminated, shape (..., r)."""
+        """Whitens, in place, each component's readings or derivatives, initial values eliminated, (..., r)."""
         for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
             x[..., begin : begin + count] = one(x[..., begin : begin + count])
         return x
 
 
 def _make_batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
+    """Joins sensor components into a batch, with the place at which the rows of each begin."""
     counts = np.array([part.rows.size for part in parts])
     return ComponentBatch(parts, counts, np.cumsum(counts) - counts, np.concatenate([part.rows for part in parts]))
 
 
 def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[ComponentBatch]:
-    """Groups components into batches that are processed at once."""
+    """Yields batches of sensor components, gyros and accelerometers apart, of limited size."""
     waiting: list[ReadComponent] = []
     for part in parts:
         count = sum(other.rows.size for other in waiting) + part.rows.size
@@ -173,7 +174,7 @@ def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[Component
 def reading_derivatives(
     design: MotionDerivatives, batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
 ) -> Array:
-    """Computes derivatives of the expected components, shape (n, r); those by ticks that are late are the last."""
+    """Computes derivatives of expected readings by unknowns, (n, r), those by a stretch's own last."""
     places, place = columns(model), design.place
     x = np.empty((design.by_rate.shape[0], batch.rows.size))
     turns, package = design.by_rate, -1
@@ -199,7 +200,7 @@ def reading_derivatives(
 def _apply_gains_and_biases(
     x: Array, place: NDArray[np.int_], batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
 ) -> None:
-    """Applies the gain of each component, and fills in the derivatives by it and by its bias."""
+    """Multiplies derivatives by sensor gains, in place; fills in those by gains and biases."""
     of_gains, of_biases = zip(*(_own_places(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
     if at[gains].any():
@@ -215,7 +216,7 @@ def _apply_gains_and_biases(
 def stretch_equations(
     stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None
 ) -> NormalEquations:
-    """Computes the normal equations of a stretch about a point.
+    """Computes the normal equations of a stretch's readings for the unknowns, about a point.
 
     Args:
         stretch: of at least two rows.
@@ -233,7 +234,7 @@ def equations_about(
     wanted: NDArray[np.bool_] | None = None,
     held: HeldRows | None = None,
 ) -> NormalEquations:
-    """Computes the normal equations from a thrust course; takes rows from `held`, or notes them there."""
+    """Computes a stretch's normal equations from its thrust course; `held`: rows to use or to fill in."""
     course, at = expand_about_middle(course, at, model)
     expected, followed = expected_motion(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
@@ -277,7 +278,7 @@ def equations_about(
 
 
 def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
-    """Returns the noise that accumulates in a component of a sensor, by the stated walks and disturbance.
+    """Computes the accumulating noise of a sensor component, from the stated walks and disturbance.
 
     Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
     as evidence of a torque it must not count twice, and gyros tell it better.
@@ -299,7 +300,7 @@ def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -
 
 
 def _make_whitener(one: ReadComponent, fixed: TurningEffects, at: Array, model: FlightModel) -> Whitener:
-    """Makes the whitener of a component; noise common to n packages counts n times for each."""
+    """Makes the whitener of a component's noise; noise common to n packages counts n times for each."""
     noise = accumulating_noise(one.package, one.axis, at, model)
     packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
     common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
@@ -326,7 +327,7 @@ class Residuals(NamedTuple):
 
 
 def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Residuals], Array]:
-    """Computes residuals about a point, and the motion that is expected there.
+    """Computes residuals of all sensor components about a point, and expected rate and velocity, (6, m).
 
     Args:
         stretch: of at least two rows.
@@ -350,7 +351,7 @@ def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Res
 
 
 def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array:
-    """Computes the variance of the rate at each row by the error of its stamp, shape (m,)."""
+    """Computes the variance of the rate at each row due to time-stamp errors, shape (m,)."""
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
     squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
@@ -358,7 +359,7 @@ def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array
 
 
 def _sum_residuals(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
-    """Adds up the residuals of components, shape (r,), by packages, and of gyros by how fast the rate changes."""
+    """Adds squared residuals to the sums per package, and those of gyros by how fast the rate changes."""
     squares, serial = left * left, np.zeros_like(left)
     serial[:-1] = left[:-1] * left[1:]
     serial[batch.begins + batch.counts - 1] = 0.0
@@ -372,7 +373,7 @@ def _sum_residuals(total: NormalEquations, batch: ComponentBatch, left: Array, f
 
 
 def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Eliminates a stretch's own unknowns; returns information and score of the others, and estimates of its own."""
+    """Eliminates a stretch's own unknowns; returns information, score, and estimates of its own."""
     n = variances.size
     own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
     solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))
@@ -381,11 +382,11 @@ def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) 
 
 
 def empty_equations(model: FlightModel) -> NormalEquations:
-    """Returns the normal equations of no readings."""
+    """Returns normal equations that hold no reading: all zero."""
     n, of_packages = model.prior.size, np.zeros((model.variances.size, 3))
     return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, of_packages, np.zeros(2), np.zeros(2))
 
 
 def sum_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
-    """Sums the normal equations of stretches."""
+    """Sums the normal equations of several stretches; all zero without any."""
     return reduce(NormalEquations.plus, parts) if parts else empty_equations(model)

@@ -80,7 +80,7 @@ class _Linearized(NamedTuple):
 
 
 def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> OscillationMode | None:
-    """Finds the mode that leaves least unexplained; None where the stretches are too short to show its return.
+    """Finds the oscillation whose fit leaves the least misfit; None where stretches are too short to show one.
 
     Its frequency is found on a grid at one damping, and both more finely about the best.
 
@@ -104,7 +104,7 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
 
 
 def misfit_of(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> tuple[float, float]:
-    """Computes the sum of squares of a fit's residuals, in units of their variance, and their number."""
+    """Computes the sum of squared residuals of a fit, in units of their variance, and their number."""
     components = [one for stretch in stretches for one in residuals(stretch, fit.at, model)[0]]
     return sum(float(one.left @ one.left) for one in components), sum(one.rows.size - 1.0 for one in components)
 
@@ -112,7 +112,7 @@ def misfit_of(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) 
 def covering_walk(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
 ) -> tuple[float, float]:
-    """Computes random walks whose increments have no less power than those of the residuals, at any frequency.
+    """Computes 1-sigmas of random walks of rate and velocity whose spectra cover those of the residuals.
 
     Args:
         stretches: of the flight.
@@ -134,13 +134,13 @@ def covering_walk(
 
 
 def is_covered(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> bool:
-    """Tests whether stated walks and disturbance, or noise alone, cover the residuals, but for chance."""
+    """Tests whether stated noise, walks and disturbance explain the spectra of residuals, but for chance."""
     every = _component_spectra(stretches, fit, model, np.zeros_like(fit.at))
     return all(bool((lines.power <= _allowed_power(one, lines, fit, model)).all()) for one, lines in every)
 
 
 def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
-    """Computes the largest power that stated walks, disturbance and noise leave in a component's lines, shape (k,).
+    """Computes the largest power that stated noise, walks and disturbance explain, per line, shape (k,).
 
     A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
     one number, drawn once.
@@ -156,7 +156,7 @@ def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightMo
 
 
 def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
-    """Computes the expected power of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
+    """Computes the power spectrum of a rate whose derivative is a unit-variance Gauss-Markov process.
 
     Args:
         constant_s: time constant of the process.
@@ -172,7 +172,7 @@ def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
 
 
 def white_noise_spectrum(intervals: int, length_s: float) -> Array:
-    """Computes the expected power of increments of unit white noise, line by line, before means, shape (k + 2,)."""
+    """Computes the power of increments of unit white noise, before averaging lines, shape (k + 2,)."""
     angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
     return 2.0 * (1.0 - np.cos(angles)) / length_s
 
@@ -193,7 +193,7 @@ class Lines(NamedTuple):
 
 
 def increment_spectrum(left: Array, time_s: Array) -> Lines:
-    """Computes the power spectrum of the increments of residuals, shape (n,), read at some times, s, shape (n,)."""
+    """Computes the power spectrum of increments of residuals, (n,), at times, s, (n,), lines averaged."""
     count = left.size - 1
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
@@ -203,14 +203,14 @@ def increment_spectrum(left: Array, time_s: Array) -> Lines:
 
 
 def _means_of_neighbors(lines: Array) -> Array:
-    """Computes means of neighboring lines."""
+    """Computes moving averages of a few neighboring lines of a power spectrum."""
     return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 
 def _component_spectra(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
 ) -> Iterator[tuple[Residuals, Lines]]:
-    """Yields sensor components with enough readings, and the spectra of their residuals' increments."""
+    """Yields residuals and their increments' spectrum for each sensor component with enough rows."""
     for stretch in stretches:
         for one in residuals(stretch, fit.at, model)[0]:
             if one.rows.size >= _FEWEST:
@@ -219,12 +219,12 @@ def _component_spectra(
 
 @cache
 def _chance_limit(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
-    """Computes the largest mean of lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
+    """Computes the ratio of averaged power to its expectation that chance exceeds at rate `_RATE`."""
     return chi_square_limit(_RATE / lines, degrees) / degrees
 
 
 def _frequencies(length_s: float, period_s: float) -> Array:
-    """Returns frequencies that a flight can tell apart, from one turn on, Hz."""
+    """Returns the grid of frequencies that a record's length and period resolve, Hz; may be empty."""
     least, most = 1.0 / max(length_s, period_s), _MOST / period_s
     if least >= most:
         return np.zeros(0)
@@ -236,22 +236,19 @@ def _frequencies(length_s: float, period_s: float) -> Array:
 
 
 def _linearize_stretch(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
-    """Linearizes a stretch about the fit: residuals, and steps of the structure's acceleration."""
+    """Computes residuals of a stretch, derivatives, and the steps of its expected acceleration."""
     (components, moved), time_s = residuals(stretch, at, model), stretch.time_s - stretch.time_s[0]
     return _Part(time_s, np.diff(np.diff(moved) / np.diff(time_s), prepend=0.0, append=0.0), components)
 
 
 def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
-    """Computes rates q' of a mode that is at rest before, driven by steps of an acceleration.
+    """Computes rates q' of an oscillation, at rest at first, driven by steps of acceleration, shape (k, m).
 
     Args:
         steps: of the acceleration at each row, shape (k, m).
         time_s: of the rows, equally spaced, from zero on, shape (m,).
         frequency_hz: undamped, Hz.
         damping: ratio, below one.
-
-    Returns:
-        Shape (k, m).
     """
     omega = 2.0 * math.pi * frequency_hz
     damped = omega * math.sqrt(1.0 - damping**2)
@@ -261,7 +258,7 @@ def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: flo
 
 
 def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
-    """Combines stretches: the normal equations of their residuals, in units of the prior."""
+    """Sums the normal equations of stretches' residuals, unknowns in units of their prior 1-sigma."""
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma
@@ -278,7 +275,7 @@ def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -
 
 
 def _fit_mode(flight: _Linearized, frequency_hz: float, damping: float) -> OscillationMode:
-    """Computes the misfit once a mode's coefficients are fitted to every component, and the unknowns once more."""
+    """Fits an oscillation to all components, unknowns fitted again; returns it with the misfit left."""
     information, vector, misfit = flight.information.copy(), flight.vector.copy(), flight.misfit
     readings = 0.0
     for part in flight.parts:
@@ -299,14 +296,14 @@ def _fit_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Oscil
 
 
 def _free_motion(part: _Part, frequency_hz: float, damping: float) -> Array:
-    """Computes free motion of a mode from before the stretch, two phases, shape (2, m)."""
+    """Computes the free decay of an oscillation in two phases, shape (2, m)."""
     omega = 2.0 * math.pi * frequency_hz
     angle = omega * math.sqrt(1.0 - damping**2) * part.time_s
     return np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _orthonormal_basis(columns: Array) -> Array:
-    """Computes an orthonormal basis of functions of the rows, their means subtracted, shape (k, r)."""
+    """Computes an orthonormal basis of rows' span, their means subtracted, shape (k, r)."""
     off = columns - columns.mean(axis=1, keepdims=True)
     size = np.linalg.norm(off, axis=1)
     off = off[size > 1e-12 * size.max(initial=1e-300)]

@@ -19,7 +19,7 @@ _NOTHING = 1e-20  # of a level
 
 @kernel
 def select_informative(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
-    """Selects the readings of a component that carry new information: those expected to move, or moved, by a quantum.
+    """Returns indices of a component's readings that carry new information: moved by about a quantum.
 
     Args:
         expected: outputs, shape (m,).
@@ -50,7 +50,7 @@ def _apply_lag_by_row(level, slope, remaining, by_logarithm):  # type: ignore[no
 
 @idiom(_apply_lag_by_row)
 def apply_lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """Applies the jets' first-order lag to the levels that they tend to.
+    """Replaces targets of thrust levels by levels under first-order valve lag, in place, row by row.
 
     In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
     one, then of two, then of four, until nothing is.
@@ -70,7 +70,7 @@ def apply_lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array)
 
 
 def add_decayed_sums(rows: Array, remaining: Array) -> None:
-    """Adds to each row the decayed sum of the rows before; the share that remains per row has shape (n_jets,)."""
+    """Adds to each row, in place, the decayed sum of all rows before; ``remaining``: decay per row."""
     back, left = 1, remaining
     while back < rows.shape[0] and left.max(initial=0.0) > _NOTHING:
         rows[back:] += left * rows[:-back]
@@ -79,7 +79,7 @@ def add_decayed_sums(rows: Array, remaining: Array) -> None:
 
 @kernel
 def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """Applies the jets' first-order lag to levels in place, see `apply_lag`."""
+    """Replaces targets of thrust levels by lagged levels, in place; see `apply_lag`."""
     apply_lag(level, slope, remaining, by_logarithm)
 
 
@@ -92,6 +92,6 @@ class Compute(NamedTuple):
 
 
 def choose_kernels(*, compiled: bool) -> Compute:
-    """Returns the row-by-row functions, compiled or not."""
+    """Returns the functions that run through a record row by row, compiled or plain."""
     used, lagged = compile_kernel_if(select_informative, compiled), compile_kernel_if(lag, compiled)
     return Compute(used, lagged, compile_kernel_if(swing_modes, compiled))

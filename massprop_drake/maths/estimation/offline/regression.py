@@ -86,7 +86,7 @@ class ScoreTest(NamedTuple):
 
 
 def fit_flight(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> FlightFit:
-    """Fits the unknowns to the readings by Gauss-Newton iterations.
+    """Fits all unknowns to a flight's readings by Gauss-Newton iterations; returns point and equations.
 
     What begins far from the truth may go farther with every pass: where they do not settle, the point of those gone
     through that leaves least unexplained is taken.
@@ -102,7 +102,7 @@ def fit_flight(stretches: Sequence[Stretch], start: Array, model: FlightModel) -
 
 
 def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
-    """Iterates Gauss-Newton passes until they converge; leaves out unknowns that are only tested unless `last`.
+    """Runs Gauss-Newton iterations until they settle; unknowns only tested are left out unless ``last``.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
     """
@@ -166,7 +166,7 @@ class Reckoned(NamedTuple):
 
 
 def estimated_unknowns(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
-    """Collects the estimated unknowns, but for some that are tested.
+    """Solves for the estimated unknowns, without tested ones, as needed by score tests of others.
 
     Args:
         fit: see `FlightFit`.
@@ -194,7 +194,7 @@ def score_test(
     clear: float = np.inf,
     common: Reckoned | None = None,
 ) -> ScoreTest:
-    """Tests whether some unknowns have their stated values.
+    """Tests unknowns against their stated values; returns statistic, degrees of freedom, sizes and misfit.
 
     Args:
         fit: see `FlightFit`.

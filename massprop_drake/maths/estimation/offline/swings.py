@@ -64,7 +64,7 @@ Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], 
 
 
 def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swing_modes) -> Swings:
-    """Computes a stretch with its modes, which are at rest at its beginning.
+    """Computes rate and velocity of a stretch with its modes free, at rest at first, and derivatives.
 
     Args:
         locked: see `Locked`.
@@ -110,7 +110,7 @@ def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParam
 
 
 def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
-    """Tests whether the parts that move leave a positive inertia to the rest of the vehicle.
+    """Tests whether the swinging parts leave a positive inertia to the rest of the vehicle.
 
     Args:
         properties, errors, modes: see `add_modes`.
@@ -124,5 +124,5 @@ def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
 
 
 def start_variances(modes: ModeParams) -> Array:
-    """Computes variances of eta and eta' at the beginning of a stretch, positive, shape (2 n,)."""
+    """Computes prior variances of mode states eta and eta' at a stretch's beginning, shape (2 n,)."""
     return np.maximum(mode_sigmas(modes.start, modes), 1e-9) ** 2

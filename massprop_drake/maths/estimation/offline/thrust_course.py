@@ -19,12 +19,12 @@ Lengths = float | Array  # of all intervals, or of each, s
 
 
 def weigh_by_length(each: Array, lengths_s: Lengths) -> Array:
-    """Multiplies the terms of a sum over intervals by their lengths where these differ; else the sum is multiplied."""
+    """Multiplies terms by their intervals' lengths where these differ; else returns them as they are."""
     return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
 
 
 def common_length(lengths_s: Lengths) -> float:
-    """Returns the common length of all intervals, s, or 1 where each has its own: see `weigh_by_length`."""
+    """Returns the common length of all intervals, s; 1 where lengths differ, see `weigh_by_length`."""
     return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
 
 
@@ -50,7 +50,7 @@ class RecordedStretch(NamedTuple):
 
 
 def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
-    """Collects the data of a stretch that do not depend on the unknowns."""
+    """Computes what does not depend on the unknowns: rates, readings, firing jets, tick times, tanks."""
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = np.ascontiguousarray(stretch.readings[:, : model.gyros].transpose(1, 2, 0))
@@ -75,7 +75,7 @@ def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
 
 
 def drawn_propellant(stretch: Stretch, model: FlightModel) -> Array:
-    """Computes the propellant drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
+    """Computes propellant drawn from each tank between each row and the end of the flight, shape (n, m)."""
     if stretch.seconds is None or not model.tanks.fill.size:
         return np.zeros((0, stretch.time_s.size))
     return np.asarray((model.tanks.feeds * model.flows) @ stretch.seconds[:, 1].T)
@@ -96,12 +96,12 @@ class MiddleDerivatives(NamedTuple):
 
 
 def row_places(stretch: Stretch, model: FlightModel) -> Array:
-    """Returns the places of the rows along a straight line, shape (m,)."""
+    """Returns the rows' times, s, or numbers where they lie on ticks, for interpolation, shape (m,)."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
 
 def _wheel_momenta(stretch: Stretch, model: FlightModel) -> Array:
-    """Computes J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero for wheels that are never read."""
+    """Computes each wheel's angular momentum at the rows, (w, 3, m); zero for wheels never read."""
     wheels = model.wheels
     if stretch.speeds is None:
         return np.zeros((0, 3, stretch.time_s.size))
@@ -124,7 +124,7 @@ class ThrustCourse(NamedTuple):
 
 
 def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
-    """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
+    """Computes impulse, lag derivative and level of each firing jet over a stretch, interval by interval."""
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
     given, lag_error = model.time_constants_s[on], at[columns(model).lag][model.kinds][on]
@@ -164,7 +164,7 @@ def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> Thrus
 
 
 def _apply_lag_by_interval(level: Array, slope: Array, left: Lingering) -> None:
-    """Runs `apply_lag` over intervals of different lengths; before the stretch they are as long as its first."""
+    """Applies valve lag to levels, in place, over intervals of different lengths; see `apply_lag`."""
     since = level.shape[0] - left.remaining.shape[0]
     for row in range(1, level.shape[0]):
         of = max(row - since, 0)
@@ -188,7 +188,7 @@ class _Pulses(NamedTuple):
 
 
 def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
-    """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples."""
+    """Computes corrections for jets that switch within samples, see `_Pulses`; None: none does."""
     stretch, on = read.stretch, read.on
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
         return None
@@ -223,7 +223,7 @@ def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering,
 
 
 def _fit_ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
-    """Computes the period at which commands switch, and each stamp's lateness: both from a line through the stamps."""
+    """Fits the command clock's period to stamps; returns it, s, and how late each stamp is, s, (m,)."""
     counts = centered_counts(time_s.shape[0])
     since = time_s - time_s.mean()
     period = float(counts @ since) / float(counts @ counts)
@@ -234,12 +234,12 @@ def _fit_ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
 
 
 def is_off_ticks(stretch: Stretch, model: FlightModel) -> bool:
-    """Tests whether stamps of a stretch are off their ticks."""
+    """Tests whether any time stamp of a stretch is off the command clock."""
     return not model.own_times and bool(_fit_ticks(stretch.time_s, model.period_s)[1].any())
 
 
 def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
-    """Interpolates rates, shape (k, m), linearly over the places of rows where none is read."""
+    """Interpolates rates, shape (k, m), linearly at rows without a reading."""
     rate = rate.copy()
     for axis in np.flatnonzero(~there.all(axis=1)).tolist():
         rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
@@ -247,5 +247,5 @@ def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> A
 
 
 def centered_counts(number: int) -> Array:
-    """Returns row numbers counted from the middle, shape (number,)."""
+    """Returns row numbers relative to the middle of the rows, shape (number,)."""
     return np.arange(0.5 * (1.0 - number), 0.5 * number)

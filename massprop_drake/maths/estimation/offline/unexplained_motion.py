@@ -22,7 +22,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 
 def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float, float]:
-    """Computes the largest angular momentum and impulse that no jets explain, whatever their thrusts and the inertia.
+    """Computes the largest angular momentum and impulse that no thrusts or inertia explain.
 
     Args:
         stretches: of the flight, of at least two rows.
@@ -50,7 +50,7 @@ def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tu
 
 
 def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> list[Array]:
-    """Returns accelerometer velocities by component, freed of the turning that gyros read, and their possible causes.
+    """Returns regressors and accelerometer velocity per component, rotation effects subtracted.
 
     Returns:
         For each component with two readings at least, means taken off: derivatives by the center of mass, by the thrust
@@ -79,12 +79,12 @@ def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: Flight
 
 
 def _subtract_means(rows: Array) -> Array:
-    """Subtracts the mean of each row, shape (k, n)."""
+    """Subtracts each row's mean over its columns, shape (k, n)."""
     return rows - rows.mean(axis=1, keepdims=True)
 
 
 def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
-    """Computes residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
+    """Computes residuals of the last ``outputs`` columns regressed on the others, shape (n, outputs)."""
     if not parts:
         return np.zeros((0, outputs))
     together = np.vstack(parts)
@@ -99,7 +99,7 @@ _FEWEST = 10  # spans whose median is told
 
 
 def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> Array:
-    """Computes medians of what each package's readings gained, over what jets alone would have given them.
+    """Computes medians of measured over predicted changes of each package's readings, (n_packages,).
 
     Args:
         stretches: of the flight.
@@ -125,7 +125,7 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
 
 
 def _readings_and_expected(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
-    """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
+    """Yields each package's readings, and what the jets alone make of them, shape (m, 3) each."""
     expected, at = stretch_motion(stretch, at, model)
     impulse = expected.sums.impulse
     turned = at[:6][ELEMENT] @ moments_about(impulse, at[CENTER])

@@ -31,7 +31,7 @@ _KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
 def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
-    """Computes the parts of the possible delays.
+    """Divides the prior of the commands' delay into normal parts a sample apart, with their log probabilities.
 
     Args:
         delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
@@ -54,7 +54,7 @@ def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 
 def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
-    """Copies the one filter at the first sample for each part of the possible delays."""
+    """Copies the filter at the first sample for each part of the delay's prior; returns a bank per part."""
     delays, places = params.delays, _delay_places(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
@@ -67,13 +67,13 @@ def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
 
 
 def _delay_places(params: PoseParams) -> np.ndarray:
-    """Returns the places of delays among the free elements."""
+    """Returns the indices, among the free elements, of the commands' delays."""
     part = params.parts.delay
     return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
 
 
 def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
-    """Joins the hypotheses of all parts of the possible delays, the likeliest part first.
+    """Joins the hypotheses of all parts of the delay's prior, the likeliest first, others as `elsewhere`.
 
     Args:
         parts: of each, as at the first sample.
@@ -86,7 +86,7 @@ def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
 def advance_over_delays(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
-    """Advances the hypotheses of every delay by a sample.
+    """Advances the hypotheses of every delay by a sample; also returns what the likeliest delay's step gave.
 
     Args:
         tried: after the last sample.
@@ -115,7 +115,7 @@ def advance_over_delays(
 def name_failure_over_delays(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[Tried, pose_hypotheses.PoseOutcome | None]:
-    """Names a failure after a sample, see `pose_hypotheses.name_failure`; none while another delay is as likely."""
+    """Decides on a failure after a sample; returns the hypotheses, and the failure or None."""
     others = tuple(pose_hypotheses.renew_hypotheses(one, time_s, params) for one in tried.elsewhere)
     alone = tried._replace(elsewhere=())
     after, found = pose_hypotheses.name_failure(
@@ -127,13 +127,13 @@ def name_failure_over_delays(
 
 
 def is_delay_settled(tried: Tried, lead: float) -> bool:
-    """Tests whether the likeliest delay leads every other one, by so many nats."""
+    """Tests whether the likeliest delay's log weight exceeds every other one's by a margin, nats."""
     best = log_weight(tried)
     return all(best - log_weight(one) > lead for one in tried.elsewhere)
 
 
 def merge_delays(tried: Tried, params: PoseParams) -> PoseBank:
-    """Merges the first filters of all delays by moment matching, for the report while several are possible."""
+    """Merges the no-failure filters of all delays by moment matching to a bank of one, for the report."""
     first, total = tried.bank.select(slice(1)), log_weight(tried)
     for one in tried.elsewhere:
         own = log_weight(one)
@@ -144,12 +144,12 @@ def merge_delays(tried: Tried, params: PoseParams) -> PoseBank:
 
 
 def log_weight(tried: Tried) -> float:
-    """Computes the log probability of a part with all its hypotheses, but for a common constant."""
+    """Computes the log of the summed probability of all hypotheses of one delay, up to a common constant, nats."""
     return tried.total + float(np.logaddexp.reduce(tried.likelihood))
 
 
 def _order_parts(parts: list[Tried]) -> Tried:
-    """Orders parts by weight, without those far behind; returns the first, with the others as `elsewhere`."""
+    """Orders delays by weight, dropping unlikely ones; returns the first, the others in its `elsewhere`."""
     weights = np.array([log_weight(one) for one in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
@@ -157,7 +157,7 @@ def _order_parts(parts: list[Tried]) -> Tried:
 
 
 def _merge_close_parts(parts: list[Tried], params: PoseParams) -> list[Tried]:
-    """Merges the parts of the possible delays that one filter can hold."""
+    """Merges pairs of delays that one filter can hold; returns the hypotheses of each delay left."""
     if any(one.doubt is not None for one in parts):
         return parts
     result: list[Tried] = []
@@ -171,7 +171,7 @@ def _merge_close_parts(parts: list[Tried], params: PoseParams) -> list[Tried]:
 
 
 def _can_merge(one: Tried, other: Tried, params: PoseParams) -> bool:
-    """Tests whether one filter can hold both parts' delays, as if equally likely, without losing either.
+    """Tests whether one filter can hold both delays, as if equally likely, without losing either.
 
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
@@ -189,7 +189,7 @@ def _can_merge(one: Tried, other: Tried, params: PoseParams) -> bool:
 
 
 def _merge_pair(one: Tried, other: Tried, params: PoseParams) -> Tried:
-    """Merges two parts hypothesis by hypothesis by moment matching; the likelier one's leader stays."""
+    """Merges the hypotheses of two delays one by one by moments; the likelier delay's counters stay."""
     total, share = add_weights(one.total + one.likelihood, other.total + other.likelihood)
     likelier = one if log_weight(one) >= log_weight(other) else other
     return likelier._replace(

@@ -25,7 +25,7 @@ class _PoseReader:
         self._vector, self._at = vector, 0
 
     def take(self, *shape: int) -> Array:
-        """Reads the next numbers, with a shape."""
+        """Reads the next numbers of the vector in a shape; ValueError when it is too short."""
         end = self._at + int(np.prod(shape))
         if end > self._vector.size:
             raise ValueError("hypotheses are cut short")
@@ -34,19 +34,19 @@ class _PoseReader:
         return found
 
     def count(self) -> int:
-        """Reads the next number, a count."""
+        """Reads the next number of the vector, a whole one of 0 to 4096; ValueError when it is not."""
         (number,) = self.take(1)
         if not (0.0 <= number <= _MOST and number == int(number)):
             raise ValueError("hypotheses must be counted by whole numbers")
         return int(number)
 
     def ends(self) -> bool:
-        """Tests whether all has been read."""
+        """Tests whether the whole vector has been read."""
         return self._at == self._vector.size
 
 
 def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
-    """Packs commands and hypotheses; empty parts where nothing has begun."""
+    """Packs the commands that still act and all hypotheses into one vector, for a restart."""
     parts = [tried._replace(elsewhere=()), *tried.elsewhere]
     blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
     blocks += [commands.time_s, commands.levels.ravel()]
@@ -56,7 +56,7 @@ def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
 
 
 def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
-    """Unpacks commands and hypotheses: the inverse of `pack_hypotheses`.
+    """Unpacks hypotheses and commands from a vector, checked: the inverse of `pack_hypotheses`.
 
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.
@@ -72,7 +72,7 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
 
 
 def _pack_part(part: Tried) -> list[Array]:
-    """Packs one part of the possible delays, scalars first: the inverse of `_read_part`."""
+    """Packs the hypotheses of one delay into arrays, scalars first: the inverse of `_read_part`."""
     has = part.apart is not None, part.doubt is not None
     numbers = part.bank.mean.shape[0], part.renewed_s, part.led_s, part.leader, part.steady, part.total, *has
     likelihood = np.where(np.isneginf(part.likelihood), np.nan, part.likelihood)
@@ -85,7 +85,7 @@ def _pack_part(part: Tried) -> list[Array]:
 
 
 def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
-    """Reads one part as `_pack_part` packs it."""
+    """Reads the hypotheses of one delay from a vector as `_pack_part` packs them."""
     filters, renewed_s, led_s, leader, steady, total, has_apart, has_doubt = read.take(8).tolist()
     jets = params.pushes.shape[0]
     if filters not in (1.0, 2.0 + 2.0 * jets):
@@ -100,7 +100,7 @@ def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
 
 
 def _pack_bank(bank: PoseBank) -> list[Array]:
-    """Packs a bank; of each covariance the lower triangle."""
+    """Packs a bank of filters into flat arrays; of each covariance the lower triangle."""
     rows, columns = np.tril_indices(bank.covariance.shape[1])
     lower = bank.covariance[:, rows, columns]
     parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
@@ -108,7 +108,7 @@ def _pack_bank(bank: PoseBank) -> list[Array]:
 
 
 def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
-    """Reads a bank: the inverse of `_pack_bank`."""
+    """Reads a bank of ``count`` filters from a vector: the inverse of `_pack_bank`."""
     n = params.free.size
     rows, columns = np.tril_indices(n)
     mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)
@@ -121,7 +121,7 @@ def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
 
 
 def _require_possible(commands: Commands, parts: list[Tried]) -> None:
-    """Refuses values that no run leaves."""
+    """Raises ValueError where unpacked commands or hypotheses hold values that no estimator leaves."""
     if not np.isfinite(commands.time_s).all() or (np.diff(commands.time_s) <= 0.0).any():
         raise ValueError("commands must be in order of time")
     if ((commands.levels < 0.0) | (commands.levels > 1.0)).any():

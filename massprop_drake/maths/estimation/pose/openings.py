@@ -75,7 +75,7 @@ class _Grown(NamedTuple):
 
 
 def _step_response_integrals(since_s: Array, lag_s: Array) -> _Grown:
-    """Integrates the response of valves with a lag to a step: see `_Grown`; zero before it."""
+    """Computes the first-order response to a step and its integrals (see `_Grown`), zero before the step."""
     time_s = np.maximum(since_s, 0.0)
     left = np.exp(-time_s / lag_s)
     level = 1.0 - left
@@ -89,7 +89,7 @@ def _step_response_integrals(since_s: Array, lag_s: Array) -> _Grown:
 def average_openings(
     commands: Commands, span_s: tuple[float, float], timing: OpeningTimes, delay_std_s: Array
 ) -> Openings:
-    """Computes the jets' openings between two moments, averaged over the uncertain delay and linear in it.
+    """Computes integrals of jet openings over an interval, averaged over an uncertain delay and linear in it.
 
     Args:
         commands: see `Commands`.
@@ -118,13 +118,13 @@ def average_openings(
 
 
 def _commands_since(commands: Commands, time_s: float) -> Commands:
-    """Returns commands that end after a time, and the one before them."""
+    """Returns the commands that hold after a time, s, with the one before them."""
     first = max(int(np.searchsorted(commands.time_s[1:], time_s)) - 1, 0)
     return Commands(commands.time_s[first:], commands.levels[first:])
 
 
 def openings_between(commands: Commands, begin_s: float, end_s: float, timing: OpeningTimes) -> Openings:
-    """Computes the jets' openings between two moments.
+    """Computes integrals of jet openings over an interval, and their derivatives by the valves' timing.
 
     Where a command is not known, the jet is taken to have been half open, with the variance of anything between
     closed and open.
@@ -147,7 +147,7 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
     duration = end_s - begin_s
 
     def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Computes J and JJ of a level that begins at an edge and lasts, and derivatives by the edge and by ln tau."""
+        """Computes J and JJ of a unit step at an edge, then derivatives of both by the edge and by ln tau."""
         at_end, at_begin = _step_response_integrals(end_s - edge, lag), _step_response_integrals(begin_s - edge, lag)
         once = at_end.once - at_begin.once
         twice = at_end.twice - at_begin.twice - duration * at_begin.once

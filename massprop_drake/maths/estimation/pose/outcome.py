@@ -22,7 +22,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two th
 def estimated_properties(
     mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams
 ) -> tuple[Array, Array]:
-    """Computes the ten parameters and their covariance, zero where they are fixed, shapes (10,) and (10, 10).
+    """Computes the ten mass-property parameters, shape (10,), and covariance, (10, 10), zero where fixed.
 
     Args:
         mean: of the whole state, shape (size,).
@@ -51,7 +51,7 @@ def estimated_properties(
 
 
 def mass_regression(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
-    """Computes the regression of mu on the state, shape (size,), and the variance that no state takes from it.
+    """Computes the gain of mu = m_0/m on the state, shape (size,), and the variance of mu it leaves.
 
     Args:
         healthy: which jets' factors say something of the mass, shape (n_jets,).

@@ -86,7 +86,7 @@ class PoseUpdate(NamedTuple):
 
 
 def apply_correction(bank: PoseBank, correction: Array, covariance: Array, params: PoseParams) -> PoseBank:
-    """Applies a correction of the free elements, shape (n_filters, n), to a bank, and replaces its covariance."""
+    """Adds corrections of the free elements, (n_filters, n), to a bank's state, and replaces its covariance."""
     mean = bank.mean.copy()
     mean[:, params.free] += correction
     turn = mean[:, params.parts.attitude].copy()
@@ -102,7 +102,7 @@ def step(
     params: PoseParams,
     doubt: Doubt | None = None,
 ) -> PoseCycled:
-    """Advances a bank of filters by a sample: predicts, updates, and merges those kept apart in the last one's doubt.
+    """Advances a bank of filters by a sample: predicts, updates, and merges alternative filters of the last one.
 
     Args:
         bank: after the last sample.
@@ -128,14 +128,14 @@ def step(
 
 
 def add_weights(one: Array, other: Array) -> tuple[Array, Array]:
-    """Adds two log weights; also returns the share of the second in the sum, zero where both are impossible."""
+    """Adds probabilities by their logs; returns the log of the sum, and the share of the second, else zero."""
     total = np.logaddexp(one, other)
     share = np.where(np.isfinite(total), np.exp(other - np.where(np.isfinite(total), total, 0.0)), 0.0)
     return total, share
 
 
 def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
-    """Merges two banks by moment matching.
+    """Merges two banks, filter by filter, by moment matching.
 
     Args:
         one, other: of the same number of filters.
@@ -161,7 +161,7 @@ def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams
 def _step_without_doubt(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
-    """Advances a bank by a sample without doubt of the last one."""
+    """Advances a bank by a sample as does ``step`` where no alternative filters are left of the last one."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predict_bank(bank, commands, *span_s, params)
         beside = compare_readings(ahead.bank, readings, params)
@@ -202,7 +202,7 @@ def _step_without_doubt(
 
 
 def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
-    """Finds diverged filters, whose expected covariance is not positive definite or not finite, shape (n_filters,).
+    """Flags filters whose innovation covariance is not positive definite or not finite, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
 
@@ -220,7 +220,7 @@ def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float
 
 
 def _values_of_first(values: Array, chosen: np.ndarray) -> Array:
-    """Returns values by filter, with the first filter's in place of those of the chosen ones."""
+    """Replaces the values of flagged filters by the first filter's, shape (n_filters, ...)."""
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
@@ -243,7 +243,7 @@ class Happened(NamedTuple):
 
 
 def kick_and_outlier_chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
-    """Computes probabilities of a kick in an interval, and of poor readings at its end."""
+    """Computes the probabilities of a kick in an interval and of outlying pose readings at its end."""
     kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     return float(kick), params.pose.outliers if beside.poses.any() else 0.0
 
@@ -251,7 +251,7 @@ def kick_and_outlier_chances(beside: Compared, span_s: tuple[float, float], para
 def list_possibilities(
     ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]
 ) -> list[Happened]:
-    """Lists the possibilities of an interval: as modeled; a kick; poor readings.
+    """Lists what may have happened in an interval (as modeled; a kick; poor readings), with cross covariances.
 
     Args:
         ahead: the bank before the readings.
@@ -275,7 +275,7 @@ def list_possibilities(
 def mix_possibilities(
     bank: PoseBank, happened: list[Happened], ways: list[PoseUpdate], share: Array, params: PoseParams
 ) -> PoseBank:
-    """Mixes a bank's possibilities by moment matching.
+    """Mixes the updates by all possibilities by moment matching; returns the bank after the readings.
 
     Args:
         bank: before the readings.
@@ -299,7 +299,7 @@ def mix_possibilities(
 
 
 def possibility_updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
-    """Computes the update by each possibility, such that every K stays that of a body."""
+    """Computes the Kalman update by each possibility, K fixed in filters where an update would be unphysical."""
     taken = np.ones((mean.shape[0], params.free.size))
     ways = _joseph_updates(happened, taken)
     corrections = np.stack([way.correction for way in ways])
@@ -311,13 +311,13 @@ def possibility_updates(happened: list[Happened], mean: Array, params: PoseParam
 
 
 def _select_spin(params: PoseParams) -> np.ndarray:
-    """Selects the free elements that belong to K, shape (n,)."""
+    """Flags free elements that belong to K (inverse inertia times mass), shape (n,)."""
     spin = params.parts.spin
     return (params.free >= spin.start) & (params.free < spin.stop)
 
 
 def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
-    """Tests whether each correction leaves each filter's K that of a body, positive definite, shape (k, n_filters)."""
+    """Tests whether a correction leaves K (inverse inertia times mass) positive definite, (k, n_filters)."""
     part, chosen = params.parts.spin, _select_spin(params)
     after = np.repeat(mean[None, :, part], len(correction), axis=0)
     after[..., params.free[chosen] - part.start] += correction[..., chosen]
@@ -327,13 +327,13 @@ def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.
 
 
 def scale_pose_noise(beside: Compared, scale: float) -> Compared:
-    """Scales the 1-sigma of the pose readings by a factor."""
+    """Returns compared readings with the 1-sigma of pose readings multiplied by a factor."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
 def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Array]:
-    """Computes NIS and log density of innovations by their covariance, shape (n_filters,) each."""
+    """Computes NIS and log density, nats, of innovations by their covariance, shape (n_filters,) each."""
     half = np.linalg.cholesky(expected)
     nis = np.sum(np.linalg.solve(half, innovation[..., None])[..., 0] ** 2, axis=1)
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
@@ -341,7 +341,7 @@ def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Ar
 
 
 def _nis_by_kind(shown: Array, beside: Compared) -> Array:
-    """Splits the statistics of the first filter by kind of sensor, see `Cycled.of_first`."""
+    """Computes the first filter's NIS and its degrees of freedom by kind of sensor, see `Cycled.of_first`."""
     result = np.zeros((2, 2))
     off, expected = beside.innovation[0], shown + beside.variance[0]
     for row, chosen in enumerate((beside.turning, ~beside.turning)):
@@ -351,13 +351,13 @@ def _nis_by_kind(shown: Array, beside: Compared) -> Array:
 
 
 def _whitened_innovations(shown: Array, beside: Compared) -> Array:
-    """Computes whitened innovations, see `Cycled.whitened`."""
+    """Whitens innovations by the covariance that the bank expects on average, shape (n_filters, m)."""
     expected = np.mean(shown + beside.variance, axis=0)
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
 def _joseph_updates(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
-    """Computes the Kalman updates by all possibilities at once, in a form that holds for any gain.
+    """Computes the Kalman update by each possibility, gains times ``taken``, shape (n_filters, n), in Joseph form.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.

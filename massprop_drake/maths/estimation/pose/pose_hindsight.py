@@ -69,14 +69,14 @@ class PoseRecord(NamedTuple):
     pieces: tuple[Array, Array] | None = None
 
     def commands(self, row: int) -> Commands:
-        """Returns the commands that act up to a row's time, with those given at it."""
+        """Returns the commands that act up to the time of a row (an index), those given at that time included."""
         outside = None if self.outside is None else self.outside[row - 1]
         time_s, levels = (self.time_s, self.levels) if self.pieces is None else self.pieces
         count = int(np.searchsorted(time_s, self.time_s[row], side="right"))
         return Commands(time_s[:count], levels[:count], outside)
 
     def until(self, time_s: float) -> PoseRecord:
-        """Returns the rows before a time."""
+        """Returns the record cut to its rows before a time, s."""
         rows = int(np.searchsorted(self.time_s, time_s))
         cut = self._replace(time_s=self.time_s[:rows], levels=self.levels[:rows], readings=self.readings[:rows])
         return cut if self.outside is None else cut._replace(outside=self.outside[:rows])
@@ -109,12 +109,12 @@ class PoseEquations(NamedTuple):
     readings: float
 
     def plus(self, other: PoseEquations) -> PoseEquations:
-        """Adds the equations of other samples."""
+        """Adds the normal equations of other samples to these; returns the sum."""
         return PoseEquations(*map(operator.add, self, other))
 
 
 def unknowns_from_state(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
-    """Converts an estimator's state, with a mass, to the unknowns, shape (size,)."""
+    """Converts a filter's state and 1/m to the unknowns of the normal equations, shape (size,)."""
     parts, at = params.parts, state.copy()
     scale = mass_reciprocal * params.nominal_mass
     at[parts.thrust] = state[parts.thrust] / scale
@@ -125,7 +125,7 @@ def unknowns_from_state(state: Array, mass_reciprocal: float, params: PoseParams
 
 
 def state_from_unknowns(at: Array, params: PoseParams) -> Array:
-    """Converts the unknowns to an estimator's state: the inverse of `unknowns_from_state`, shape (size,)."""
+    """Converts the unknowns to a filter's state, shape (size,): the inverse of `unknowns_from_state`."""
     parts, state = params.parts, at.copy()
     reciprocal = at[parts.common]
     state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
@@ -136,7 +136,7 @@ def state_from_unknowns(at: Array, params: PoseParams) -> Array:
 
 
 def state_derivatives(at: Array, params: PoseParams) -> Array:
-    """Computes derivatives of the state by the unknowns, shape (size, size); zero for other elements."""
+    """Computes derivatives of a filter's state by the unknowns, shape (size, size); zero for other elements."""
     parts, result = params.parts, np.diag(select_unknowns(params.parts).astype(float))
     reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass
@@ -149,7 +149,7 @@ def state_derivatives(at: Array, params: PoseParams) -> Array:
 
 
 def select_unknowns(parts: Parts) -> np.ndarray:
-    """Selects the elements that are unknowns, shape (size,)."""
+    """Flags the state's elements that are unknowns of the normal equations, shape (size,)."""
     result = np.ones(parts.size, dtype=bool)
     for name in (*_MOTION, *_OTHER):
         result[getattr(parts, name)] = False
@@ -157,13 +157,13 @@ def select_unknowns(parts: Parts) -> np.ndarray:
 
 
 def is_physical(at: Array, parts: Parts) -> bool:
-    """Tests whether the unknowns are physical: mass and inverse inertia positive, no lag negative."""
+    """Tests whether unknowns are physical: mass and inverse inertia positive, no valve lag negative."""
     inverse = at[parts.spin][ELEMENT]
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 
 
 def known_vehicle_params(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
-    """Returns parameters of a filter that knows a vehicle and follows its motion.
+    """Returns parameters of a filter that takes a vehicle as known and estimates its motion alone.
 
     Args:
         vehicle: see `Assumed`.
@@ -181,7 +181,7 @@ def known_vehicle_params(vehicle: Assumed, movable: Places, params: PoseParams) 
 
 
 def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, params: PoseParams) -> PoseEquations:
-    """Computes the normal equations of a record's readings by the unknowns.
+    """Computes the normal equations of a record's readings by the unknowns, about an assumed vehicle.
 
     Args:
         record: see `PoseRecord`.
@@ -208,7 +208,7 @@ def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, para
 
 
 def _initial_sensitivities(readings: PoseReadings, bank: PoseBank, by: Array, params: PoseParams) -> Array:
-    """Computes sensitivities of the free elements at the first sample, the position following from a tracked point."""
+    """Computes derivatives of the free elements at the first sample by the unknowns, shape (n, size)."""
     parts, place = params.parts, first_pose_sensor(readings)
     if place is not None:
         by = by.copy()
@@ -219,7 +219,7 @@ def _initial_sensitivities(readings: PoseReadings, bank: PoseBank, by: Array, pa
 def _advance_sample(
     ahead: Predicted, by: Array, readings: PoseReadings, span_s: tuple[float, float], params: PoseParams
 ) -> tuple[PoseBank, Array, PoseEquations | None]:
-    """Advances the filter and its sensitivities by a sample; also returns its equations; None: nothing was read."""
+    """Updates filter and sensitivities by readings; returns both, and normal equations or None: nothing read."""
     beside = compare_readings(ahead.bank, readings, params)
     if beside is None:
         return ahead.bank, by, None
@@ -237,7 +237,7 @@ def _advance_sample(
 
 
 def _possibility_shares(happened: list[Happened], ways: list[PoseUpdate]) -> tuple[Array, float]:
-    """Computes probabilities of an interval's possibilities, shape (n_ways,), and the misfit of the sample."""
+    """Computes probabilities of an interval's possibilities, (n_ways,), and the sample's chi-square misfit."""
     chance = np.log([one.chance for one in happened])
     each = chance + [way.likelihood[0] for way in ways]
     best = chance + [way.likelihood[0] + 0.5 * way.nis[0] for way in ways]  # of no innovation at all

@@ -110,7 +110,7 @@ class PoseOutcome(NamedTuple):
 def begin_hypotheses(
     bank: PoseBank, time_s: float, params: PoseParams, known: Array | None = None, chance: float = BEFORE
 ) -> Tried:
-    """Makes the hypotheses about a filter: no further failure, each jet weak, each jet open, and a push.
+    """Branches a filter into hypotheses: no further failure, each jet weak, each jet open, and a push.
 
     Args:
         bank: of one filter.
@@ -127,7 +127,7 @@ def begin_hypotheses(
 
 
 def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
-    """Wraps a bank of one filter, without other hypotheses.
+    """Wraps a bank of one filter as hypotheses without any further failure, from a time on.
 
     Args:
         bank: of one filter.
@@ -138,7 +138,7 @@ def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
 
 
 def _log_priors(params: PoseParams) -> Array:
-    """Computes each hypothesis's log prior over a failure of one jet, nats, shape (1 + 2 n_jets,)."""
+    """Computes each hypothesis's log prior relative to a failure of one jet, nats, shape (1 + 2 n_jets,)."""
     jets = params.pushes.shape[0]
     result = np.zeros(1 + 2 * jets)
     result[-1] = np.log(2.0 * jets)
@@ -146,7 +146,7 @@ def _log_priors(params: PoseParams) -> Array:
 
 
 def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
-    """Makes a filter for each hypothesis: a bank's first, with its failure happening now, shape (1 + 2 n_jets, ...)."""
+    """Copies a bank's first filter per failure, with that failure beginning now: a bank of 1 + 2 n_jets."""
     jets, parts, free = params.pushes.shape[0], params.parts, params.free
     count = 1 + 2 * jets
     mean = np.repeat(bank.mean[:1], count, axis=0)
@@ -184,7 +184,7 @@ def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBan
 
 
 def _largest_accelerations(params: PoseParams) -> Array:
-    """Computes the largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
+    """Computes the largest linear, then angular acceleration of a jet, per axis, nominal vehicle, shape (6,)."""
     spin = params.start[params.parts.spin][ELEMENT]
     moments = cross_products(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
@@ -192,11 +192,12 @@ def _largest_accelerations(params: PoseParams) -> Array:
 
 
 def _stack_banks(first: PoseBank, rest: PoseBank) -> PoseBank:
+    """Joins the first filter of one bank and all filters of another into one bank."""
     return PoseBank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
 def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Merges into every hypothesis the possibility that its jet fails now, once that is due."""
+    """Merges into each hypothesis, once a second, the no-failure filter with that failure beginning now."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)
@@ -217,7 +218,7 @@ def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
 
 
 def _select_possible(tried: Tried) -> np.ndarray:
-    """Selects hypotheses that may yet become true: not known, and no second open jet, shape (1 + 2 n_jets,)."""
+    """Flags hypotheses that may yet become true: not known, no second open jet, shape (1 + 2 n_jets,)."""
     jets = tried.known.size // 2
     possible = tried.known == 0.0
     if tried.bank.opens[0] >= 0:
@@ -226,14 +227,14 @@ def _select_possible(tried: Tried) -> np.ndarray:
 
 
 def _possible_odds(tried: Tried) -> Array:
-    """Returns the likelihoods, minus infinity where a hypothesis cannot become true, shape (1 + 2 n_jets,)."""
+    """Returns failures' log-odds over no failure, -inf where impossible, nats, shape (1 + 2 n_jets,)."""
     return np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
 
 
 def advance_hypotheses(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
-    """Advances all hypotheses by a sample.
+    """Advances all hypotheses by a sample: filters, log weights, and how far predictions differ.
 
     Args:
         tried: after the last sample.
@@ -256,7 +257,7 @@ def advance_hypotheses(
 def name_failure(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, waits: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
-    """Decides after a sample whether a failure is named; returns the hypotheses that go on, and the failure or None.
+    """Decides after a sample on a failure; returns the hypotheses that go on, and the failure or None.
 
     Args:
         tried: after the sample.
@@ -278,7 +279,7 @@ def name_failure(
 
 
 def failure_sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
-    """Computes loss or opening of each hypothesis, by its own filter, and its 1-sigma, shape (1 + 2 n_jets,) each.
+    """Computes each failure's loss or opening, share of thrust, and 1-sigma, shape (1 + 2 n_jets,) each.
 
     That of a loss counts by how much healthy jets differ. A push has none, and is always large enough.
     """
@@ -308,7 +309,7 @@ def failure_sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
 
 
 def leading_hypothesis(tried: Tried, rules: PoseRules) -> Tried | None:
-    """Returns the likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
+    """Returns the likeliest failure's filter as sole hypothesis; None unless its log-odds suffice.
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
     """
@@ -320,7 +321,7 @@ def leading_hypothesis(tried: Tried, rules: PoseRules) -> Tried | None:
 
 
 def _take_for_true(tried: Tried, member: int) -> tuple[PoseBank, Array]:
-    """Returns the filter of a hypothesis, and what is known once that is taken for true."""
+    """Returns the filter of one failure (a bank of one), and the flags of known failures including it."""
     known = tried.known.copy()
     known[member] = float(member < known.size - 1)  # a push may come again
     return tried.bank.select(slice(1 + member, 2 + member)), known
@@ -329,7 +330,7 @@ def _take_for_true(tried: Tried, member: int) -> tuple[PoseBank, Array]:
 def _decide_failure(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[PoseOutcome | None, Tried]:
-    """Finds the failure to name, None: none yet; returns it, and the hypotheses with their leader and times updated."""
+    """Returns the failure to declare, or None, and the hypotheses with leader and counters updated."""
     odds = _possible_odds(tried)
     leader = int(np.argmax(odds))
     best = float(odds[leader])

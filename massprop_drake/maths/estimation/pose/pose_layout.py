@@ -65,7 +65,7 @@ class Parts(NamedTuple):
 
 
 def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: int) -> Parts:
-    """Computes the places of the parts.
+    """Computes the slice of each part of the filter's state from the numbers of jets, kinds and sensors.
 
     Args:
         jets, kinds: how many there are.
@@ -203,7 +203,7 @@ class PoseBank(NamedTuple):
     turned: Array
 
     def select(self, chosen: slice) -> PoseBank:
-        """Returns some of the filters."""
+        """Returns a bank of the filters in a slice."""
         return PoseBank(*(part[chosen] for part in self))
 
 

@@ -54,7 +54,7 @@ class _Rows:
     def add(
         self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
     ) -> None:
-        """Adds a reading of three components: innovation, derivatives by part, covariance, which are free, and kind.
+        """Adds a reading of three components: innovation, derivatives by part of the state, covariance, axes, kind.
 
         The kind is whether it is of attitude or rate, and whether of a pose sensor.
         """
@@ -72,7 +72,7 @@ class _Rows:
         self._rows.append((off[:, chosen], jacobian[:, :, self._params.free], own, [kind] * chosen.size))
 
     def stack(self) -> Compared | None:
-        """Stacks all readings that have been added; None: there are none."""
+        """Stacks all readings added so far into innovations, Jacobians and covariances; None: there are none."""
         if not self._rows:
             return None
         innovations, jacobians, variances, kinds = zip(*self._rows, strict=True)
@@ -85,7 +85,7 @@ class _Rows:
 
 
 def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:
-    """Compares readings with the bank's predictions; None where nothing is read."""
+    """Computes innovations, Jacobians and covariances of readings by a bank of filters; None: nothing is read."""
     parts, rotation = params.parts, bank.rotation
     rows = _Rows(bank, params)
     plane, about = (_PLANE, _HEADING) if params.planar else (_SPACE, _SPACE)
@@ -139,7 +139,7 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
 
 
 def predict_readings(bank: PoseBank, params: PoseParams) -> PoseReadings:
-    """Predicts the readings of ideal sensors by the first filter of a bank."""
+    """Predicts the readings of error-free sensors by the first filter of a bank."""
     parts, rotation = params.parts, bank.rotation[0]
     mean = bank.mean[0]
     center, rate, velocity = mean[parts.center], mean[parts.rate], mean[parts.velocity]

@@ -94,17 +94,17 @@ class _Acting(NamedTuple):
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
     def summed(self, amount: Array, each: Array) -> Array:
-        """Sums g times an amount times an effect over the jets, shape (n_filters, 3)."""
+        """Sums over the jets: g (1 + e) times an impulse integral times an effect, shape (n_filters, 3)."""
         return np.einsum("hn,hni->hi", self.factor * amount, each)
 
 
 def _columns(amount: Array, each: Array) -> Array:
-    """Multiplies an amount of each jet with its effect, a column each, shape (n_filters, 3, n_jets)."""
+    """Multiplies each jet's effect by its impulse integral; a column per jet, shape (n_filters, 3, n_jets)."""
     return np.swapaxes(amount[..., None] * each, 1, 2)
 
 
 def _interval_openings(bank: PoseBank, commands: Commands, span_s: tuple[float, float], params: PoseParams) -> Openings:
-    """Computes the openings of all jets over an interval, by the timing of their valves in the state."""
+    """Computes integrals of jet openings over an interval, by each filter's estimate of valve timing."""
     parts, kinds, mean = params.parts, params.kinds, bank.mean
     timing = OpeningTimes(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
@@ -115,7 +115,7 @@ def _interval_openings(bank: PoseBank, commands: Commands, span_s: tuple[float, 
 
 
 def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
-    """Predicts the bank over an interval.
+    """Predicts state and covariance of a bank of filters over an interval, without its readings.
 
     Args:
         bank: at its beginning.
@@ -160,7 +160,7 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
 
 
 def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
-    """Resets the strengths of pulses that begin; returns the bank, and the share that remains of each free element.
+    """Resets estimates of pulses' scatter where pulses begin; returns the bank, and the shares that remain.
 
     They are drawn anew, independent; the share is zero for those, else one, shape (n_filters, n); None: all is kept.
     """
@@ -179,7 +179,7 @@ def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tup
 
 
 def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
-    """Computes the thrust of the jets over an interval, with the jet that a hypothesis takes to stand open."""
+    """Computes thrust impulses, forces and moments of the jets over an interval, an open jet's included."""
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
     strength = 1.0 + mean[:, parts.pulse]
@@ -211,7 +211,7 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
 
 
 def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
-    """Fills in position and velocity after the interval, and their derivatives but by valves."""
+    """Fills in position and velocity after an interval, and derivatives but for those by valve timing."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
     pushed, left, half = mean[:, parts.push][:, :3], np.exp(-drag * duration), 0.5 * duration**2
@@ -235,7 +235,7 @@ def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: P
 
 
 def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
-    """Fills in the rate after the interval, and derivatives but by valves; returns the angle turned, (n_filters, 3)."""
+    """Fills in the rate after an interval, and derivatives; returns the rotation vector, rad, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
     spin, half = mean[:, parts.spin][..., ELEMENT], 0.5 * duration**2
@@ -271,7 +271,7 @@ def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: Pose
 def _add_outside_forces(
     after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
 ) -> Array:
-    """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3)."""
+    """Adds effects of known outside forces to state and derivatives; returns the rotation, rad, (n_filters, 3)."""
     parts, duration, (bank, outside) = params.parts, acting.duration, known
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
@@ -294,14 +294,14 @@ def _add_outside_forces(
 
 
 def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
-    """Computes m_0/m, shape (n_filters, 1)."""
+    """Computes nominal over estimated mass, m_0/m, of each filter, shape (n_filters, 1)."""
     return 1.0 + ((bank.mean - params.start) @ params.of_mass)[:, None]
 
 
 def _add_felt_forces(
     after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
 ) -> None:
-    """Adds the velocity that accelerometers gain by known outside forces; arguments: `_add_outside_forces`."""
+    """Adds known outside forces to accelerometer velocities and derivatives; see `_add_outside_forces`."""
     bank, outside = known
     force = acting.duration * outside[3:] / params.nominal_mass
     inverse = _inverse_mass(bank, params)
@@ -311,7 +311,7 @@ def _add_felt_forces(
 
 
 def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Array, Array]:
-    """Computes -K (w x K^-1 w), and its derivatives by w and by the elements of K."""
+    """Computes the gyroscopic acceleration -K (w x K^-1 w), and derivatives by w and by the elements of K."""
     if params.planar:
         count = rate.shape[0]
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
@@ -328,7 +328,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 
 
 def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
-    """Yields each effect of the jets, shape (n_filters, n_jets, 3), elements that integrate it, and whether twice."""
+    """Yields the jets' accelerations, (n_filters, n_jets, 3), with the elements that integrate them once or twice."""
     parts = params.parts
     yield from ((acting.forces, parts.velocity, False), (acting.forces, parts.position, True))
     yield from ((acting.turns, parts.rate, False), (acting.turns, parts.attitude, True))
@@ -337,12 +337,12 @@ def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice
 
 
 def _triples(part: slice) -> Iterator[slice]:
-    """Returns the slices of the three elements of each sensor's vector."""
+    """Yields the slices of three elements, one per sensor, of a slice of the state."""
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
 def _fill_timing_derivatives(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
-    """Fills in the derivatives by delay, lag and opening of each kind."""
+    """Fills in the derivatives of the motion by delay, lag and opening time of each kind of jet."""
     parts, openings = params.parts, acting.openings
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
         for kind in range(part.stop - part.start):
@@ -353,7 +353,7 @@ def _fill_timing_derivatives(jacobian: Array, acting: _Acting, params: PoseParam
 
 
 def _fill_opening_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
-    """Fills in the derivatives by how far a jet stands open."""
+    """Fills in the derivatives of the motion by the open share of the jet that a filter takes for open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
     jets, duration = bank.opens[which], acting.duration
     factor = acting.factor[which, jets]
@@ -365,7 +365,7 @@ def _fill_opening_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, 
 
 
 def _fill_pulse_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
-    """Fills in the derivatives by how strong the present pulses are."""
+    """Fills in the derivatives of the motion by the scatter e of each jet's present pulse."""
     factor = bank.mean[:, params.parts.thrust]
     for effect, rows, twice in _effects(acting, params):
         amount = factor * (acting.twice if twice else acting.once)
@@ -375,7 +375,7 @@ def _fill_pulse_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, pa
 def _predict_accelerometers(
     after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams
 ) -> Array:
-    """Fills in the accelerometers' velocity and its derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
+    """Fills in accelerometer velocities and derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
     spun: Array = duration * (middle[:, :, None] * middle[:, None, :])
@@ -396,7 +396,7 @@ def _predict_accelerometers(
 
 
 def _add_felt_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
-    """Adds the velocity that accelerometers gain by a push, where a filter supposes one."""
+    """Adds an unexplained push to accelerometer velocities and derivatives, in filters that suppose one."""
     parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
     back = np.swapaxes(acting.middle[which], 1, 2)
     felt = matrix_vector_products(back, bank.mean[which, parts.push][:, :3])
@@ -412,7 +412,7 @@ def _add_felt_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBan
 
 
 def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
-    """Computes mean and covariance on the rate of errors of K times those of angular impulse, shapes (., 3[, 3])."""
+    """Computes mean and covariance of the rate's term of second order: error of K times that of impulse."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
     rows[:, :, parts.thrust] = _columns(acting.strength * acting.once, acting.moments)
@@ -438,7 +438,7 @@ def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -
 
 
 def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of terms nonlinear in g and valves' timing, shapes (n_filters, n_jets[, n_jets]).
+    """Computes mean and covariance of impulse errors of second order in g and valve timing, jet by jet.
 
     These are products of errors of g and of J, and of J what is not linear itself.
     """
@@ -461,7 +461,7 @@ def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tup
 
 
 def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -> Array:
-    """Computes the covariance that the interval adds to the free elements, shape (n_filters, n, n)."""
+    """Computes the process noise covariance of an interval, shape (n_filters, n, n)."""
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
     columns = np.zeros((count, parts.size, n_jets + 1))
@@ -510,7 +510,7 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
 
 
 def _kick_effects(acting: _Acting, params: PoseParams) -> Array:
-    """Computes the effect of 1 sigma of each component of a kick at any time in the interval, (n_filters, n, 12)."""
+    """Computes the effect of a 1-sigma kick at any time in an interval on the free elements, (n_filters, n, 12)."""
     parts, duration = params.parts, acting.duration
     effect = np.zeros((acting.once.shape[0], parts.size, 12))
     for once_row, twice_row, size, column in (

@@ -40,7 +40,7 @@ class Beforehand(NamedTuple):
 
 
 def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
-    """Computes the mean of the whole state, the covariance of its free elements, and the places of these.
+    """Computes the prior: mean of the state, (size,), covariance of its free elements, (n, n), and their indices.
 
     Args:
         known: see `Beforehand`.
@@ -62,7 +62,7 @@ def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Ar
 
 
 def initialize_bank(readings: PoseReadings, params: PoseParams) -> PoseBank:
-    """Initializes one filter by the first sample: attitude and position as they are read.
+    """Initializes one filter by the first sample's readings of attitude and position; returns a bank of one.
 
     Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
     """
@@ -99,7 +99,7 @@ def initialize_bank(readings: PoseReadings, params: PoseParams) -> PoseBank:
 
 
 def can_initialize(readings: PoseReadings, params: PoseParams) -> bool:
-    """Tests whether position and attitude can be initialized by the readings, as far as they are measured."""
+    """Tests whether readings suffice to initialize position and attitude, as far as sensors measure these."""
     turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
     placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
     needs_turn = np.isfinite(params.pose.attitude_variances).any()
@@ -108,10 +108,10 @@ def can_initialize(readings: PoseReadings, params: PoseParams) -> bool:
 
 
 def first_pose_sensor(readings: PoseReadings) -> int | None:
-    """Returns the pose sensor that initializes the position; None: none has read one."""
+    """Returns the index of the first pose sensor whose position was read; None: none was."""
     return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
 
 
 def tracked_point(place: int, parts: Parts) -> slice:
-    """Returns the place of the point that a pose sensor tracks, in the state."""
+    """Returns the slice of the state that holds the point tracked by a pose sensor."""
     return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)

@@ -106,7 +106,7 @@ class Tracking(NamedTuple):
 
 
 def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PoseParams:
-    """Makes the parameters of the estimator.
+    """Makes the parameters of the pose estimator from a vehicle's setup and its tracking.
 
     Args:
         setup: see `Setup`.
@@ -166,7 +166,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
 
 
 def _select_supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
-    """Selects elements that are fixed unless a hypothesis frees them: delays, how far a jet stands open, and a push."""
+    """Returns indices of elements fixed unless a hypothesis frees them: delays, a jet's open share, a push."""
     others = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
         others = np.append(others, np.arange(parts.push.start, parts.push.stop))
@@ -175,7 +175,7 @@ def _select_supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np
 
 
 def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
-    """Makes the prior before the first sample from the vehicle's data."""
+    """Makes means and 1-sigmas of the state before the first sample from the vehicle's data."""
     valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
     inertia = np.linalg.inv(symmetric_matrix(setup.nominal[:6]))
@@ -207,14 +207,14 @@ def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
-    """Computes `PoseParams.mass_std` and `unseen_std`, see there."""
+    """Computes the 1-sigma of m_0/m that readings can reduce, and the one that they cannot; one is zero."""
     whole = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
     moves = np.isfinite(tracking.position_stds).any() or tracking.velocity_stds.size
     return (whole, 0.0) if moves or setup.accelerometer_variances.size else (0.0, whole)
 
 
 def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
-    """Selects the elements that cannot move, or are known, shape (size,)."""
+    """Flags the elements of the state that cannot move or are known exactly, shape (size,)."""
     fixed = np.zeros(parts.size, dtype=bool)
     fixed[parts.center] |= tracking.fixed[CENTER_OF_MASS]
     if not np.isfinite(tracking.position_stds).any():
@@ -237,7 +237,7 @@ def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
 
 
 def movable_places(setup: Setup, parts: Parts) -> np.ndarray:
-    """Returns the places of elements that may differ from the vehicle's file, and of the motion, in order."""
+    """Returns sorted indices of the motion's elements and of those that may differ from the vehicle's file."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     fixed, valves = _select_fixed(parts, setup.tracking, setup), setup.tracking.valves
     fixed[parts.open] = True
@@ -248,7 +248,7 @@ def movable_places(setup: Setup, parts: Parts) -> np.ndarray:
 
 
 def known_parameters(tracking: Tracking) -> np.ndarray:
-    """Selects parameters without a sigma: those that are fixed, or play no part in a plane, shape (10,)."""
+    """Flags mass-property parameters without a sigma: fixed ones, and in a plane those without effect, (10,)."""
     known = np.asarray(tracking.fixed, dtype=bool).copy()
     if tracking.planar:
         known[[0, 1, 3, 4, 5, 8]] = True

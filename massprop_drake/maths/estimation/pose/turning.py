@@ -12,7 +12,7 @@ _EYE = np.eye(3)
 
 
 def skew_matrices(vectors: Array) -> Array:
-    """Computes [v x] of each, shape (..., 3, 3)."""
+    """Computes the cross product matrices [v x] of vectors, shape (..., 3, 3)."""
     result = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     result[..., 0, 1], result[..., 0, 2] = -z, y
@@ -22,7 +22,7 @@ def skew_matrices(vectors: Array) -> Array:
 
 
 def rotations(vectors: Array) -> Array:
-    """Computes the rotation matrix of each rotation vector, rad, shape (..., 3, 3)."""
+    """Computes rotation matrices from rotation vectors, rad, shape (..., 3, 3)."""
     angle = np.sqrt(np.sum(vectors**2, axis=-1))[..., None, None]
     safe = np.where(angle < _SMALL, 1.0, angle)
     first = np.where(angle < _SMALL, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
@@ -32,7 +32,7 @@ def rotations(vectors: Array) -> Array:
 
 
 def rotation_vectors(matrices: Array) -> Array:
-    """Computes the rotation vector of each rotation matrix, rad, of length 0 to pi, shape (..., 3)."""
+    """Computes rotation vectors, rad, of length 0 to pi, from rotation matrices, shape (..., 3)."""
     trace = np.trace(matrices, axis1=-2, axis2=-1)
     # the quaternion's largest component is divided by, Shepperd's way: sure at half a turn, too
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1)
@@ -65,7 +65,7 @@ def rotation_vectors(matrices: Array) -> Array:
 
 
 def derivative_by_elements(vectors: Array) -> Array:
-    """Computes the derivative of a symmetric matrix times each vector by the six elements, shape (..., 3, 6)."""
+    """Computes derivatives of S v by the six elements of symmetric S, for each vector v, (..., 3, 6)."""
     result = np.zeros((*vectors.shape, 6))
     for row in range(3):
         for column in range(3):
@@ -74,5 +74,5 @@ def derivative_by_elements(vectors: Array) -> Array:
 
 
 def matrix_vector_products(matrices: Array, vectors: Array) -> Array:
-    """Multiplies each matrix by its vector, shape (..., 3)."""
+    """Multiplies the matrices of a stack by the vectors of another, pair by pair, shape (..., 3)."""
     return (matrices @ vectors[..., None])[..., 0]
