@@ -212,7 +212,7 @@ def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseM
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
-    """Connects the impulse model to a filter; the jets' own levels, too, where thrust errors are considered."""
+    """Connects outputs of the impulse model to a filter, with jet levels where it considers thrust errors."""
     for name in ("impulses", "mean_level"):
         if system.HasInputPort(name):
             builder.Connect(impulses.GetOutputPort(name), system.GetInputPort(name))

@@ -48,7 +48,7 @@ def build_body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehic
 
 
 def _parse_checked_plant(block: MultibodyBlock) -> MultibodyPlant:
-    """Makes the plant of a block, and checks that everything that the block names exists in it."""
+    """Makes the plant of a block's model; raises InputError where a body or joint of the block is not in it."""
     with attribute_errors_to("plant.model"):
         plant = parse_plant(block.model, model_kind(block.model))
     with attribute_errors_to("plant.body"):

@@ -194,7 +194,7 @@ def _connect_noise_and_seed(builder: DiagramBuilder, scenario: Scenario, jets: S
 
 
 def _make_body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
-    """Makes the body that a scenario flies; lags and pieces are those of its jets."""
+    """Makes the system of the body that a scenario flies, rigid or multibody; lags and pieces: of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody_body  # noqa: PLC0415 (loads Drake's multibody library)
 

@@ -42,7 +42,7 @@ def template(make: Callable[[Any], type]) -> Any:
 
 
 def refuse(scalar: Any, system: str, reasons: list[str], remedy: str) -> None:
-    """Raises an error for a scalar type that a system does not support.
+    """Raises InputError where a system has no form for a scalar type T, for stated reasons.
 
     Args:
         scalar: T.

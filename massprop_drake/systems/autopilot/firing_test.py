@@ -87,7 +87,7 @@ class FiringTestSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _next_memory(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """Computes the memory after a sample: goes on with a test, waits, or designs one that is due."""
+        """Computes the memory after a sample: continues a test, waits, or designs a test that is due."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()

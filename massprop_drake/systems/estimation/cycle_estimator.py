@@ -47,7 +47,7 @@ class Memory(NamedTuple):
 
     @property
     def state(self) -> EstimationState:
-        """State after the cycle."""
+        """State of filter and detector after the cycle."""
         return self.before if self.step is None else self.step.state
 
     def __deepcopy__(self, _memo: Any) -> Memory:
@@ -157,7 +157,7 @@ class CycleEstimator(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def pack_state(self, context: Any) -> dict[str, Array]:
-        """Packs the state into vectors, see `maths.estimation.cycle.save_state`."""
+        """Maps groups of the state of filter and detector to vectors, see `maths.estimation.cycle.save_state`."""
         return dict(cycle.save_state(self._read_memory(context).state, self._params))
 
     # ------------------------------------------------------------------------------------------- the cycle
@@ -167,7 +167,7 @@ class CycleEstimator(LeafSystem):
         return memory
 
     def _read_sample(self, context: Any) -> Sample:
-        """Reads the sample from the input ports."""
+        """Reads time, readings, commands and outside wrench from the input ports, as a sample."""
 
         def given(port: Any) -> Array | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
@@ -190,7 +190,7 @@ class CycleEstimator(LeafSystem):
         )
 
     def _run_cycle(self, context: Any) -> Memory:
-        """Runs the cycle of the present time, unless it has been run or the record repeats a row."""
+        """Runs the estimation cycle at the present time; returns the new memory, the old one for a repeated row."""
         memory, time_s = self._read_memory(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory

@@ -130,7 +130,7 @@ class MassEstimator(FilterSystem):
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
 
     def _compute_cycle(self, context: Any) -> Any:
-        """Computes the report and the state after the cycle, one after the other."""
+        """Runs the cycle; returns the report and the state after it, concatenated."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return time_call(ESTIMATORS, self._weigh, measured, self._read_adaptation(context), self._held)
@@ -155,7 +155,7 @@ class MassEstimator(FilterSystem):
         return EVIDENCE.pack(thesis.join_innovations(turning, measurement.sample, measurement.innovation, state))
 
     def _innovation(self, measured: Any) -> Array:
-        """Returns the innovation (3) and its covariance (9)."""
+        """Returns the velocity innovation (3) and its covariance (9), concatenated."""
         if self._compiled:
             row: Array = measured[EVIDENCE.size :]
             return row

@@ -95,7 +95,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Push._construct(self, other._model, converter=converter, **other._made)
 
         def _held(self, context: Any) -> Any:
-            """Returns the deviation over the running sample, shape (6,)."""
+            """Returns the disturbance's random deviation over the running sample, shape (6,)."""
             state = state_of(context)
             if value_of(state[_BEGUN]):
                 return state[_DEVIATION]

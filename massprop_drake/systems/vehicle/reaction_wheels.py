@@ -72,7 +72,7 @@ class ReactionWheels(LeafSystem):
         return draw_inertias(self._model, run_seed(context, self._varied, self._seed))
 
     def _speeds(self, context: Any) -> Any:
-        """Computes speeds at this instant, rad/s; at the first sample those of the start."""
+        """Computes wheel speeds at this instant, rad/s, shape (n,); at the first sample those of the start."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 

@@ -197,7 +197,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Plant._construct(self, properties, converter=converter, **made)
 
         def _compute_start(self, context: Any) -> Any:
-            """Computes mass properties at the start, by name as `parameters` has them."""
+            """Computes mass properties at the start, with the random spread, as a named tuple."""
             values = self.parameters.get(context)
             if self._spread is None:
                 return values
@@ -219,7 +219,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure + (context.get_time() - since_s) / self._period_s * change
 
         def _read_draining(self, context: Any) -> tuple[Any, Any, float]:
-            """Computes the structure's change over the running sample, shape (9,), initial propellant, and time, s."""
+            """Returns the structure's change over the running sample (9), propellant at its end, and its time, s."""
             running = context.get_discrete_state(self._running).CopyToVector()
             return running[: STRUCTURE.size], running[STRUCTURE.size : -1], running[-1]
 
@@ -269,7 +269,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 derivatives.get_mutable_vector().SetFromVector(changing)
 
         def _draw_from_tanks(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
-            """Computes the structure after the coming sample, and propellant left in the tanks."""
+            """Computes the structure (9) after the coming sample, and the propellant left in the tanks."""
             assert self._tanks is not None, "the plant has tanks"
             (tanks, _), used = self._tanks, self._drained.Eval(context)
             _, fill, _ = self._read_draining(context)
@@ -280,7 +280,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure_after_draining(structure, mass, fill, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
-            """Begins a sample of a continuous plant whose tanks are emptied in it."""
+            """Stores the structure's change and propellant over the coming sample of a continuous plant with tanks."""
             structure, body = self._structure(context), self._body(context)
             after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)

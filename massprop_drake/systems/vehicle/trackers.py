@@ -54,7 +54,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Sighting._construct(self, *other._sizes, converter=converter)
 
         def _times(self) -> set[Any]:
-            """Returns tickets of the time, where it decides whether anything is read."""
+            """Returns the ticket of the time where it decides whether anything is read, else none."""
             return set()
 
         def _is_due(self, _context: Any) -> bool:
