@@ -170,7 +170,7 @@ def _add_other_forces(
 
 
 def _connect_noise_and_seed(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
-    """Connects the noise source to noisy systems, and the seed to those that draw random numbers."""
+    """Connects the noise source to noisy systems, and the seed's port to those that draw random numbers."""
     quiet = {
         one.name
         for one in scenario.vehicle_data.sensors
@@ -222,6 +222,7 @@ def _make_tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Sy
 
 
 def _make_sensor(package: SensorPackage, scenario: Scenario) -> System:
+    """Makes the system of a gyro or accelerometer package, with the errors that the scenario states."""
     model, draws = true_params.sensor_model_before_draws(scenario, package), true_params.sensor_draws(scenario, package)
     chance: dict[str, Any] = {"seed": scenario.seed, "compiled": scenario.execution.compiled}
     if draws.marks or draws.tones:

@@ -76,6 +76,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
     content = export.Content(run, epoch_s=epoch_s)
 
     def put(path: Path) -> None:
+        """Writes the export to a path."""
         export.write(content, asked.to, path)
 
     if alone:

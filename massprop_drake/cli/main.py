@@ -164,6 +164,7 @@ def _raise_on_signals() -> Iterator[list[int]]:
     heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
 
     def receive(number: int, _: FrameType | None) -> None:
+        """Raises the exception for a first signal, and has later ones end the process."""
         for each in heeded:
             signal.signal(each, signal.SIG_DFL)
         received.append(number)

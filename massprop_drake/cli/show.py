@@ -208,6 +208,7 @@ def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
     """Maps the ten parameters of a run to estimate, 1-sigma and percent error; None for unknown ones."""
 
     def known(value: float) -> float | None:
+        """Returns a number, None for NaN."""
         return None if math.isnan(value) else value
 
     return {
@@ -362,6 +363,7 @@ def _event_text(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
+    """Formats a detection as one line: what was found, when it was declared, and since when it acts."""
     from massprop_drake.results.detections import in_words, onset_in_words, remarks  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {onset_in_words(entry)}"
@@ -370,6 +372,7 @@ def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
 
 
 def _print_files(console: Terminal, folder: Path) -> None:
+    """Prints the paths of a run's folder, pages and figures."""
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
     figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []

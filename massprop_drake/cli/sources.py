@@ -61,6 +61,7 @@ def make_run_saver(place: Place, *, pictures: bool, report: bool, replay: bool) 
     """
 
     def save(run: Run) -> Path:
+        """Saves a run and returns its folder, without figures and pages after an interruption."""
         handled = sys.exception()
         wait = isinstance(handled, Exception | None)
         if not wait and (pictures or report or replay):

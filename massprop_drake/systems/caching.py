@@ -93,6 +93,7 @@ class _Workspace(Generic[T]):
         self._made: tuple[T, ...] = ()
 
     def get(self) -> T:
+        """Returns the workspace, which the first call makes."""
         if not self._made:
             self._made = (self._make(),)
         return self._made[0]

@@ -82,6 +82,7 @@ class FiringTestSystem(LeafSystem):
         return rows[0] if rows.shape[0] else np.zeros(rows.shape[1])
 
     def _update(self, context: Any, state: Any) -> EventStatus:
+        """Writes the memory after the sample into the abstract state."""
         memory = self._next_memory(context, self._read_memory(context))
         state.get_mutable_abstract_state(self._memory).set_value(memory)
         return EventStatus.Succeeded()

@@ -184,6 +184,7 @@ class Selector:
         activity = self._activity(properties)
 
         def solve(wanted: Array, longest_s: float) -> Selection:
+            """Solves for the on-times of a change of rate and velocity, each at most the longest, s."""
             limits = self._on_time_limits(out_of_use, longest_s)
             return time_call(JET_SELECTION, self._program.solve, activity, wanted, limits)
 
@@ -225,6 +226,7 @@ class Selector:
         needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed))]
 
         def controllable(out: Array) -> bool:
+            """Tests whether all axes stay controllable both ways without some jets."""
             return all(reach > least for reach, least in zip(self._axis_reaches(activity, out), needed, strict=True))
 
         # all jets that the data cannot tell apart, or none: those in question since the last time

@@ -56,6 +56,7 @@ class FilterSystem(LeafSystem):
         self._inputs: list[Any] = []
 
     def _declare_packages(self, packages: tuple[KnownPackage, ...]) -> Readings:
+        """Declares an input port for each sensor package, and returns their readings."""
         readings = Readings(self, packages)
         self._inputs += readings.ports
         return readings

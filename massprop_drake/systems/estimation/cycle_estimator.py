@@ -170,9 +170,11 @@ class CycleEstimator(LeafSystem):
         """Reads time, readings, commands and outside wrench from the input ports, as a sample."""
 
         def given(port: Any) -> Array | None:
+            """Returns a copy of the value at an input port; None where it is not connected."""
             return port.Eval(context).copy() if port.HasValue(context) else None
 
         def read(port: Any) -> Array:
+            """Returns the value at an input port, NaN where it is not connected."""
             row: Array = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             return row
 
@@ -215,11 +217,13 @@ class CycleEstimator(LeafSystem):
         return covariance
 
     def _converged(self, now: Memory) -> Array:
+        """Computes 1.0 where the ten estimates have converged, else 0.0, shape (1,)."""
         estimate, covariance = self._estimate_and_covariance(now)
         deviation = np.sqrt(covariance.diagonal())
         return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any) -> Any:
+        """Computes the ten parameters before the sample's measurement, shape (10,)."""
         memory = self._read_memory(context)
         known = memory.before if memory.time_s == context.get_time() else memory.state
         return self._params.filter.predicted(known.filter)
@@ -241,11 +245,13 @@ def _detector_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, in
     reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))
 
     def told(now: Memory) -> Array:
+        """Packs the detector's requests to the autopilot as `RECONFIGURATION`."""
         judgment = _judgment(now)
         declared = judgment.status.detector_event == Verdict.DECLARED
         return reconfiguration.pack((declared, judgment.state.force @ jets.unit_wrenches, judgment.state.removed))
 
     def probability(now: Memory) -> Array:
+        """Returns probabilities of a fault by jet, of none and of an unknown cause, shape (n_jets + 2,)."""
         own = _judgment(now).own
         each = np.broadcast_to(own.fault_probability, jets.thrusts.shape)
         return np.append(each, (own.none_probability, own.unknown_probability))

@@ -29,7 +29,7 @@ _AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 @template
 def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of disturbances for a scalar type T, see `Disturbance`."""
+    """Makes the class of disturbing torques and forces for a scalar type T, see `Disturbance`."""
 
     class Push(LeafSystem_[T]):
         """Adds a slowly changing torque and force to the wrench of the jets on its way to the body.

@@ -113,6 +113,7 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             for stream, size in streams.items():
 
                 def drawn(context: Any, stream: str = stream, size: int = size) -> Any:
+                    """Returns the standard normal numbers of a stream at a context's sample, shape (size,)."""
                     number = round(value_of(context.get_time()) / period_s)
                     return normal_sample(run_seed(context, port, seed), stream, number, size)
 

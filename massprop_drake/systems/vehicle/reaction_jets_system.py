@@ -190,7 +190,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 declare_output(self, "drained", feeds.shape[0], self._calc_drained, coming)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts jets of another scalar type; refuses failures and openings without derivatives."""
+            """Constructs the jets from those of another scalar type; raises InputError where T has no derivatives."""
             chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
             refuse(
                 T,
@@ -281,6 +281,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return self._coming.get(context)[: self._n_jets]
 
         def _calc_drained(self, context: Any) -> Any:
+            """Computes the propellant that the jets use from each tank over the coming sample, shape (n_tanks,)."""
             jets, _ = self._jets.get(context)
             force = self._coming.get(context)[: self._n_jets]
             return propellant_used(force, self._period_s, self._made["feeds"], jets)

@@ -77,6 +77,7 @@ class ReactionWheels(LeafSystem):
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 
     def _coming(self, context: Any) -> Any:
+        """Computes the wheels' accelerations over the coming sample by the motors' torques, rad/s^2, shape (n,)."""
         inertias = self._inertias.get(context)
         torque = self._torque.Eval(context) if self._torque.HasValue(context) else np.zeros(self._n)
         return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)

@@ -183,7 +183,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return {*running, self.time_ticket()}
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts a plant of another scalar type; refuses steps, draws and tanks without derivatives."""
+            """Constructs the plant from one of another scalar type; raises InputError where T has no derivatives."""
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")

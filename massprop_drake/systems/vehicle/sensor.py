@@ -69,7 +69,7 @@ def stated_errors(package: StatedPackage) -> SensorModel:
 
 @template
 def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of packages for a scalar type T, see `Sensor`."""
+    """Makes the class of three-axis sensor packages for a scalar type T, see `Sensor`."""
 
     class Triad(LeafSystem_[T]):
         """Reads three sensors along the body axes, with the errors of `maths.vehicle.sensing.SensorModel`.
@@ -206,6 +206,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return noise, vibration_at(model, context.get_time())
 
         def _calc_direct(self, context: Any) -> Any:
+            """Computes the reading of a sensor without memory from the body's state now, shape (3,)."""
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
             chance = () if model is None else self._noise_and_vibration(context, model)
             return kernel(body, *chance, holder)

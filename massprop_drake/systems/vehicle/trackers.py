@@ -100,7 +100,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             require_vector(f"sensor '{name}': point", model.point, 3)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts a tracker of another scalar type; refuses stamps and readings that are wrong by chance."""
+            """Constructs the tracker from one of another scalar type; raises InputError where T has no derivatives."""
             name, model = other.get_name(), other._model
             chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
             refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")
