@@ -23,7 +23,7 @@ from massprop_drake.systems.multibody.plants import (
 
 
 def build_body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
-    """Makes the multibody plant of a scenario's block, with the ports of a rigid one.
+    """Makes the multibody system of a scenario's block, with the ports of a `RigidBodyPlant`.
 
     Args:
         block: of the scenario.
@@ -65,7 +65,7 @@ def _parse_checked_plant(block: MultibodyBlock) -> MultibodyPlant:
 
 
 def require_model(scenario: Scenario) -> None:
-    """Checks that a scenario's multibody plant, if it has one, can be flown.
+    """Raises InputError where a scenario has a multibody plant that Drake cannot fly.
 
     Raises:
         InputError: as `build_body`.

@@ -39,7 +39,7 @@ from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 
 def build(scenario: Scenario, body: System | None = None, trackers: Sequence[System] = ()) -> Diagram:
-    """Builds the vehicle diagram of a scenario.
+    """Builds the Drake diagram of a scenario's vehicle: from commands to motion of the body and readings.
 
     Args:
         scenario: with the vehicle.

@@ -35,7 +35,7 @@ def complete_formats(incomplete: str) -> list[str]:
 
 
 def complete_run_folders(incomplete: str) -> list[str]:
-    """Lists folders of runs, here, in `runs/` and in the folder of a word, that begin with the word."""
+    """Lists folders of runs, here, in runs/ and in the folder of a word, that begin with the word."""
     beside = Path(incomplete or ".") if incomplete.endswith("/") or not incomplete else Path(incomplete).parent
     places = {beside, Path(), Path("runs")}
     found = {str(path.parent) for place in places for path in place.glob("*/summary.json")}

@@ -127,7 +127,7 @@ def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], A
 
 
 def _error_location(error: BaseException) -> str:
-    """Formats file and line of the user's code at which an error arose, in parentheses; empty if there are none."""
+    """Formats file and line of the user's code that raised an error as " (file, line n)"; empty: none."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" ({_shortened_path(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

@@ -75,7 +75,7 @@ def _load_massprop() -> Any:
 
 
 def main(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> None:
-    """Runs a command line and ends the process.
+    """Runs the command line in `sys.argv` and ends the process with its exit status.
 
     Args:
         load: loads the commands, a `typer.Typer`.

@@ -173,7 +173,7 @@ def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputO
 
 
 def _find_refusals(understood: channels.Mapped) -> list[str]:
-    """Lists reasons for which `massprop estimate` would refuse the record as mapped; empty: none."""
+    """Lists reasons for which massprop estimate would refuse the record as mapped; empty: none."""
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:

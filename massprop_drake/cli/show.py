@@ -120,7 +120,7 @@ def print_schema(found: Iterable[Key]) -> None:
 
 
 def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints the table of ten parameters, a summary of the run, and where its files are."""
+    """Prints a simulated run: a table of the ten parameters, consistency, autopilot, detections and files."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     _print_parameters(console, title, results, vehicle, truth=True)
@@ -145,7 +145,7 @@ def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 
 
 def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints estimates from a record: the ten parameters, derived quantities, warnings, failures and files."""
+    """Prints a run estimated from a record: a table of the ten parameters, warnings, detections and files."""
     console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
@@ -242,7 +242,7 @@ def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -
 
 
 def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
-    """Prints a line for each run: its duration, whether it is consistent, and its findings."""
+    """Prints a line for each run: duration, verdict of consistency, and detections."""
     from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:

@@ -68,7 +68,7 @@ class Stream:
         self._try_to_print(self._stream.flush)
 
     def _try_to_print(self, action: Callable[[], object]) -> None:
-        """Calls a function that writes or flushes, unless the stream has failed; stores its OSError as `failure`."""
+        """Calls a function that writes or flushes, unless the stream has failed; stores an OSError it raises."""
         if self.failure is not None:
             return
         try:

@@ -77,7 +77,7 @@ def print_table(
     spare: Sequence[str] = (),
     absent: Sequence[str] = (),
 ) -> None:
-    """Prints a table of which no cell is ever cut.
+    """Prints a table without cutting a cell: a table that is too wide loses frame and columns, or is a list.
 
     Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
     still too wide is listed on a terminal, a line for each cell, and printed as wide as it is into a file.

@@ -142,7 +142,7 @@ class DrakeEngine:
             self._simulator.AdvanceTo(reached_s)
 
     def take_logs(self) -> dict[str, Array]:
-        """Returns logged rows by port, shape (n, size), with their times as `time_s`, and empties the logs.
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs.
 
         Raises:
             InputError: when a true quantity of a table is not finite.

@@ -225,7 +225,7 @@ class Estimator:
 
     @property
     def disturbance(self) -> tuple[Array, Array] | None:
-        """Torque about the center of mass and force that act besides the jets, and their 1-sigma, shape (6,) each.
+        """Disturbance torque about the center of mass and force, and their 1-sigma, shape (6,) each, or None.
 
         Body axes, ft-lbf and lbf, or N-m and N; None where the vehicle's file states no `disturbance`, or the scenario
         has another filter than the joint one.
@@ -258,7 +258,7 @@ class Estimator:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores a state of this or another estimator, or of a run's `filter_state.json`.
+        """Restores the state of filter and detector from `Estimator.state` or a run's `filter_state.json`.
 
         Args:
             state: as `Estimator.state` gives it.
@@ -417,7 +417,7 @@ class Estimator:
         return bool(are_converged(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
     def _make_detection(self, status: Any, own: Any) -> Detection | None:
-        """Makes the detection of a cycle from the detector's reports; None where nothing is declared or changed."""
+        """Returns the `Detection` of a cycle by the detector's reports; None where nothing is declared or changed."""
         event = Verdict(int(status.detector_event))
         if event == Verdict.NOTHING:
             return None

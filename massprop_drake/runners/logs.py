@@ -185,7 +185,7 @@ class Intake:
         self._last_mass = np.full((1, 3), np.nan)  # time, 1/m and its 1-sigma of the row before the block
 
     def take(self, signals: Mapping[str, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Spools a block of signals; returns its events, and the detections that are new with it.
+        """Spools a block of signals; returns the block's events, and the detections that are new with it.
 
         Args:
             signals: by name, shape (n, components), and `time_s`, shape (n,).

@@ -234,7 +234,7 @@ class Loop:
             self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
     def take_logs(self) -> dict[str, Array]:
-        """Returns logged rows by port, shape (n, size), with their times as `time_s`, and empties the logs."""
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
         taken, count = self._taken, self.logged
         blocks = [{**self._logged_ports(block), **block.log.rows} for block in self._blocks]
         logs = {name: _join_blocks([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}

@@ -69,7 +69,7 @@ def estimate(
     record_map: str | Path | RecordMap | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
-    """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
+    """Estimates mass properties and finds failed jets from a record, in bounded memory; returns the run.
 
     The cycle is that of simulated runs, so a run's own telemetry gives its own estimates, bit for bit. Drake plays no
     part; `diagrams.replay` does the same as a diagram.

@@ -60,13 +60,13 @@ class Engine(Protocol):
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
 
     def take_logs(self) -> dict[str, Array]:
-        """Returns logged rows by port, shape (n, size), with their times as `time_s`, and empties the logs."""
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
 
     def moment(self) -> Moment:
         """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+        """Uses the last sample; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
@@ -114,7 +114,7 @@ def simulate(
     look_back: bool = True,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
-    """Simulates a scenario from start to end, of any length in bounded memory.
+    """Simulates a scenario, of any length in bounded memory, with its estimation; returns the run.
 
     The same scenario gives the same run, bit for bit, but for the time it took.
 

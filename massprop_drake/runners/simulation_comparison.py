@@ -192,7 +192,7 @@ class _SimulatedVehicle:
     def simulate_readings(
         self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array
     ) -> dict[str, Array]:
-        """Simulates the sensor readings in a block of rows, shape (n, 3) each; NaN before the simulation has begun.
+        """Maps sensor packages to readings simulated for a block of rows, (n, 3), NaN before the simulation began.
 
         Args:
             commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape

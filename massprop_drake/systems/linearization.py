@@ -15,7 +15,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def linearized(system: System, context: Context, inputs: Iterable[str], outputs: Iterable[str]) -> LinearSystem:
-    """Linearizes a system about a context, with exact derivatives.
+    """Linearizes a system about a context, with exact derivatives, between named input and output ports.
 
     Drake's `Linearize` takes state of one group. A vehicle whose jets lag, or whose sensors remember, has several:
     here they stand one after the other, in the order of the context.

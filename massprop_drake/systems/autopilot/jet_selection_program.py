@@ -68,7 +68,7 @@ class _Program(NamedTuple):
 
 
 def _make_program(most: Array, cost: Array) -> _Program:
-    """Makes a linear program of least cost with six equality rows, and variables from zero to their limits.
+    """Makes a linear program: least cost, six equality rows, and variables from zero to their limits.
 
     Args:
         most: of each variable, shape (n,).
@@ -195,7 +195,7 @@ class JetSelectionProgram:
         return self._rows, *_scale_request(request, self._sizes)
 
     def _check_arguments(self, activity: Array, request: Array, limits_s: Array) -> None:
-        """Raises ValueError for a wrong shape or value, and scales new activity vectors."""
+        """Raises ValueError for a wrong shape or value; scales activity vectors that are new."""
         if request.shape != (6,):
             raise ValueError(f"request must have shape (6,), got {request.shape}")
         if not all(map(math.isfinite, request.tolist())):

@@ -176,7 +176,7 @@ class Selector:
     def _select_jets(
         self, properties: Array | None, request: Any, wrench: Array | None, out_of_use: Array
     ) -> tuple[Array, Selection]:
-        """Computes the requested change of rate and velocity, shape (6,), and the on-times selected for it.
+        """Computes the change of rate and velocity to solve for, shape (6,), and the on-times selected for it.
 
         A force that acts all along is undone over the time that the burst takes: that of the change alone,
         in whole cycles, and twice that as often as it takes until on-times within it are enough.

@@ -145,7 +145,7 @@ class FailureDetector(LeafSystem):
         )
 
     def _calc_known_force(self, context: Any) -> Any:
-        """Computes the effect of known forces on the sample, packed as `KNOWN_FORCE`."""
+        """Computes the effect of known forces on the sample's innovations, packed as `KNOWN_FORCE`."""
         vector = state_of(context)
         if not has_nonzero(vector[self._variance]):
             return _NO_KNOWN_FORCE

@@ -118,7 +118,7 @@ class MassEstimator(FilterSystem):
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `estimation_ports.measure_mass` where that is compiled."""
+        """Measures velocity increments: `Measured`, or compiled the vector of `estimation_ports.measure_mass`."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
             return time_call(ESTIMATORS, self._move, *given, *self._told(context), self._held)
@@ -145,7 +145,7 @@ class MassEstimator(FilterSystem):
         return join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal)
 
     def _evidence(self, measured: Any) -> Array:
-        """Packs the detector's evidence of the sample as `EVIDENCE`."""
+        """Packs what the detector judges of the sample into a vector, as `EVIDENCE`."""
         if self._compiled:
             row: Array = measured[: EVIDENCE.size]
             return row

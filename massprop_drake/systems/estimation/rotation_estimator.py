@@ -122,7 +122,7 @@ class RotationEstimator(FilterSystem):
         return thesis.unpack_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or where compiled the vector of `estimation_ports.measure_rotation`."""
+        """Measures rate increments: `Measured`, or compiled the vector of `estimation_ports.measure_rotation`."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
             return time_call(ESTIMATORS, self._turn, *given)

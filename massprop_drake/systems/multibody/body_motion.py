@@ -94,7 +94,7 @@ class BodyMotion(LeafSystem):
         declare_output(self, "mass_properties", 10, self._calc_properties, standing)
 
     def _compute_configuration(self, context: Any) -> _Configuration:
-        """Computes the pose of the carrier, the bodies' places in its frame, and the composite body."""
+        """Computes pose of the carrier, all bodies' places in its frame, and the composite mass properties."""
         poses = self._poses.Eval(context)
         carrier = poses[self._carrier]
         to_carrier = carrier.inverse()

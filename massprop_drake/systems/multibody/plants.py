@@ -23,7 +23,7 @@ _MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
 
 def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
-    """Makes a continuous MultibodyPlant from the text of a model, without gravity and contact.
+    """Makes a continuous MultibodyPlant from the text of an SDF or URDF, without gravity and contact.
 
     Args:
         text: of the model.
@@ -109,7 +109,7 @@ def _joints(plant: MultibodyPlant) -> list[Joint]:
 
 
 def connected_bodies(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
-    """Returns the bodies that joints connect with a body, which comes first; the world connects nothing."""
+    """Returns all bodies of the vehicle that joints connect with a body, the body first, without the world."""
     world = plant.world_body().index()
     neighbors: dict[BodyIndex, list[RigidBody]] = {}
     for joint in _joints(plant):
@@ -127,7 +127,7 @@ def connected_bodies(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody,
 
 
 def mass_properties_of(bodies: tuple[RigidBody, ...]) -> Bodies:
-    """Returns the mass properties of bodies as their plant has them by default.
+    """Returns masses, centers and inertias of bodies, as their plant has them by default.
 
     Raises:
         ValueError: when together they have no mass.
@@ -179,7 +179,7 @@ def require_joint_limits(joint: Joint, position: float) -> None:
 def start_state(
     plant: MultibodyPlant, body: RigidBody, positions: Mapping[str, float], rates: Mapping[str, float], rate: Array
 ) -> tuple[Array, Array]:
-    """Computes the state with the vehicle's frame along the inertial one, its center of mass at rest at the origin.
+    """Computes generalized positions and velocities with frames aligned, and the center at rest at the origin.
 
     Args:
         plant: finalized.

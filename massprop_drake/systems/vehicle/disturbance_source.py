@@ -108,7 +108,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return next_deviation(self._held(context), self._noise.Eval(context), model)
 
         def _calc_wrench(self, context: Any) -> Any:
-            """Computes the wrench of jets and disturbance together, packed as the jets' one."""
+            """Computes the sum of the jets' wrench and the disturbance, packed as the jets' wrench."""
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation

@@ -108,7 +108,7 @@ class Engines(LeafSystem):
         )
 
     def _calc_wrench(self, context: Any) -> Any:
-        """Computes the wrench of jets and engines together, packed as the jets' one."""
+        """Computes the sum of the jets' and engines' wrench, packed as the jets' wrench."""
         errors, now, time_s = self._errors.get(context), self._now(context), context.get_time()
         if self._stepped:
             own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)

@@ -42,7 +42,7 @@ _NONE = np.zeros(0)
 
 @template
 def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of jets for a scalar type T, see `ReactionJets`."""
+    """Makes the class of a vehicle's jets for a scalar type T, see `ReactionJets`."""
 
     class Nozzles(LeafSystem_[T]):
         r"""Computes thrust of all jets, with an optional first-order build-up and tail-off.

@@ -83,7 +83,7 @@ class ReactionWheels(LeafSystem):
         return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)
 
     def _calc_momentum(self, context: Any) -> Any:
-        """Computes angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
+        """Computes the wheels' total angular momentum and its time derivative, body axes, shape (6,)."""
         if self._stepped:
             changing = self._coming(context)
         else:

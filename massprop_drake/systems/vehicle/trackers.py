@@ -64,7 +64,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             raise NotImplementedError
 
         def _calc_reading(self, context: Any) -> Any:
-            """Computes the reading, NaN where none is due."""
+            """Computes the tracker's reading from body and structure, NaN where none is due, shape (size,)."""
             if not self._is_due(context):
                 _, size, _ = self._sizes
                 return np.full(size, np.nan)
