@@ -35,7 +35,7 @@ def connect_estimation(
     estimation: framework.Diagram,
     scenario: Scenario,
 ) -> None:
-    """Feeds the estimators with every sensor, and with the command of the interval that ended."""
+    """Connects every sensor, and the command of the past interval, to the estimation's input ports."""
     seen = (sensor.name for sensor in scenario.vehicle_data.tracked)
     for name in (*scenario.vehicle_data.sensor_names(), *seen):
         if estimation.HasInputPort(name) and vehicle.HasOutputPort(name):  # engines that never burn are not there
@@ -48,7 +48,7 @@ def connect_estimation(
 def connect_wheels(
     builder: DiagramBuilder, vehicle: framework.Diagram, commander: System, scenario: Scenario
 ) -> list[System]:
-    """Connects a vehicle's wheels to the autopilot's torques, or to prescribed ones; returns systems that play them."""
+    """Connects wheels to the autopilot's or prescribed torques; returns systems added that play them back."""
     if not scenario.vehicle_data.wheels:
         return []
     if commander.HasOutputPort("wheel_torque"):
@@ -63,7 +63,7 @@ def connect_wheels(
 
 
 def connect_engine_commands(builder: DiagramBuilder, vehicle: framework.Diagram, scenario: Scenario) -> list[System]:
-    """Connects a vehicle's engines to their commands; returns the commanding systems, none where no engine burns."""
+    """Connects engines to systems that command them; returns these systems, empty where no engine burns."""
     if not scenario.engine_schedule:
         return []
     control = pilot_params.gimbal_control(scenario)

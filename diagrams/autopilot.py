@@ -22,7 +22,7 @@ from massprop_drake.systems.autopilot.wheel_controller import WheelController
 
 
 def build(scenario: Scenario) -> Diagram:
-    """Builds the autopilot diagram of a scenario.
+    """Builds the Drake diagram of a scenario's autopilot: from rates and estimates to jet and wheel commands.
 
     Ports:
         gyro (in, 3): measured rate, rad/s, body axes.

@@ -27,7 +27,7 @@ from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
-    """Builds the closed-loop diagram of a scenario.
+    """Builds the closed-loop Drake diagram of a scenario: vehicle, autopilot and estimation, connected.
 
     Args:
         scenario: with windows of the hand controllers.

@@ -56,7 +56,7 @@ _REPORTERS = {"rotation_estimator": "rotation_report", "mass_estimator": "mass_r
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimator:
-    """Builds the estimation diagram of a scenario.
+    """Builds the Drake diagram of a scenario's estimation: from commands and readings to estimates and reports.
 
     Args:
         scenario: for the vehicle and the settings of the estimators.
@@ -121,7 +121,7 @@ class MassPropertyEstimator(Diagram):
 
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """Adds a filter and its detector in one system, whose ports are the diagram's, except `predicted`."""
+    """Adds a filter and its detector in one system, and exports all ports of it except `predicted`."""
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),
@@ -141,7 +141,7 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
 
 
 def _add_thesis(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """Adds the thesis's two filters with the impulse model before them and the failure detector between them."""
+    """Adds the thesis's two filters to the builder, with impulse model before and failure detector between."""
     vehicle = scenario.vehicle_data
     impulses = builder.AddNamedSystem(
         "impulse_model",
@@ -162,7 +162,7 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario) -> None:
 
 
 def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """Adds the thesis's two filters, the one that gives the detector its evidence last."""
+    """Adds the thesis's two filters to the builder and returns them, that with the detector's evidence last."""
     vehicle = scenario.vehicle_data
     filters = params.thesis_params(scenario)
     rotation = builder.AddNamedSystem(
@@ -212,7 +212,7 @@ def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseM
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
-    """Connects the impulse model to a filter; the jets' own levels, too, where thrust errors are considered."""
+    """Connects outputs of the impulse model to a filter, with jet levels where it considers thrust errors."""
     for name in ("impulses", "mean_level"):
         if system.HasInputPort(name):
             builder.Connect(impulses.GetOutputPort(name), system.GetInputPort(name))
@@ -225,7 +225,7 @@ def _add_detector(
     estimators: tuple[LeafSystem, ...],
     commands: InputPortIndex,
 ) -> None:
-    """Puts the failure detector between the filters' innovations and their updates.
+    """Adds the failure detector to the builder, between the filters' innovations and their updates.
 
     Args:
         builder: of the diagram.
@@ -259,7 +259,7 @@ def _add_detector(
 
 
 def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """Adds the `FindingsMonitor`, fed by the reports of filters and detector."""
+    """Adds the `FindingsMonitor` to the builder, and connects reports of filters and detector to it."""
     found = {}
     for system in builder.GetSystems():
         for index in map(OutputPortIndex, range(system.num_output_ports())):

@@ -22,7 +22,7 @@ from massprop_drake.systems.multibody.star_tracker import StarTracker
 
 
 def set_initial_velocities(diagram: Diagram, context: Context) -> None:
-    """Puts the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
+    """Writes the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
 
     `simulate` does so. A simulator of the user's own needs it where the scenario has rates at the start.
 

@@ -23,7 +23,7 @@ from massprop_drake.systems.multibody.plants import (
 
 
 def build_body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
-    """Makes the multibody plant of a scenario's block, with the ports of a rigid one.
+    """Makes the multibody system of a scenario's block, with the ports of a `RigidBodyPlant`.
 
     Args:
         block: of the scenario.
@@ -48,7 +48,7 @@ def build_body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehic
 
 
 def _parse_checked_plant(block: MultibodyBlock) -> MultibodyPlant:
-    """Makes the plant of a block, and checks that everything that the block names exists in it."""
+    """Makes the plant of a block's model; raises InputError where a body or joint of the block is not in it."""
     with attribute_errors_to("plant.model"):
         plant = parse_plant(block.model, model_kind(block.model))
     with attribute_errors_to("plant.body"):
@@ -65,7 +65,7 @@ def _parse_checked_plant(block: MultibodyBlock) -> MultibodyPlant:
 
 
 def require_model(scenario: Scenario) -> None:
-    """Checks that a scenario's multibody plant, if it has one, can be flown.
+    """Raises InputError where a scenario has a multibody plant that Drake cannot fly.
 
     Raises:
         InputError: as `build_body`.

@@ -22,7 +22,7 @@ from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
-    """Builds the open-loop diagram of a scenario.
+    """Builds the open-loop Drake diagram of a scenario: vehicle, jet schedule and estimation, connected.
 
     Args:
         scenario: with a jet schedule.

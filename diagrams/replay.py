@@ -14,7 +14,7 @@ from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
 
 def build(scenario: Scenario, *, first_row: int = 0, findings: bool = False) -> Diagram:
-    """Builds the replay diagram of a scenario: the `estimation` diagram, unchanged, fed from a record.
+    """Builds the replay Drake diagram of a scenario: the `estimation` diagram, fed by rows of a record.
 
     Ports: none in; out every output of the `estimation` diagram and of `TelemetrySource`, by the same
     names. Times in reports and findings are those of the diagram, k T at row k, whatever times the record has.

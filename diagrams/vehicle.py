@@ -39,7 +39,7 @@ from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 
 def build(scenario: Scenario, body: System | None = None, trackers: Sequence[System] = ()) -> Diagram:
-    """Builds the vehicle diagram of a scenario.
+    """Builds the Drake diagram of a scenario's vehicle: from commands to motion of the body and readings.
 
     Args:
         scenario: with the vehicle.
@@ -170,7 +170,7 @@ def _add_other_forces(
 
 
 def _connect_noise_and_seed(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
-    """Connects the noise source to noisy systems, and the seed to those that draw random numbers."""
+    """Connects the noise source to noisy systems, and the seed's port to those that draw random numbers."""
     quiet = {
         one.name
         for one in scenario.vehicle_data.sensors
@@ -194,7 +194,7 @@ def _connect_noise_and_seed(builder: DiagramBuilder, scenario: Scenario, jets: S
 
 
 def _make_body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
-    """Makes the body that a scenario flies; lags and pieces are those of its jets."""
+    """Makes the system of the body that a scenario flies, rigid or multibody; lags and pieces: of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody_body  # noqa: PLC0415 (loads Drake's multibody library)
 
@@ -222,6 +222,7 @@ def _make_tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Sy
 
 
 def _make_sensor(package: SensorPackage, scenario: Scenario) -> System:
+    """Makes the system of a gyro or accelerometer package, with the errors that the scenario states."""
     model, draws = true_params.sensor_model_before_draws(scenario, package), true_params.sensor_draws(scenario, package)
     chance: dict[str, Any] = {"seed": scenario.seed, "compiled": scenario.execution.compiled}
     if draws.marks or draws.tones:

@@ -496,7 +496,7 @@ def export_run(
 
 
 def _report_written_file(target: Path, as_json: bool, quiet: bool) -> None:
-    """Reports which file was written."""
+    """Prints which file a command has written, in words or as JSON; if quiet, nothing."""
     from massprop_drake.cli import show
 
     if as_json:

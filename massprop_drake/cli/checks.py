@@ -39,7 +39,7 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
 
 
 def list_schema_keys(schema: Schema) -> list[Key]:
-    """Lists the keys of a kind of file; those of a scenario leave out its vehicle's, a schema of their own."""
+    """Lists the keys that a kind of file may have; those of a scenario leave out its vehicle's."""
     return [key for key in KEYS[schema]() if not key.name.startswith("vehicle.")]
 
 
@@ -58,7 +58,7 @@ class CheckFindings(NamedTuple):
 
 
 def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bool) -> CheckFindings:
-    """Checks files.
+    """Validates files; returns the findings on each as JSON data, the same in words, and the problems.
 
     Args:
         names: of files, or bundled ones.
@@ -89,7 +89,7 @@ def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bo
 
 
 def _drop_repeated(name: str, problems: Sequence[str], told: Sequence[str]) -> list[str]:
-    """Drops problems of a file that another one told: a scenario has those of its vehicle, after its own place."""
+    """Drops problems of a scenario that its vehicle's file has already reported; adds a line with their number."""
     known = {one.partition(": vehicle: ")[2] or one for one in told}
     new = [one for one in problems if (one.partition(": vehicle: ")[2] or one) not in known or one in told]
     repeated = counted(len(problems) - len(new), "problem")
@@ -109,7 +109,7 @@ class InputDescription(NamedTuple):
 
 
 def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | InputDescription:
-    """Reads and validates a file; returns its content, telemetry and maps in words; raises InputError for a bad one."""
+    """Reads and validates a file; returns its model, of telemetry and maps a description; raises InputError."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
@@ -133,7 +133,7 @@ def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | 
 
 
 def _require_flyable(scenario: Scenario, name: str) -> Scenario:
-    """Checks that Drake can fly a scenario's multibody model, if it has one, and returns the scenario."""
+    """Returns the scenario; raises InputError where Drake cannot fly its multibody model."""
     if scenario.plant.kind == "multibody":
         from massprop_drake.diagrams.multibody_body import require_model  # noqa: PLC0415 (loads Drake's multibody library)
 

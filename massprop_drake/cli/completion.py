@@ -11,9 +11,10 @@ from massprop_drake.inputs.kinds import Kind, bundled_files
 
 
 def make_completer(kind: Kind) -> Callable[[str], list[str]]:
-    """Makes a function that offers bundled names of a kind, files and folders that begin as written."""
+    """Makes a shell completer: from a word's beginning to bundled names of a kind, files and folders."""
 
     def offered(incomplete: str) -> list[str]:
+        """Lists bundled names, files and folders that begin with a word."""
         return [name for name in bundled_files(kind) if name.startswith(incomplete)] + _paths(
             incomplete, (".yaml", ".yml")
         )
@@ -22,19 +23,19 @@ def make_completer(kind: Kind) -> Callable[[str], list[str]]:
 
 
 def complete_diagrams(incomplete: str) -> list[str]:
-    """Offers the names of diagrams; they are the modules in their folder, and importing one would load Drake."""
+    """Lists bundled diagrams whose names begin with a word, without importing them, which would load Drake."""
     package = find_spec("massprop_drake.diagrams")
     names = [] if package is None else [found.name for found in iter_modules(package.submodule_search_locations)]
     return [name for name in names if name.startswith(incomplete) and not name.startswith("_")]
 
 
 def complete_formats(incomplete: str) -> list[str]:
-    """Offers the formats to export to."""
+    """Lists the export formats that begin with a word."""
     return [name for name in ("mcap", "rerun") if name.startswith(incomplete)]
 
 
 def complete_run_folders(incomplete: str) -> list[str]:
-    """Offers folders of runs, here and in `complete_run_folders`, and folders on the way to others."""
+    """Lists folders of runs, here, in runs/ and in the folder of a word, that begin with the word."""
     beside = Path(incomplete or ".") if incomplete.endswith("/") or not incomplete else Path(incomplete).parent
     places = {beside, Path(), Path("runs")}
     found = {str(path.parent) for place in places for path in place.glob("*/summary.json")}
@@ -42,7 +43,7 @@ def complete_run_folders(incomplete: str) -> list[str]:
 
 
 def _paths(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Lists files with one of these endings, and folders, that begin as written."""
+    """Lists folders, and files with one of these endings, whose paths begin with a word."""
     beside = Path(incomplete) if incomplete.endswith("/") else Path(incomplete).parent
     if not beside.is_dir():
         return []

@@ -50,7 +50,7 @@ class ExportOptions(NamedTuple):
 
 
 def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[[Path, str], None]) -> WrittenExport:
-    """Writes a run as a file, into its folder or elsewhere.
+    """Writes a run as a file for a viewer; returns the file's path, size, number of rows and signals.
 
     Args:
         folder: of the run.
@@ -76,6 +76,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
     content = export.Content(run, epoch_s=epoch_s)
 
     def put(path: Path) -> None:
+        """Writes the export to a path."""
         export.write(content, asked.to, path)
 
     if alone:
@@ -88,7 +89,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
 
 
 def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, quiet: bool) -> str:
-    """Plays a run to a viewer on this machine until its end, and returns the address.
+    """Plays a run to a viewer on this machine until its end, and returns the viewer's address.
 
     Raises:
         InputError: when there is no such run or format, or no viewer.
@@ -108,7 +109,7 @@ def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, 
 
 
 def parse_epoch(epoch: str | None) -> float | None:
-    """Parses a time since 1970 from an option: seconds, or a date with or without a time of day, in UTC by default."""
+    """Parses seconds since 1970, or an ISO date (in UTC by default), to seconds since 1970; None stays None."""
     if epoch is None:
         return None
     try:

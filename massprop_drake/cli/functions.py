@@ -23,14 +23,14 @@ _OURS = str(Path(massprop_drake.__file__).parent)
 
 
 def file_stem(target: str) -> str:
-    """Makes a name for files about a function: the last part of its module, and its own name."""
+    """Makes the stem of file names for a function: the last word of its module, and its own name."""
     where, _, name = target.rpartition(":")
     return re.sub(r"\W+", "_", f"{Path(where.removesuffix('.py')).name.rpartition('.')[2]}_{name}")
 
 
 @contextlib.contextmanager
 def guard_user_code(target: str) -> Iterator[None]:
-    """Converts any error of the user's code into one message; what it prints goes to the error stream.
+    """Converts, in a with block, errors of the user's code into one InputError; its output goes to stderr.
 
     Args:
         target: as given, for the message.
@@ -55,7 +55,7 @@ def guard_user_code(target: str) -> Iterator[None]:
 
 
 def call(target: str) -> Any:
-    """Calls a function without arguments and returns its result.
+    """Imports a user's function, calls it without arguments and returns its result.
 
     Args:
         target: `module:function`, of a module that Python finds from the current folder on, or `file.py:function`.
@@ -72,7 +72,7 @@ def call(target: str) -> Any:
 
 
 def _import_module(where: str, target: str) -> ModuleType:
-    """Imports the module of a name or a file."""
+    """Imports a module by its dotted name or its file's path, and returns it; raises InputError."""
     if not (where.endswith(".py") or os.sep in where):
         with _search_folder_first(Path.cwd()), guard_user_code(target):
             try:
@@ -97,7 +97,7 @@ def _import_module(where: str, target: str) -> ModuleType:
 
 @contextlib.contextmanager
 def _search_folder_first(folder: Path) -> Iterator[None]:
-    """Makes Python search a folder for modules first."""
+    """Makes Python search a folder for modules first, in a with block."""
     sys.path.insert(0, str(folder))
     try:
         yield
@@ -107,7 +107,7 @@ def _search_folder_first(folder: Path) -> Iterator[None]:
 
 
 def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
-    """Returns a function of a module that can be called without arguments."""
+    """Returns the function of a name in a module; raises InputError unless it can be called without arguments."""
     function = getattr(module, name, None)
     if not callable(function):
         what = "is no function" if hasattr(module, name) else "is not there"
@@ -127,7 +127,7 @@ def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], A
 
 
 def _error_location(error: BaseException) -> str:
-    """Formats file and line of the user's code at which an error arose, in parentheses; empty if there are none."""
+    """Formats file and line of the user's code that raised an error as " (file, line n)"; empty: none."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" ({_shortened_path(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

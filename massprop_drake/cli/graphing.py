@@ -15,7 +15,7 @@ from massprop_drake.results.folder import require_files, require_no_run, write_f
 
 
 def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
-    """Finds diagrams to draw: functions that build them, by the names of their files.
+    """Maps names of files to functions that build the diagrams to draw, bundled ones and the user's own.
 
     Args:
         names: ours, or functions of the user's own, see `functions.call`; None or none: all that a scenario has.
@@ -42,14 +42,14 @@ def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict
 
 
 def _build_user_diagram(target: str) -> Any:
-    """Returns the diagram that a function of the user's own makes."""
+    """Calls a user's function and returns its result as a Drake diagram."""
     made = functions.call(target)
     with functions.guard_user_code(target):
         return graphs.as_diagram(made, target)
 
 
 def write(builders: Mapping[str, Callable[[], Any]], out: Path, *, force: bool) -> tuple[list[Path], bool]:
-    """Builds diagrams and writes their graphs; returns the files, and whether there is a program that draws.
+    """Builds diagrams and writes graphs of them; returns the files, and whether SVG could be drawn.
 
     Args:
         builders: of diagrams, by the names of their files.

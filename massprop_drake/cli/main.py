@@ -40,7 +40,7 @@ class SavedWork:
         self._written, self._otherwise = "", "nothing was saved"
 
     def watch(self, file: Path, written: str, otherwise: str = "nothing was saved") -> None:
-        """Names the file that shows whether the work is saved.
+        """Sets the file whose change shows that the work is saved, and what to say before and after it.
 
         Args:
             file: that the command writes last or together with all others.
@@ -51,7 +51,7 @@ class SavedWork:
 
     @property
     def saved(self) -> bool:
-        """True if the file has been written since."""
+        """True if the watched file has been written since it was set."""
         return self._file is not None and _file_identity(self._file) != self._before
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class SavedWork:
 
 
 def _file_identity(file: Path) -> tuple[int, ...] | None:
-    """Device, inode and time of change of a file, which differ once it is written anew; None: there is none."""
+    """Returns device, inode and time of change of a file, which a rewrite changes; None: there is no file."""
     try:
         found = os.stat(file)
     except OSError:
@@ -75,7 +75,7 @@ def _load_massprop() -> Any:
 
 
 def main(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> None:
-    """Runs a command line and ends the process.
+    """Runs the command line in `sys.argv` and ends the process with its exit status.
 
     Args:
         load: loads the commands, a `typer.Typer`.
@@ -89,7 +89,7 @@ def main(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> No
 
 
 def run(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int:
-    """Runs the command line that `sys.argv` holds and returns its exit status; any error is one message."""
+    """Runs the command line in `sys.argv`, prints any error as one message, and returns the exit status."""
     kept = SavedWork()
     with guard_streams() as output, _raise_on_signals() as received, _print_short_warnings():
         try:
@@ -110,7 +110,7 @@ def run(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int
 
 
 def _run_command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
-    """Checks arguments and locale, and runs the command; returns its exit status."""
+    """Checks arguments and locale, runs the command, and returns its exit status."""
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
@@ -119,7 +119,7 @@ def _run_command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
 
 
 def _report_error(error: Any, kept: SavedWork) -> int:
-    """Reports an error, and what is saved nevertheless; returns the exit status."""
+    """Prints an error, and what is saved nevertheless, on the error stream; returns the exit status."""
     saved = f"; {kept}" if kept.saved else ""
     if isinstance(error, InputError):
         note(f"{error}{saved}")
@@ -137,7 +137,7 @@ def _report_error(error: Any, kept: SavedWork) -> int:
 
 
 def _report_unprinted(output: Stream, kept: SavedWork, status: int) -> int:
-    """Reports, if a result could not be printed, that and what is saved; returns the exit status."""
+    """Prints, if standard output has failed, that and what is saved; returns the exit status."""
     if output.failure is None:
         return status
     saved = [str(kept)] if kept.saved else []
@@ -151,7 +151,7 @@ def _report_unprinted(output: Stream, kept: SavedWork, status: int) -> int:
 
 @contextlib.contextmanager
 def _raise_on_signals() -> Iterator[list[int]]:
-    """Converts signals to end into an exception, so that everything is tidied up; a second one ends at once.
+    """Converts, in a with block, signals to end into an exception; a second signal ends the process at once.
 
     Code that the exception meets can swallow it, a destructor for one: it is raised again until it is on its way.
 
@@ -164,6 +164,7 @@ def _raise_on_signals() -> Iterator[list[int]]:
     heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
 
     def receive(number: int, _: FrameType | None) -> None:
+        """Raises the exception for a first signal, and has later ones end the process."""
         for each in heeded:
             signal.signal(each, signal.SIG_DFL)
         received.append(number)
@@ -192,7 +193,7 @@ def _raise_on_signals() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def _print_short_warnings() -> Iterator[None]:
-    """Shows warnings as messages of the command line: those of old names once each, others with their place."""
+    """Prints, in a with block, warnings as one-line messages: those on old names once each."""
     said: set[str] = set()
 
     def shown(

@@ -28,7 +28,7 @@ def write(
     force: bool,
     watch: Callable[[Path, str], None],
 ) -> Path:
-    """Writes the report or the replay of a run, into its folder or elsewhere.
+    """Writes the report or the replay of a run as HTML, into its folder or elsewhere; returns the file's path.
 
     With a replay in the run's folder its report is written anew, so that it leads there.
 
@@ -38,9 +38,6 @@ def write(
         out: the file to write; None: `name` in the run's folder.
         force: keep what is there and not ours.
         watch: is told the file, and what to say once it is written.
-
-    Returns:
-        The file written.
 
     Raises:
         InputError: when there is no such run, or the file cannot be written.
@@ -67,7 +64,7 @@ def write(
 
 
 def _page_html(name: str, run: Run, folder: Path | None, replay: str | None = None) -> str:
-    """Makes the report or the replay of a run as HTML; the report links to the replay that is in the folder."""
+    """Returns the report or the replay of a run as HTML; the report links to the replay in the folder."""
     if name == REPLAY:
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
@@ -80,15 +77,12 @@ def _page_html(name: str, run: Run, folder: Path | None, replay: str | None = No
 
 
 def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[list[tuple[str, Summary]], Any, Path]:
-    """Writes a page with runs side by side.
+    """Writes a page that compares runs; returns name and summary of each, their vehicle, and the page's path.
 
     Args:
         runs: folders, two at least.
         out: the file to write; None: `runs/comparison.html`.
         force: keep what is there and not ours.
-
-    Returns:
-        Name and summary of each run, their vehicle, and the file.
 
     Raises:
         InputError: when they are not runs of one vehicle, or the file cannot be written.
@@ -115,7 +109,7 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
 
 
 def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
-    """Prints the table of runs side by side, the findings of each, and where the page is."""
+    """Prints the table of runs side by side, the findings of each run, and the path of the page."""
     show.print_side_by_side(found, vehicle)
     show.print_run_findings(found, vehicle)
     say(f"plots:       {target}")

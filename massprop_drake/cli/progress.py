@@ -33,7 +33,7 @@ class Progress:
         return self
 
     def __call__(self, reached: float) -> None:
-        """Reports how far the work has got, in the unit of the total."""
+        """Moves the bar to the amount of work that is done, in the unit of the total; short work shows no bar."""
         if not self._shown or time.monotonic() - self._began < AFTER_S:
             return
         if self._bar is None:

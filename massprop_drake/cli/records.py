@@ -38,7 +38,7 @@ class OutputOptions(NamedTuple):
 
 
 def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: OutputOptions) -> None:
-    """Proposes a map, writes it where it is wanted, and shows the first rows as it understands them.
+    """Proposes a map of a record's columns, writes it if asked, and prints it and the first rows by it.
 
     Raises:
         InputError: when something could not be found, or the record cannot be what the map says.
@@ -65,7 +65,7 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: OutputOpti
 
 
 def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> None:
-    """Shows the first rows as the map of a file understands them."""
+    """Prints the first rows of a record as the map in a file interprets them, and the evidence for it."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
     # units that cannot be do not hide how the jets act
@@ -86,7 +86,7 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> N
 def make_vehicle(
     record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, how: OutputOptions
 ) -> None:
-    """Writes a vehicle's file from the parameters of a PX4 log.
+    """Writes a vehicle's file from the parameters of a PX4 log, and prints what is assumed.
 
     Raises:
         InputError: when the record is no ULog, or says too little.
@@ -109,13 +109,13 @@ def make_vehicle(
 
 
 def _files_with_record(record: str) -> list[str]:
-    """Returns files that are read with a record: of a bag also those beside the database."""
+    """Returns paths that are read with a record: its own, a database's journals, a bag's metadata."""
     beside = Path(record).parent / "metadata.yaml"
     return [record, f"{record}-wal", f"{record}-shm", *([str(beside)] if beside.is_file() else [])]
 
 
 def parse_moments(text: str | None) -> tuple[float, float, float] | None:
-    """Parses principal moments from an option, such as 0.3,0.3,0.5."""
+    """Parses three principal moments, kg-m^2, from an option such as 0.3,0.3,0.5; None stays None."""
     if text is None:
         return None
     try:
@@ -126,7 +126,7 @@ def parse_moments(text: str | None) -> tuple[float, float, float] | None:
 
 
 def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
-    """Formats a proposed map as a file, with its reasons as comments."""
+    """Formats a proposed map as YAML text, with the reasons for it, and what it lacks, as comments."""
     lines = [f"# Proposed for {Path(record).name} and vehicle {vehicle.name}. Why it is so:"]
     for reason in found.reasons:
         lines += _comment(reason)
@@ -140,7 +140,7 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    """Formats a sentence as lines of a comment."""
+    """Wraps a sentence into lines of a YAML comment."""
     printable = "".join(one if one.isprintable() else " " for one in text)
     first, others = "# - ", "#   "
     return wrap(
@@ -154,7 +154,7 @@ def _comment(text: str) -> list[str]:
 
 
 def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputOptions, recording: Recording) -> None:
-    """Prints a map's first rows, or all of it as JSON, and notes on the record."""
+    """Prints a record's first rows by a map, and notes on the record; as JSON the map, too."""
     rows = [] if understood is None else mapped_rows.preview_rows(understood)
     of_rows = () if understood is None else (*understood.notes, *_find_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
@@ -173,7 +173,7 @@ def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputO
 
 
 def _find_refusals(understood: channels.Mapped) -> list[str]:
-    """Lists reasons for which the estimators would not take the record as mapped; none where they would."""
+    """Lists reasons for which massprop estimate would refuse the record as mapped; empty: none."""
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
@@ -191,7 +191,7 @@ def _find_refusals(understood: channels.Mapped) -> list[str]:
 
 
 def _make_rows_table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
-    """Makes a table of a record's first rows: a line for each sensor component, and one for the open jets."""
+    """Makes a table of a record's first rows: a line per sensor component, and one for the open jets."""
     table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
     table.add_column("")
     for row in rows:
@@ -207,7 +207,7 @@ def _make_rows_table(understood: channels.Mapped, rows: list[dict[str, Any]]) ->
 
 
 def _unit_suffix(understood: channels.Mapped, channel: channels.Channel, component: str) -> str:
-    """Returns the unit of a channel's component, after a blank."""
+    """Returns the unit of a channel's component, after a blank; empty where it has none."""
     if component.startswith("q_") or component == "level":
         return ""
     length = understood.vehicle.unit_names["length"]
@@ -217,7 +217,7 @@ def _unit_suffix(understood: channels.Mapped, channel: channels.Channel, compone
 
 
 def _open_jets_text(jets: dict[str, float | None]) -> str:
-    """Returns the jets that are open, with their share where it is not all of the row."""
+    """Formats the jets open in a row, with the share of the row where it is below 1 and ? where unknown."""
     shown = []
     for name, share in jets.items():
         shown.append(f"{name} ?" if share is None else name if share == 1.0 else f"{name} {share:.2f}")

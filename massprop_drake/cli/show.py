@@ -37,17 +37,17 @@ _DIAGONAL = 3  # elements of the inverse inertia that are on its diagonal come f
 
 
 def json_text(content: Any) -> str:
-    """Formats JSON as files and standard output have it."""
+    """Formats data as indented JSON text, as files and standard output have it."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def print_json(content: Any) -> None:
-    """Prints JSON alone on standard output."""
+    """Prints data as JSON, and nothing else, on standard output."""
     sys.stdout.write(json_text(content))
 
 
 def print_forecast(found: Forecast, vehicle: Vehicle) -> None:
-    """Prints a forecast: a table of the parameters, and one of the jets."""
+    """Prints a forecast: a table of 1-sigmas of the parameters, and one of the jets' leaks."""
     console, rows = Terminal(), []
     before, after = found.deviations[0], found.deviations[-1]
     for place, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
@@ -69,7 +69,7 @@ def print_forecast(found: Forecast, vehicle: Vehicle) -> None:
 
 
 def print_design(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, float, float]], folder: Path) -> None:
-    """Prints a design: what it makes known, and what is fired.
+    """Prints a designed maneuver: the sentences of its verdict, and a table of its firings.
 
     Args:
         verdict: see `saving.verdict`.
@@ -85,7 +85,7 @@ def print_design(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str
 
 
 def print_listing(found: Mapping[str, Mapping[str, str]]) -> None:
-    """Prints what is bundled, a line each; a narrow terminal has each description below its name.
+    """Prints bundled names with descriptions, a line each; a narrow terminal has the description below.
 
     Args:
         found: descriptions by name, by kind in the plural.
@@ -107,7 +107,7 @@ def print_listing(found: Mapping[str, Mapping[str, str]]) -> None:
 
 
 def print_schema(found: Iterable[Key]) -> None:
-    """Prints the keys that a file may have."""
+    """Prints a table of the keys that a file may have."""
     table = Table(box=None, header_style="bold")
     for heading in Key._fields:
         table.add_column(heading, overflow="fold", no_wrap=heading == "name")
@@ -120,7 +120,7 @@ def print_schema(found: Iterable[Key]) -> None:
 
 
 def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints the table of ten parameters, a summary of the run, and where its files are."""
+    """Prints a simulated run: a table of the ten parameters, consistency, autopilot, detections and files."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     _print_parameters(console, title, results, vehicle, truth=True)
@@ -145,7 +145,7 @@ def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 
 
 def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints estimates from a record: the ten parameters, derived quantities, warnings, failures and files."""
+    """Prints a run estimated from a record: a table of the ten parameters, warnings, detections and files."""
     console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
@@ -177,7 +177,7 @@ def _speed_text(value: float) -> str:
 
 
 def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
-    """Prints the intervals that readings guarantee, or why there are none."""
+    """Prints the intervals of the ten parameters that readings guarantee, or why there are none."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
     found = results.intervals
@@ -191,7 +191,7 @@ def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> N
 
 
 def _print_simulation_comparison(console: Terminal, found: Against) -> None:
-    """Prints how far a record is from a simulation of its commands, and possible causes."""
+    """Prints a table of residuals of a record from its simulation, and possible causes."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
     headings, rows, _ = table.residual_sheet(found)
@@ -205,9 +205,10 @@ def _print_simulation_comparison(console: Terminal, found: Against) -> None:
 
 
 def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
-    """Returns the ten parameters of a run as `massprop compare --json` gives them; None for unknown ones."""
+    """Maps the ten parameters of a run to estimate, 1-sigma and percent error; None for unknown ones."""
 
     def known(value: float) -> float | None:
+        """Returns a number, None for NaN."""
         return None if math.isnan(value) else value
 
     return {
@@ -221,7 +222,7 @@ def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
 
 
 def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
-    """Prints the ten parameters of several runs beside each other.
+    """Prints a table of the ten parameters: error or estimate, and 1-sigma, of several runs in columns.
 
     Args:
         found: name and summary of each run.
@@ -241,7 +242,7 @@ def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -
 
 
 def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
-    """Prints a line for each run: its duration, whether it is consistent, and its findings."""
+    """Prints a line for each run: duration, verdict of consistency, and detections."""
     from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:
@@ -251,7 +252,7 @@ def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) ->
 
 
 def _error_and_sigma(one: Parameter, results: Summary) -> tuple[str, str]:
-    """Formats error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
+    """Formats a parameter's error, or its estimate where the truth is not known, and its 1-sigma, percent."""
     if math.isnan(one.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)
@@ -262,18 +263,18 @@ def _error_and_sigma(one: Parameter, results: Summary) -> tuple[str, str]:
 
 
 def print_detection(entry: DetectionRecord, vehicle: Vehicle) -> None:
-    """Prints a detection at once, while rows come in."""
+    """Prints a line on a detection, at once while rows come in."""
     say(_detection_text(entry, vehicle))
 
 
 def print_event(event: EventRecord, vehicle: Vehicle) -> None:
-    """Prints an event at once, while rows come in, unless it is a new detection."""
+    """Prints a line on an event, at once while rows come in, unless it is a new detection."""
     if event.kind not in _DETECTIONS:
         say(_event_text(event, vehicle))
 
 
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
-    """Prints mass, center of mass and inertia, and below them the reciprocals that are estimated.
+    """Prints a table of mass, center of mass and inertia, and below them the estimated reciprocals.
 
     The numbers of a row have the power of ten that stands with its unit.
     """
@@ -293,7 +294,7 @@ def _consistency_text(found: Consistency) -> str:
 
 
 def _print_doubts(console: Terminal, results: Summary) -> None:
-    """Explains why estimates are not to be relied on, and which."""
+    """Prints why estimates are inconsistent, not identifiable, above their bound or impossible."""
     from massprop_drake.results.identifiability_flags import in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
@@ -325,7 +326,7 @@ _MOST_SUSPECTED = 5  # suspicions that are printed
 
 
 def _print_detector_report(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
-    """Describes what the detector found, what it suspected, and what it could not have found."""
+    """Prints detections, events, fault probabilities, suspicions, missed failures, and untested jets."""
     from massprop_drake.results.unconfirmed import NOTHING_TESTED, in_words  # noqa: PLC0415 (slow to load)
 
     for entry in results.detections:
@@ -362,6 +363,7 @@ def _event_text(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
+    """Formats a detection as one line: what was found, when it was declared, and since when it acts."""
     from massprop_drake.results.detections import in_words, onset_in_words, remarks  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {onset_in_words(entry)}"
@@ -370,6 +372,7 @@ def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
 
 
 def _print_files(console: Terminal, folder: Path) -> None:
+    """Prints the paths of a run's folder, pages and figures."""
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
     figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []
@@ -381,7 +384,7 @@ def _print_files(console: Terminal, folder: Path) -> None:
 
 
 def describe_input(good: Vehicle | Scenario | CampaignSpec) -> str:
-    """Describes a good vehicle, scenario or campaign in a line."""
+    """Formats a valid vehicle, scenario or campaign as one line: name, size and contents."""
     if isinstance(good, CampaignSpec):
         cells = math.prod(len(values) for values in good.file.sweep.values())
         cases = "every one" if good.file.cases is None else str(good.file.cases)
@@ -395,14 +398,14 @@ def describe_input(good: Vehicle | Scenario | CampaignSpec) -> str:
 
 
 def describe_map(by: RecordMap) -> str:
-    """Describes a good map of a record in a line."""
+    """Formats a valid map of a record as one line: its sensors, and the number of jets."""
     sensors = ", ".join(f"{sensor.kind} '{name}'" for name, sensor in by.sensors.items())
     jets = "all jets" if by.commands.jets is None else f"{len(by.commands.jets)} jets"
     return f"map of a record, {sensors}, commands of {jets}"
 
 
 def describe_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
-    """Describes a readable record in a line.
+    """Formats what was found in a readable record as one line: rows, period, gaps, columns not used.
 
     Args:
         found: as `telemetry.reader.check` returns it.
@@ -424,14 +427,11 @@ def describe_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
 
 
 def vehicle_lines(report: Mapping[str, Any], units: Mapping[str, str]) -> list[str]:
-    """Puts the report on a vehicle into words.
+    """Formats the report on a vehicle as indented lines: body, control, observability, isolability.
 
     Args:
         report: as `studies.vehicle_report.vehicle_report` returns it.
         units: of mass, length and force.
-
-    Returns:
-        Indented lines.
     """
     control, seen = report["control"], report["observability"]
     push = (
@@ -469,7 +469,7 @@ def _range_text(values: Sequence[float]) -> str:
 
 
 def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
-    """Names the median and the worst of the jets' smallest isolable failures."""
+    """Formats median and largest of the jets' smallest isolable failures, and the jets never isolable."""
     found = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
     rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
     never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]
@@ -490,14 +490,14 @@ _GOOD_STYLES = {True: "green", False: "bold red", None: ""}
 
 
 def print_verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
-    """Prints the sentences that a report begins with, each a `text` and whether it is `good`."""
+    """Prints the sentences that a report begins with, colored by whether each is good."""
     console = Terminal()
     for sentence in sentences:
         console.say((sentence["text"], _GOOD_STYLES[sentence["good"]]))
 
 
 def print_differences(found: Mapping[str, Any]) -> None:
-    """Prints differences between campaigns and their baseline, in pairs of cases.
+    """Prints tables of differences between campaigns and their baseline, with 95 % bounds and p.
 
     Args:
         found: as `studies.campaign.compare.summary` returns it.

@@ -24,7 +24,7 @@ from massprop_drake.results.folder import Place
 
 @contextlib.contextmanager
 def report_compilation(case: Scenario, *, quiet: bool) -> Iterator[None]:
-    """Reports that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
+    """Prints, around a with block, that kernels are being compiled, if they are, and how long it took."""
     if not case.execution.compiled:
         yield
         return
@@ -37,7 +37,7 @@ def report_compilation(case: Scenario, *, quiet: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _print_log_messages(*, quiet: bool) -> Iterator[None]:
-    """Prints what the package logs, a line each; if quiet, nothing."""
+    """Prints, in a with block, the package's log messages on the error stream; if quiet, none."""
     logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _NoteHandler()
     logger.addHandler(handler)
     try:
@@ -61,6 +61,7 @@ def make_run_saver(place: Place, *, pictures: bool, report: bool, replay: bool) 
     """
 
     def save(run: Run) -> Path:
+        """Saves a run and returns its folder, without figures and pages after an interruption."""
         handled = sys.exception()
         wait = isinstance(handled, Exception | None)
         if not wait and (pictures or report or replay):
@@ -78,7 +79,7 @@ def make_run_saver(place: Place, *, pictures: bool, report: bool, replay: bool) 
 
 
 def extend_or_save(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
-    """Adds something to a run; where that fails, saves the run with the reason before the error goes on."""
+    """Returns the run with an addition; where that fails, saves the run with the reason and raises again."""
     try:
         return add(run)
     except Exception as error:
@@ -88,7 +89,7 @@ def extend_or_save(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Pa
 
 
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
-    """Prints doubts about a result, a line each: entries that may not have their intended effect."""
+    """Prints doubts about a result as warnings on the error stream; if quiet, none."""
     for doubt in () if quiet else doubts:
         note(f"warning: {doubt}")
 
@@ -96,7 +97,7 @@ def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
 def scenario_for_record(
     name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
 ) -> Scenario:
-    """Finds the vehicle and the settings to estimate with."""
+    """Returns the scenario to estimate a record by, from a vehicle, a run's folder or a scenario."""
     if vehicle is not None and like is not None:
         raise InputError("give either --vehicle or --like, not both: --like takes the vehicle, too")
     if vehicle is not None:
@@ -108,7 +109,7 @@ def scenario_for_record(
 
 
 def command_inputs(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
-    """Returns files and folders that a command reads: its arguments, and those that these name.
+    """Returns paths of files and folders that a command reads: its arguments, and those read through them.
 
     Args:
         named: as given, bundled names among them.
@@ -120,7 +121,7 @@ def command_inputs(named: Iterable[str | Path | None], files: Iterable[Path]) ->
 
 
 def load_recovered_scenario(scenario: str | Path, overrides: list[str]) -> Scenario:
-    """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
+    """Loads a scenario by name, file or a run's folder, also one that a killed process left unfinished."""
     if scenario not in bundled_scenarios():
         path = Path(scenario)
         recover(path)
@@ -133,7 +134,7 @@ def load_recovered_scenario(scenario: str | Path, overrides: list[str]) -> Scena
 
 
 def load_vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scenario:
-    """Loads a vehicle, or a scenario; fields that are set make a scenario of a vehicle."""
+    """Loads a vehicle or a scenario by its name or path; overrides make a scenario of a vehicle."""
     path = Path(name)
     own = exists(path) and name not in bundled_vehicles()
     is_run = own and exists(path / "scenario.yaml")
@@ -143,7 +144,7 @@ def load_vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scena
 
 
 def parse_assignments(words: Iterable[str], option: str) -> dict[str, str]:
-    """Reads `NAME=VALUE` words; raises InputError for one that is none, or a name that comes twice."""
+    """Parses `NAME=VALUE` words to a dict; raises InputError for another word, or a repeated name."""
     found: dict[str, str] = {}
     for word in words:
         name, sign, value = word.partition("=")

@@ -11,7 +11,7 @@ from typing import Any, TextIO, cast
 
 
 def escape_unprintable(content: object, encoding: str = "utf-8") -> str:
-    r"""Replaces characters that a terminal would obey, or cannot show, by printable ones.
+    r"""Replaces characters that a terminal would obey, or cannot show, by escapes; returns the text.
 
     All text that is not the program's own passes here on its way to a terminal. Control characters, ends of lines
     among them, escape sequences, marks that turn the direction of writing, lone surrogates, and what the encoding
@@ -31,7 +31,7 @@ def say(line: object) -> None:
 
 
 def note(line: object) -> None:
-    """Prints a line from the program itself on the error stream."""
+    """Prints one line from the program itself on the error stream."""
     _print_line(sys.stderr, f"massprop: {line}")
 
 
@@ -59,16 +59,16 @@ class Stream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Prints text."""
+        """Writes text unless the stream has failed, and returns the text's length."""
         self._try_to_print(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Prints what waits to be printed."""
+        """Flushes the stream unless it has failed."""
         self._try_to_print(self._stream.flush)
 
     def _try_to_print(self, action: Callable[[], object]) -> None:
-        """Writes or flushes, unless the stream has failed; notes a failure instead of raising it."""
+        """Calls a function that writes or flushes, unless the stream has failed; stores an OSError it raises."""
         if self.failure is not None:
             return
         try:
@@ -81,7 +81,7 @@ class Stream:
 
 @contextlib.contextmanager
 def guard_streams() -> Iterator[Stream]:
-    """Replaces the standard streams by ones that never raise, and yields standard output.
+    """Replaces, in a with block, the standard streams by ones that never raise; yields standard output.
 
     A stream that was closed is empty when it is read and fails when it is written to; no file opened later takes
     its place.
@@ -100,7 +100,7 @@ def guard_streams() -> Iterator[Stream]:
 
 
 def _replace_closed_stream(descriptor: int, mode: str) -> TextIO:
-    """Makes a stream in the place of one that was closed before the program began."""
+    """Opens the null device in place of a standard stream that was closed before the program began."""
     _redirect_to_null(descriptor, os.O_RDONLY)
     return cast(TextIO, open(descriptor, mode, encoding="utf-8", closefd=False))
 

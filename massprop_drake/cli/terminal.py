@@ -33,16 +33,16 @@ class Terminal(Console):
         super().__init__(width=None if sys.stdout.isatty() else width, highlight=False)
 
     def render_str(self, text: str, *, style: str | Style = "", **_: Any) -> Text:
-        """Makes the text of a `str` that is to be printed; rich calls it for lines, titles and cells."""
+        """Converts a string to rich text without markup; rich calls it for lines, titles and cells."""
         return Text(escape_unprintable(text, self.encoding), style=style)
 
     def words(self, *parts: str | tuple[str, str]) -> Text:
-        """Joins parts of a line; one with a style is a pair."""
+        """Joins strings, or pairs of a string and its style, to one rich text."""
         pairs = ((part, "") if isinstance(part, str) else part for part in parts)
         return Text.assemble(*(self.render_str(part, style=style) for part, style in pairs))
 
     def say(self, *parts: str | tuple[str, str]) -> None:
-        """Prints parts as one line, however long; a terminal has it broken between words, each line below the text."""
+        """Prints strings, or pairs of string and style, as one line; a terminal wraps it with an indent."""
         line = self.words(*parts)
         if not sys.stdout.isatty():
             self.print(line, soft_wrap=True)
@@ -59,7 +59,7 @@ _WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
 
 
 def _line_starts(text: str, width: int, indent: int) -> list[int]:
-    """Finds places at which a line longer than the terminal's width is broken: where lines begin, but the first."""
+    """Returns the indices in a text at which its wrapped lines begin, without the first."""
     begins, room = [0], width
     for word in _WORD.finditer(text, indent):
         if word.start() > max(begins[-1], indent) and cell_len(text[begins[-1] : word.end()].rstrip()) > room:
@@ -77,7 +77,7 @@ def print_table(
     spare: Sequence[str] = (),
     absent: Sequence[str] = (),
 ) -> None:
-    """Prints a table of which no cell is ever cut.
+    """Prints a table without cutting a cell: a table that is too wide loses frame and columns, or is a list.
 
     Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
     still too wide is listed on a terminal, a line for each cell, and printed as wide as it is into a file.
@@ -121,7 +121,7 @@ def print_table(
 def _print_as_list(
     console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]
 ) -> None:
-    """Prints a table cell by cell: the subject of a row, with its unit, and below it a line for each other cell."""
+    """Prints a table as a list: the subject of a row, with its unit, and below it a line per other cell."""
     console.say((title, "italic"))
     named = [heading.replace("\n", " ") for heading in headings]
     longest = max(map(cell_len, named))

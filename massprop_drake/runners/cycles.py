@@ -56,20 +56,20 @@ class Cycles(Protocol):
     asked: ThesisAsked
 
     def state(self) -> EstimationState:
-        """Returns the state with which the next cycle begins."""
+        """Returns the state of filter and detector with which the next cycle begins."""
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Sets the rows to estimate from, and the log to fill in."""
+        """Sets the rows of a record to estimate from, and the log that the cycles write into."""
 
     def advance(self, until: int) -> None:
-        """Runs the cycles of all rows before a row."""
+        """Runs and logs the cycles of all rows that are not done yet and come before a row."""
 
     @property
     def done(self) -> int:
         """Number of rows whose cycles are complete, also after an error."""
 
     def known(self) -> tuple[Array, Array]:
-        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
 
 
 class SteppedCycles:
@@ -90,15 +90,15 @@ class SteppedCycles:
         self._next = 0
 
     def state(self) -> EstimationState:
-        """Returns the state with which the next cycle begins."""
+        """Returns the state of filter and detector with which the next cycle begins."""
         return self._state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Sets the rows to estimate from, and the log to fill in."""
+        """Sets the rows of a record to estimate from, and the log that the cycles write into."""
         self._record, self._log, self._next = record, log, 0
 
     def advance(self, until: int) -> None:
-        """Runs the cycles of all rows before a row."""
+        """Runs and logs the cycles of all rows that are not done yet and come before a row."""
         for row in range(self._next, until):
             self._run_cycle(row_sample(self._record, row), row)
             self._next = row + 1
@@ -109,7 +109,7 @@ class SteppedCycles:
         return self._next
 
     def _run_cycle(self, sample: Sample, row: int) -> None:
-        """Runs the cycle of a row by `cycle.step`; logs it, and notes what it requests of the vehicle."""
+        """Runs the cycle of a row by `cycle.step`, logs it, and stores the detector's requests to the vehicle."""
         before = self._state.detector
         try:
             with self._stopwatch:
@@ -125,13 +125,13 @@ class SteppedCycles:
                 place[:] = value
 
     def known(self) -> tuple[Array, Array]:
-        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
         published = None if self._done is None else self._done.filtered.known
         return published or cycle.estimate_and_covariance(self._state, self._params)
 
 
 def row_sample(record: RecordRows, row: int) -> Sample:
-    """Makes the sample of a row of a record."""
+    """Returns the sample in a row of a record: time, readings, commands and outside wrench."""
     time_s, rates, velocities, command, outside = (part[row] for part in record.samples)
     stamp_s, coming, tracked = (
         None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
@@ -157,11 +157,11 @@ class JointKernelCycles(SteppedCycles):
         self._kernel.take_up(state)
 
     def state(self) -> EstimationState:
-        """Returns the state with which the next cycle begins."""
+        """Returns the state of filter and detector with which the next cycle begins."""
         return self._kernel.state() if self._kernel.on else super().state()
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Sets the rows to estimate from, and the log to fill in."""
+        """Sets the rows of a record to estimate from, and the log that the cycles write into."""
         super().begin(record, log)
         # within samples, whereas the kernel's jets switch with them
         self._opens_within = record.onsets_s is not None and not self._own_times
@@ -175,7 +175,7 @@ class JointKernelCycles(SteppedCycles):
         self._kernel.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
     def advance(self, until: int) -> None:
-        """Runs the cycles of all rows before a row."""
+        """Runs and logs the cycles of all rows that are not done yet and come before a row."""
         while self._next < until:
             if self._kernel.on:
                 self._advance_by_kernel(until)
@@ -186,7 +186,7 @@ class JointKernelCycles(SteppedCycles):
                 self._kernel.take_up(self._state)
 
     def _advance_by_kernel(self, until: int) -> None:
-        """Runs cycles by the kernel up to a row, or to the first row at which something happens."""
+        """Runs cycles by the kernel up to a row, or to the first row that needs `cycle.step`."""
         began = time.perf_counter()
         reached = self._kernel.advance(self._next, until)
         if reached > self._next:
@@ -197,12 +197,12 @@ class JointKernelCycles(SteppedCycles):
         self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
     def known(self) -> tuple[Array, Array]:
-        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
         return super().known() if self._done is not None else cycle.estimate_and_covariance(self.state(), self._params)
 
 
 def _require_writable(samples: Samples) -> Samples:
-    """Converts samples to the form that compiled code takes."""
+    """Converts samples to contiguous, writable arrays, as compiled kernels need them."""
     return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
 
 
@@ -233,12 +233,12 @@ class ThesisKernelCycles:
         return make_holder(self.given, self._compiled)
 
     def state(self) -> EstimationState:
-        """Returns the state with which the next cycle begins."""
+        """Returns the state of filter and detector with which the next cycle begins."""
         state: EstimationState = read_holder(self.holder)
         return state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Sets the rows to estimate from, and the log to fill in."""
+        """Sets the rows of a record to estimate from, and the log that the cycles write into."""
         samples, rows = _require_writable(record.samples), log.rows
         filled = ThesisRows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
@@ -248,7 +248,7 @@ class ThesisKernelCycles:
         self._times_s, self._next = samples.time_s, 0
 
     def advance(self, until: int) -> None:
-        """Runs the cycles of all rows before a row."""
+        """Runs and logs the cycles of all rows that are not done yet and come before a row."""
         reached = self._reached
         reached[:] = self._next, until
         began = time.perf_counter()
@@ -268,15 +268,15 @@ class ThesisKernelCycles:
         return self._next
 
     def mark_done(self, until: int) -> None:
-        """Notes that another kernel has run the cycles of all rows before a row."""
+        """Sets the number of rows whose cycles are complete, where another kernel has run them."""
         self._next = until
 
     def restart(self) -> None:
-        """Goes back to the first row, whose sample may have been replaced."""
+        """Resets to the first row, so that its cycle runs again on a replaced sample."""
         self._next = 0
 
     def known(self) -> tuple[Array, Array]:
-        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
         return cycle.estimate_and_covariance(self.state(), self._params)
 
 
@@ -289,7 +289,7 @@ class IdleCycles(SteppedCycles):
 
 
 def make_cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
-    """Makes the cycles of a scenario, by a kernel that covers its filter and detector or else by `cycle.step`.
+    """Returns the estimation for a scenario's filter and detector: in one kernel if it covers them, or stepwise.
 
     Args:
         scenario: for its `execution`.

@@ -103,7 +103,7 @@ class DrakeEngine:
         log: Sequence[OutputPort],
         truth: Truth | None,
     ) -> Diagram:
-        """Builds the whole diagram, with one log of all that a run keeps: each log takes an event a sample."""
+        """Builds the Drake diagram to simulate, with one vector log of all output ports that a run stores."""
         builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
         if builder is not diagram:
             whole = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
@@ -129,12 +129,12 @@ class DrakeEngine:
 
     @property
     def logged(self) -> int:
-        """Number of rows since the logs were emptied."""
+        """Number of samples logged since the logs were emptied."""
         count: int = self._sink.FindLog(self._root).num_samples()
         return count + (1 if self._waiting else 0)
 
     def advance(self, reached_s: float) -> None:
-        """Runs up to a time and logs every sample up to it, that at the time itself included."""
+        """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
         with self._stopwatch:
             if not self._began:
                 self._simulator.Initialize()
@@ -142,7 +142,7 @@ class DrakeEngine:
             self._simulator.AdvanceTo(reached_s)
 
     def take_logs(self) -> dict[str, Array]:
-        """Empties the logs, and returns them by port, with the times.
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs.
 
         Raises:
             InputError: when a true quantity of a table is not finite.
@@ -163,7 +163,7 @@ class DrakeEngine:
         return self._with_commands({"time_s": times_s, **logs})
 
     def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
-        """Returns rows with the coming sample's command, taken from the next row where only the past one is logged."""
+        """Adds the command of the coming interval, that of the next row, where only the past one is logged."""
         if _HELD not in logs:
             return logs
         if self._waiting:
@@ -175,7 +175,7 @@ class DrakeEngine:
         return {name: rows[:kept] for name, rows in logs.items()}
 
     def moment(self) -> Moment:
-        """Returns the simulation at the last sample, for those who watch it."""
+        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
         unknown = np.full(self._n_jets, np.nan)
         removed = np.zeros(self._n_jets, dtype=bool)
         if "reconfiguration" in self._ports:
@@ -200,7 +200,7 @@ class DrakeEngine:
         )
 
     def _true_motion(self) -> tuple[Array, Array, Array]:
-        """Returns true attitude, center of mass and rate now; NaN where the diagram does not give them."""
+        """Returns true attitude (4), center of mass (3) and rate (3) now, NaN where the diagram has no such port."""
         if "body_state" in self._ports:
             body = self._evaluate_port("body_state")
             return body[QUATERNION], STRUCTURE.read(self._evaluate_port("structure")).center_of_mass, body[RATE]
@@ -211,7 +211,7 @@ class DrakeEngine:
         return attitude, properties[CENTER_OF_MASS], rate
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+        """Uses the last sample; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
@@ -228,7 +228,7 @@ class DrakeEngine:
         return covariance, {} if self._estimation is None else state_groups(self._estimation, self._root)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Computes mean time per cycle spent in the mathematics of each part, microseconds."""
+        """Computes mean times per cycle of estimators, detector and jet selection, microseconds; None: no such part."""
         spent = {part: 1e6 * spent_s / cycles for part, spent_s in self._stopwatch.spent_s.items()}
         selects = self._find_system(lambda system: system.get_name() == "jet_selection") is not None
         selection = spent.get(JET_SELECTION, 0.0 if selects else None)
@@ -237,7 +237,7 @@ class DrakeEngine:
     # ------------------------------------------------------------------------------------- its ports
 
     def _find_ports(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
-        """Finds the output ports that a run keeps, by name, without those of the truth."""
+        """Maps names of all signals that a run stores, without true ones, to their output ports."""
         seen = [sensor.name for sensor in true_params.simulated_non_inertial(scenario)]
         wanted = (
             "command",
@@ -264,7 +264,7 @@ class DrakeEngine:
         return found
 
     def _find_truth_ports(self, truth: Truth | None) -> dict[str, OutputPort]:
-        """Finds the output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
+        """Maps true signals to output ports: those of the user's table, else the bundled vehicle's; empty: none."""
         if truth is None:
             there = {name: port for name in _BUNDLED_TRUTH if (port := self._find_port(name)) is not None}
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
@@ -273,7 +273,7 @@ class DrakeEngine:
         return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_truth_name(name)}
 
     def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
-        """Returns the output port of a true quantity.
+        """Returns the output port of a true quantity, from the port itself or its name, after a check of its size.
 
         Raises:
             InputError: when there is none of that name, or it has another size.
@@ -287,7 +287,7 @@ class DrakeEngine:
         return found
 
     def _vector_port(self, what: str, port: OutputPort | str) -> OutputPort:
-        """Returns an output port of one of the systems, given itself or by its name.
+        """Returns the vector output port of a system in the diagram, from the port itself or its name.
 
         Raises:
             InputError: when there is none such, or it has no numbers.
@@ -307,18 +307,18 @@ class DrakeEngine:
         return found
 
     def _find_port(self, name: str) -> OutputPort | None:
-        """Finds the output port of a name, in the system added first that has one; None where there is none."""
+        """Returns the output port with a name, of the first system that has one; None where no system has."""
         return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
 
     def _evaluate_port(self, name: str) -> Array:
-        """Evaluates a logged port now, shape (size,)."""
+        """Evaluates the output port of a signal at the present simulated time, shape (size,)."""
         port: Any = self._ports[name]
         with self._stopwatch:
             value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
         return value
 
     def _find_system(self, is_it: Callable[[System], bool]) -> Any:
-        """Finds the first system, also in inner diagrams, that passes a test; None where there is none."""
+        """Returns the first system, also in inner diagrams, for which a predicate is true; None where there is none."""
         waiting = list(self._systems)
         while waiting:
             system = waiting.pop(0)
@@ -330,7 +330,7 @@ class DrakeEngine:
 
 @contextlib.contextmanager
 def _explain_diagram_errors(diagram: Any) -> Iterator[None]:
-    """Converts Drake's errors about a diagram of the user's own into one InputError."""
+    """Converts, in a with block, Drake's errors about a diagram of the user's own into one InputError."""
     if diagram is not None and not isinstance(diagram, (DiagramBuilder, System)):
         raise InputError(f"simulate: diagram: must be a Diagram or a DiagramBuilder, got {type(diagram).__name__}")
     try:
@@ -342,7 +342,7 @@ def _explain_diagram_errors(diagram: Any) -> Iterator[None]:
 
 
 def _require_names(systems: Sequence[System]) -> None:
-    """Checks that no two systems have one name, at which Drake would end the process."""
+    """Raises InputError where two systems have the same name, at which Drake would end the process."""
     names = [system.get_name() for system in systems]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -350,7 +350,7 @@ def _require_names(systems: Sequence[System]) -> None:
 
 
 def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario) -> None:
-    """Checks that the estimator samples as the scenario's vehicle does."""
+    """Raises InputError where the estimator's sample period differs from that of the scenario's vehicle."""
     period = scenario.vehicle_data.sample_period_s
     if estimation is not None and estimation.scenario.vehicle_data.sample_period_s != period:
         own = estimation.scenario.vehicle_data.sample_period_s
@@ -361,7 +361,7 @@ def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario
 
 
 def _user_signal_name(port: OutputPort) -> str:
-    """Returns the name of a signal of the user's own, `<system>.<port>`.
+    """Returns the signal name `<system>.<port>` under which a run stores an output port of the user's own.
 
     Raises:
         InputError: when the port's system has no name that could be a signal's.
@@ -376,7 +376,7 @@ def _user_signal_name(port: OutputPort) -> str:
 
 
 def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> None:
-    """Raises InputError when a jet is commanded by less than 0 or more than 1; NaN is not known, and passes."""
+    """Raises InputError where a jet's command is less than 0 or more than 1; NaN, an unknown command, passes."""
     rows, columns = ((commands < 0.0) | (commands > 1.0)).nonzero()
     if rows.size:
         jet, value, time_s = jets[columns[0]], commands[rows[0], columns[0]], times_s[rows[0]]
@@ -387,14 +387,14 @@ def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> 
 
 
 def _require_truth_name(name: str) -> bool:
-    """Raises InputError when a table of the truth names a signal that no run keeps; else returns True."""
+    """Returns True for the name of a true signal that runs store; raises InputError for another name."""
     if name not in TRUTH:
         raise InputError(f"truth: no run keeps a true {name!r}{suggestion(name, list(TRUTH))}")
     return True
 
 
 def _feeding_ports(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
-    """Returns the output ports connected to an estimator, by the names of its input ports."""
+    """Maps names of an estimator's input ports to the output ports connected to them; empty: no estimator."""
     if estimation is None:
         return {}
     return {

@@ -187,7 +187,7 @@ class Estimator:
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the state of the next cycle, for `pickle` and `copy`; the rest follows from the scenario."""
+        """Returns scenario, state of the next cycle and last commands, for `pickle` and `copy`."""
         kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s", "_told_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 
@@ -197,7 +197,7 @@ class Estimator:
         self.__dict__.update(state)
 
     def _begin(self, state: cycle.EstimationState) -> None:
-        """Begins at a state; in one compiled kernel where that is asked for and covers filter and detector."""
+        """Sets the state of filter and detector to start from; in one compiled kernel if asked for and covered."""
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
             self._row = whole.allocate_sample(len(self._gyros), len(self._accelerometers), state.level.size)
@@ -209,7 +209,7 @@ class Estimator:
 
     @property
     def _state(self) -> cycle.EstimationState:
-        """State from which the next cycle goes on."""
+        """State of filter and detector from which the next cycle goes on."""
         return self._kept if self._whole is None else self._whole.state()
 
     @property
@@ -220,12 +220,12 @@ class Estimator:
 
     @property
     def _known(self) -> tuple[Array, Array]:
-        """Estimates and their covariance; after `restore`, those from which the filter goes on."""
+        """Estimate and covariance, shapes (10,) and (10, 10); after `restore`, those in the filter's state."""
         return self._published or cycle.estimate_and_covariance(self._state, self._params)
 
     @property
     def disturbance(self) -> tuple[Array, Array] | None:
-        """Torque about the center of mass and force that act besides the jets, and their 1-sigma, shape (6,) each.
+        """Disturbance torque about the center of mass and force, and their 1-sigma, shape (6,) each, or None.
 
         Body axes, ft-lbf and lbf, or N-m and N; None where the vehicle's file states no `disturbance`, or the scenario
         has another filter than the joint one.
@@ -238,16 +238,15 @@ class Estimator:
         return sigmas * value, sigmas * deviation
 
     def nearest_possible(self) -> Array | None:
-        """Returns the estimate if a rigid body can have it, else the nearest possible one, shape (10,).
+        """Returns the estimate if a rigid body can have it, else the nearest possible one, shape (10,), or None.
 
-        None where there is none, see `maths.possible_inertia.nearest_possible`. The estimator itself goes on from its
-        own.
+        See `maths.possible_inertia.nearest_possible`. The estimator itself goes on from its own.
         """
         return nearest_possible(*self._known)
 
     @property
     def state(self) -> dict[str, Any]:
-        """State of the estimator, as JSON takes it; a run's `filter_state.json` holds the same and more."""
+        """State of filter and detector, time and commands as JSON data; a run's `filter_state.json` has more."""
         return {
             "format": FORMAT,
             "made_with": self._made_with,
@@ -259,7 +258,7 @@ class Estimator:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores a state of this or another estimator, or of a run's `filter_state.json`.
+        """Restores the state of filter and detector from `Estimator.state` or a run's `filter_state.json`.
 
         Args:
             state: as `Estimator.state` gives it.
@@ -290,7 +289,7 @@ class Estimator:
         *,
         onsets_s: ArrayLike | None = None,
     ) -> EstimatorStep:
-        """Updates the estimates by the readings of one sample, and takes the commands that act from now on.
+        """Updates the estimates by the readings of one sample, and stores the commands that act from now on.
 
         Where sensors have rates of their own (`rate_hz` of the vehicle's, or `estimation.readings_per_s`) there is a
         call whenever anything is read or commanded, with that alone.
@@ -341,7 +340,7 @@ class Estimator:
     def _resolve_commands(
         self, time_s: float, commands: ArrayLike | None, onsets_s: ArrayLike | None
     ) -> tuple[Array, Array, float]:
-        """Returns commands from now on and their onsets, shape (n_jets,) each, and when they were given, s."""
+        """Returns commands from now on and their onsets, s, shape (n_jets,) each, and the time of the commands, s."""
         if commands is not None:
             coming = _copy_numbers(commands, self._command.shape, "commands")
             if ((coming < 0.0) | (coming > 1.0)).any():
@@ -358,7 +357,7 @@ class Estimator:
         return coming[0], opening[0], self._told_s
 
     def _check_onsets(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
-        """Checks onsets of commands, or computes them where none are given, s, NaN for a level, shape (n_jets,)."""
+        """Returns onsets of commands, the caller's after a check or else the vehicle's, s, NaN: level, (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
             return command_onsets(commands, None, self._vehicle.opens_at, period_s)
@@ -369,7 +368,7 @@ class Estimator:
         return given
 
     def _run_cycle(self, sample: cycle.Sample) -> _Cycle:
-        """Runs a cycle, by one kernel or by `cycle.step`, and returns its reports."""
+        """Runs the estimation cycle of a sample, by one kernel or by `cycle.step`, and returns its reports."""
         nothing = np.zeros(len(self._vehicle.jets))
         if self._whole is not None:
             for part, value in zip(self._row, sample[: len(self._row)], strict=True):
@@ -390,7 +389,7 @@ class Estimator:
         return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
 
     def _make_step_result(self, time_s: float, done: _Cycle) -> EstimatorStep:
-        """Makes the result of a step from the reports of its cycle."""
+        """Converts the reports of a cycle to what `Estimator.step` returns."""
         (ten, deviation), mass = done.known, done.mass
         return EstimatorStep(
             time_s,
@@ -409,7 +408,7 @@ class Estimator:
         )
 
     def _probabilities(self, own: Any) -> tuple[Array, float]:
-        """Returns posterior probabilities of the jets' failures, and of something unknown."""
+        """Returns posterior probabilities of jet failures, shape (n_jets,), and of an unknown cause; zero: no such."""
         if own is None or math.isnan(own.none_probability):
             return np.zeros(len(self._vehicle.jets)), 0.0
         return own.fault_probability.copy(), float(own.unknown_probability)
@@ -418,7 +417,7 @@ class Estimator:
         return bool(are_converged(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
     def _make_detection(self, status: Any, own: Any) -> Detection | None:
-        """Makes the detection of a cycle from the detector's reports; None where nothing is declared or changed."""
+        """Returns the `Detection` of a cycle by the detector's reports; None where nothing is declared or changed."""
         event = Verdict(int(status.detector_event))
         if event == Verdict.NOTHING:
             return None
@@ -452,7 +451,7 @@ class Estimator:
         )
 
     def _fields_without_jet(self, own: Any) -> dict[str, Any]:
-        """Returns the fields of a `Detection` that concern no jet: of a faulty sensor, a disturbance or a jump."""
+        """Maps fields of a `Detection` to values, for a faulty sensor, a disturbance or a jump of mass properties."""
         if math.isfinite(own.lying_component):
             named = locate_reading(int(own.lying_component), params.vector_sensor_names(self._scenario), self._vehicle)
             return dict(zip(("sensor", "axis"), named, strict=True))
@@ -468,7 +467,7 @@ class Estimator:
 
 
 def _event_kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
-    """Classifies an event of the hypothesis detector that concerns neither a jet nor a new jump."""
+    """Returns the kind of a detector's event that concerns neither a jet nor a new jump, as `Detection` has it."""
     if not math.isnan(own.jump_measured):
         return "jump_measured"
     if not math.isnan(own.disturbed_since):
@@ -477,7 +476,7 @@ def _event_kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
 
 
 def _tracked_readings(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
-    """Returns readings of the vehicle's `tracked` sensors, NaN where missing, shape (columns,); None: it has none."""
+    """Stacks readings of the vehicle's `tracked` sensors, NaN where missing, shape (columns,); None: it has none."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
     unknown, or_wheel = [name for name in given if name not in names], ", and no wheel" if vehicle.wheels else ""
@@ -492,7 +491,7 @@ def _tracked_readings(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle
 def _package_readings(
     readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], what: str
 ) -> Array:
-    """Returns readings of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
+    """Stacks readings of sensor packages, that in use first, NaN where missing or saturated, shape (s, 3)."""
     if readings is None:
         return np.full((len(packages), 3), np.nan)
     if not isinstance(readings, Mapping):
@@ -512,7 +511,7 @@ def _package_readings(
 
 
 def _copy_numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Copies the caller's numbers after a check of shape and size; NaN stands for a missing value."""
+    """Returns a float copy of the caller's numbers after a check of shape and size; NaN: a missing value."""
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

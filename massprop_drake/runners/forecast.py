@@ -84,7 +84,7 @@ class Forecast(NamedTuple):
 def foretell(
     scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
 ) -> Forecast:
-    """Forecasts sigmas and detection times of a flight, by the joint filter linearized at the truth.
+    """Forecasts 1-sigmas of mass properties and detection times of leaks, by the joint filter along a flight.
 
     The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
 
@@ -146,7 +146,7 @@ def _undispersed_scenario(scenario: Scenario, *, nominal: bool) -> Scenario:
 
 
 def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
-    """Computes true states, commands and readings of the flight, by the names of a run's signals."""
+    """Simulates the flight without estimation; maps names of signals to true states, commands and readings."""
     if needs_diagram(scenario):
         run = simulate(scenario, look_back=False)
         return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
@@ -162,7 +162,7 @@ def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[s
 def _forecast(
     scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams, fails_s: float, share: float
 ) -> Forecast:
-    """Runs the joint filter along a flight and collects the forecast.
+    """Runs the joint filter along the logs of a flight, and returns its 1-sigmas and the leaks' detection times.
 
     Args:
         scenario: as it is foretold.
@@ -194,7 +194,7 @@ def _forecast(
 
 
 def _make_record_rows(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
-    """Makes rows of a record of the flight."""
+    """Makes the rows of samples that the filter takes, from the logs of a simulated flight."""
     vehicle, time_s, commands = scenario.vehicle_data, logs["time_s"], logs["command"]
     n, jets = time_s.size, made.joint.places.jets
     rates, velocities = (
@@ -211,7 +211,7 @@ def _make_record_rows(scenario: Scenario, logs: Mapping[str, Array], made: Joint
 
 
 def _scale_floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
-    """Computes the 1-sigma floor that the common error of all thrusts sets, shape (10,).
+    """Computes the least 1-sigmas of the ten parameters that the common error of all thrusts allows, shape (10,).
 
     More thrust of all by the same share and as much more inertia and mass change no reading; wheels, whose inertias are
     known absolutely, show the scale as well as these are known.
@@ -232,7 +232,7 @@ def _scale_floors(properties: Array, commands: Array, made: JointFilterParams) -
 def _leak_times(
     scenario: Scenario, since_s: Array, shown: Array, share: float, params: JointFilterParams
 ) -> Iterator[Suspect]:
-    """Yields the times after which each jet's leak is noticed and isolated.
+    """Yields the jets with the times after which a leak of theirs is noticed and isolated, s.
 
     Args:
         scenario: for the vehicle, and how likely faults are.

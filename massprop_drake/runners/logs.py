@@ -60,7 +60,7 @@ RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
 def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[str, Array]:
-    """Splits the logged ports of the estimation diagram into named signals.
+    """Maps names of signals to rows, shape (n, size), split from the logged ports of the estimation.
 
     Args:
         scenario: for the number of jets and the limits of convergence.
@@ -119,7 +119,7 @@ class EstimationLog:
         self.rows = {layout.name: np.empty((count, layout.size)) for layout in layouts}
 
     def put(self, index: int, done: EstimationStep, before: Any) -> None:
-        """Writes the reports of a cycle into a row.
+        """Writes the reports of an estimation cycle into a row of the log.
 
         Args:
             index: of the row.
@@ -139,7 +139,7 @@ class EstimationLog:
                 rows[self._said.name][index] = self._said.pack(judgment.own)
 
     def reports(self, row: int) -> tuple[Any, Any, Any]:
-        """Returns reports of both filters and the detector in a row, None where there is none."""
+        """Returns the reports of rotation filter, mass filter and detector in a row; None where there is none."""
         rows = self.rows
         mass = MASS_REPORT.read(rows["mass_report"][row]) if "mass_report" in rows else None
         status = None if self._detector is None else self._judged.read(rows["detector_report"][row])
@@ -185,7 +185,7 @@ class Intake:
         self._last_mass = np.full((1, 3), np.nan)  # time, 1/m and its 1-sigma of the row before the block
 
     def take(self, signals: Mapping[str, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Spools a block of signals; returns its events, and the detections that are new with it.
+        """Spools a block of signals; returns the block's events, and the detections that are new with it.
 
         Args:
             signals: by name, shape (n, components), and `time_s`, shape (n,).
@@ -206,11 +206,11 @@ class Intake:
         return events, self._entries[known:]
 
     def last(self, name: str, otherwise: Array) -> Array:
-        """Returns the last row of a signal, or a substitute where there is no such signal."""
+        """Returns the last row of a spooled signal, or a substitute where the run has no such signal."""
         return self.spool.last(name) if name in self.spool else otherwise
 
     def found(self) -> Findings:
-        """Returns detections, events, suspicions and probabilities at the end of the run."""
+        """Returns detections, events, suspicions and fault probabilities at the end of the run."""
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
@@ -232,7 +232,7 @@ class Intake:
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
-        """Makes the data of `filter_state.json`, from which a later run goes on.
+        """Returns the JSON data of `filter_state.json`, from which a later run goes on.
 
         Args:
             row: number of the last row.
@@ -258,7 +258,7 @@ class Intake:
 
 
 def state_groups(diagram: Any, context: Any) -> Groups:
-    """Returns the state of every part of the estimation diagram, by name, from the root context."""
+    """Maps systems of the estimation diagram to their discrete state vectors, read from the root context."""
     groups: dict[str, Array] = {}
     for system in diagram.GetSystems():
         if not getattr(system, "is_resumed", True):
@@ -273,12 +273,12 @@ def state_groups(diagram: Any, context: Any) -> Groups:
 
 
 def state_to_json(state: EstimationState, params: EstimationParams) -> SavedState:
-    """Converts the state of an estimation to JSON data for `filter_state.json`."""
+    """Converts the state of filter and detector to JSON data for `filter_state.json`."""
     return groups_to_json(cycle.save_state(state, params))
 
 
 def state_from_json(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
-    """Restores the state of an estimation: the inverse of `state_to_json`; arguments as those of `groups_from_json`.
+    """Restores the state of filter and detector from JSON data: the inverse of `state_to_json`.
 
     Raises:
         InputError: when they are of other parameters, or no run can have left them.

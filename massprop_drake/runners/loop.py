@@ -69,7 +69,7 @@ class _Selection:
         desk.counts[:] = self.selector.initial.counts
 
     def select(self, request: Array) -> None:
-        """Finds the burst for a request, packed as `REQUEST`."""
+        """Selects the burst of jets for a request, packed as `REQUEST`, and writes it to the desk."""
         desk = self._desk
         _, command, delivered, *_ = self.selector.initial  # which it does not ask for
         kept = (desk.counts, desk.refused, desk.out_of_use, desk.owed)
@@ -130,17 +130,17 @@ class Loop:
         self._stopwatch = Stopwatch()
 
     def _find_shared_kernel(self) -> ThesisKernelCycles | None:
-        """Returns the estimation if one kernel runs it together with vehicle and autopilot; else None."""
+        """Returns the estimation if one kernel runs it together with vehicle and autopilot; None: they run apart."""
         apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
         return None if apart or not isinstance(self._known, ThesisKernelCycles) else self._known
 
     @property
     def logged(self) -> int:
-        """Number of rows since the logs were emptied."""
+        """Number of samples logged since the logs were emptied."""
         return sum(block.rows.told.shape[0] for block in self._blocks[:-1]) + self._row - self._taken
 
     def advance(self, reached_s: float) -> None:
-        """Runs up to a time and logs every sample up to it, that at the time itself included."""
+        """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
         with self._stopwatch:
             while self._sample * self._period_s <= reached_s:
                 try:
@@ -149,7 +149,7 @@ class Loop:
                     raise error.at(self._sample * self._period_s) from None
 
     def _advance_block(self, reached_s: float) -> None:
-        """Runs samples up to a time or to the end of the block, each from its readings to those of the next."""
+        """Simulates samples up to a time, s, or to the end of the block of log rows, with the estimation apart."""
         if self._row == self._size:
             self._begin_block()
         if self._whole is not None:
@@ -170,7 +170,7 @@ class Loop:
             self._sample += 1
 
     def _advance_block_by_shared_kernel(self, known: ThesisKernelCycles, reached_s: float) -> None:
-        """Runs samples up to a time or to the end of the block, all in the kernel shared with the estimation."""
+        """Simulates samples up to a time, s, or to the end of the block, in one kernel with the estimation."""
         onward, block, reached = (
             compile_kernel_if(flight.fly_and_estimate, self._compiled),
             self._blocks[-1],
@@ -189,7 +189,7 @@ class Loop:
         known.mark_done(int(reached[ROW]))
 
     def _handle_stop(self, stop: int, request: Array) -> None:
-        """Handles a stop of the kernel: selects jets for a request, or applies a jump of mass properties."""
+        """Serves a stop of the flight kernel: selects jets for a request, or applies a jump of mass properties."""
         if stop == SELECT:
             assert self._selection is not None
             self._selection.select(request)
@@ -202,7 +202,7 @@ class Loop:
                 self._given = make_holder(self._made._replace(truth=truth), self._compiled)
 
     def _begin_block(self) -> None:
-        """Begins a block of log rows, with the readings of its first sample."""
+        """Allocates a block of log rows, with its commands and noise, and reads the sensors at its first sample."""
         first, (least, most) = self._sample, _ROWS
         self._size, self._row = min(max(self._ending - first, least), most), 0
         size = self._size
@@ -234,7 +234,7 @@ class Loop:
             self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
     def take_logs(self) -> dict[str, Array]:
-        """Empties the logs, and returns them by port, with the times."""
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
         taken, count = self._taken, self.logged
         blocks = [{**self._logged_ports(block), **block.log.rows} for block in self._blocks]
         logs = {name: _join_blocks([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
@@ -244,7 +244,7 @@ class Loop:
         return {"time_s": times_s, **logs}
 
     def _logged_ports(self, block: _Block) -> dict[str, Array]:
-        """Returns rows of the vehicle's and autopilot's logged ports in a block, by port."""
+        """Maps ports of vehicle, autopilot and sensors to their logged rows in a block."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
         within = self._onsets_s is not None or self._made.pilot.pulses.within
@@ -255,7 +255,7 @@ class Loop:
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
     def moment(self) -> Moment:
-        """Returns the simulation at the last sample, for those who watch it."""
+        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
         (rows, _, log, _), row = self._blocks[-1], self._row - 1
         rotation, *_ = log.reports(row)
         estimate, deviation = log.known(row)
@@ -279,7 +279,7 @@ class Loop:
         return covariance, estimation.save_state(self._known.state(), self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Computes mean time per cycle spent in each part, microseconds."""
+        """Computes mean times per cycle of estimators, detector and jet selection, microseconds; None: no such part."""
         mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
         if self._whole is not None:  # not apart from the vehicle
             mean["estimators"] = None
@@ -290,5 +290,5 @@ class Loop:
 
 
 def _join_blocks(parts: list[Any]) -> Any:
-    """Joins rows of blocks; those of a single one are not copied."""
+    """Concatenates the rows of blocks in time; those of a single block are not copied."""
     return np.concatenate(parts) if len(parts) > 1 else parts[0]

@@ -44,7 +44,7 @@ _MOST_ROWS = 5_000  # in which an explanation is sought
 
 
 def compare_in_fixed_frame(record: Run, other: Run, folder: str, spool: Spool) -> Against:
-    """Compares a record with a simulation of its commands.
+    """Compares a record in a fixed frame with a simulation of its commands: residuals and possible causes.
 
     Args:
         record: estimated from telemetry.
@@ -72,7 +72,7 @@ def compare_in_fixed_frame(record: Run, other: Run, folder: str, spool: Spool) -
 
 
 def _comparison_end_s(record: Run, time_s: Array) -> float:
-    """Finds the end of the comparison, s: the first onset within the record, or its most rows; infinity: no limit."""
+    """Returns when the comparison ends, s: at the first onset of a failure or the most rows; infinity: no limit."""
     begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
     late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
     return float(min([*late, *time_s[_MOST_ROWS : _MOST_ROWS + 1]], default=math.inf))
@@ -82,7 +82,7 @@ def _comparison_end_s(record: Run, time_s: Array) -> float:
 
 
 def _assumed_vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
-    """Returns the vehicle of another run, its thrust factors relative to the thrusts of the record's vehicle.
+    """Returns the other run's vehicle to simulate, with thrust factors relative to the record's vehicle.
 
     Raises:
         InputError: when nothing tells it.
@@ -99,7 +99,7 @@ def _assumed_vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: s
 
 
 def _true_vehicle(other: Run, made: PoseParams, folder: str) -> Assumed:
-    """Returns the vehicle of a simulated run, whose valves act at once and whose surroundings are still."""
+    """Returns the true vehicle of a simulated run, with valves that act at once and without disturbance."""
     if other.scenario.jumps:
         raise InputError(
             f"{folder}: payloads come or leave in its simulation (jumps), which cannot be simulated beside a record "
@@ -117,7 +117,7 @@ def _true_vehicle(other: Run, made: PoseParams, folder: str) -> Assumed:
 
 
 def _estimated_vehicle(other: Run, folder: str) -> Assumed:
-    """Returns the vehicle of a record, as the estimator knew it at its end."""
+    """Returns the vehicle of a record by the last filter state: mass properties, thrusts and delays."""
     if other.scenario.estimation.filter != "pose" or not other.state:
         raise InputError(
             f"{folder}: neither simulated nor estimated by the filter of vehicles that are followed in a fixed frame "
@@ -133,7 +133,7 @@ def _estimated_vehicle(other: Run, folder: str) -> Assumed:
 
 
 def _pose_record(record: Run, made: PoseFilterParams, other: Run) -> PoseRecord:
-    """Returns a record's readings, and the levels by which the other run's vehicle would follow its commands."""
+    """Collects a record's readings and commands, and the levels that the other run's jets would deliver."""
     scenario, time_s = record.scenario, record.time_s
     sensors = scenario.vehicle_data.tracked
     tracked = np.hstack([record[sensor.name] for sensor in sensors]) if sensors else np.empty((time_s.size, 0))
@@ -151,12 +151,12 @@ def _pose_record(record: Run, made: PoseFilterParams, other: Run) -> PoseRecord:
 
 
 def _mask_saturated(readings: Array, package: SensorPackage) -> Array:
-    """Returns readings, NaN where they are saturated."""
+    """Returns readings, shape (n, 3), with NaN in rows of which a component is saturated."""
     return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
 
 
 def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
-    """Returns times of changes, and levels of a simulated vehicle's jets from then on, under some commands.
+    """Computes the levels that a simulated vehicle's jets deliver for commands, failures included, and when.
 
     Args:
         told: commands from each row on, shape (n, n_jets).
@@ -187,7 +187,7 @@ def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) 
 
 
 def _simulate_readings(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
-    """Simulates the readings of every sensor, NaN before the simulation has begun."""
+    """Maps sensors to readings simulated from commands, a row per sample, NaN before the simulation has begun."""
     scenario, rows = record.scenario, told.time_s.size
     movable = setting.movable_places(params.filter_setup(scenario), made.parts)
     known = pose_hindsight.known_vehicle_params(vehicle, movable, made)
@@ -209,7 +209,7 @@ def _simulate_readings(told: PoseRecord, vehicle: Assumed, made: PoseParams, rec
 
 
 def _start_certain_filter(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known: PoseParams) -> PoseBank:
-    """Makes a filter with zero covariance at a motion, its position corrected by the first tracked point read."""
+    """Makes a filter with zero covariance at a motion, its position set by the first tracked point read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
     mean[parts.position], mean[parts.velocity], mean[parts.rate] = position, velocity, rate
@@ -225,14 +225,14 @@ def _start_certain_filter(motion: list[Array], readings: PoseReadings, vehicle: 
 
 
 def _empty_readings(scenario: Scenario, rows: int) -> dict[str, Array]:
-    """Makes empty readings of every sensor."""
+    """Maps sensors to arrays of NaN, with a row per sample, for readings to be written into."""
     vehicle = scenario.vehicle_data
     found = {sensor.name: np.full((rows, len(sensor.columns)), np.nan) for sensor in vehicle.tracked}
     return found | {package.name: np.full((rows, 3), np.nan) for package in vehicle.sensors}
 
 
 def _fill_readings(read: dict[str, Array], row: int, ideal: PoseReadings, scenario: Scenario) -> None:
-    """Writes a row of ideal readings; of a pose sensor only the quantities that it measures."""
+    """Writes ideal readings of all sensors into a row; of a pose sensor only the quantities that it measures."""
     vehicle = scenario.vehicle_data
     for place, pose in enumerate(vehicle.poses):
         turn = attitude.from_rotation_vector(rotation_vectors(ideal.rotations[place : place + 1])[0])

@@ -69,7 +69,7 @@ def estimate(
     record_map: str | Path | RecordMap | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
-    """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
+    """Estimates mass properties and finds failed jets from a record, in bounded memory; returns the run.
 
     The cycle is that of simulated runs, so a run's own telemetry gives its own estimates, bit for bit. Drake plays no
     part; `diagrams.replay` does the same as a diagram.
@@ -152,7 +152,7 @@ def _open_record(
     whose: tuple[Vehicle, str | None],
     steps: tuple[bool, bool],
 ) -> str | Path | Table:
-    """Opens the record to be read.
+    """Opens telemetry for the reader: one file, several merged into a table, or one converted by its map.
 
     Args:
         telemetry, record_map: see `estimate`.
@@ -177,7 +177,7 @@ def _open_record(
 
 
 def _step_at_record_rate(scenario: Scenario, per_s: float | None) -> Scenario:
-    """Returns the scenario with a filter step for each of a record's readings per second; None: unchanged."""
+    """Returns the scenario with a record's readings per second as the filter's steps; None: unchanged."""
     if per_s is None:
         return scenario
     period_s = scenario.vehicle_data.sample_period_s
@@ -187,7 +187,7 @@ def _step_at_record_rate(scenario: Scenario, per_s: float | None) -> Scenario:
 
 
 def estimation_settings(scenario: Scenario) -> Scenario:
-    """Returns a scenario without the parts of a simulation: commands, failures, truth."""
+    """Returns the scenario with maneuver, failures, jumps, true plant and sensor errors set to their defaults."""
     bare = {"maneuver": (), "jet_schedule": (), "failures": (), "jumps": (), "plant": PlantBlock()}
     sensors = scenario.sensors.model_copy(update={"errors": ()})
     return scenario.model_copy(update={**bare, "sensors": sensors})
@@ -227,7 +227,7 @@ class _Estimation:
     def take(
         self, rows: Rows, before: tuple[Array, Array, Array | None]
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Runs the estimation over a block of rows; returns its events and new detections."""
+        """Runs the estimation over a block of rows; returns the block's events and new detections."""
         if not self._intake.spool.n_rows:
             self._command, self._outside, onset_s = before
             self._onset_s = self._onset_s if onset_s is None else onset_s
@@ -245,7 +245,7 @@ class _Estimation:
         return self._add_estimated_rows(rows, log.rows, coming, outside)
 
     def _begin_rows(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
-        """Hands rows to the estimation; returns its log, and commands and outside wrench from one row earlier on."""
+        """Begins the estimation of rows; returns its empty log, and commands and wrench from one row earlier on."""
         count = rows.time_s.size
         rates, velocities = _stack_readings(rows, self._gyros), _stack_readings(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
@@ -264,7 +264,7 @@ class _Estimation:
     def _add_estimated_rows(
         self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Adds estimated rows to signals, counts and quality; returns events and detections as `take` does."""
+        """Adds rows and estimates to signals, counts and data quality; returns their events and new detections."""
         count = rows.time_s.size
         if not count:
             return [], []
@@ -278,7 +278,7 @@ class _Estimation:
         return self._intake.take(signals)
 
     def _make_signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
-        """Returns the rows and their estimates as signals, in the record's own time."""
+        """Maps names of signals to rows of the record and its estimates, with times by the record's clock."""
         signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
         if rows.onsets_s is not None:
             signals["command_onset"] = rows.onsets_s
@@ -294,7 +294,7 @@ class _Estimation:
         return signals
 
     def _in_record_time(self, diagram_s: Array, time_s: Array) -> Array:
-        """Converts times of the estimation, which count rows, to times of the record; NaN stays."""
+        """Converts times by the estimation's clock, a period per row, to times by the record's, s; NaN stays."""
         rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
         recent_s = np.concatenate([self._intake.recent_s, time_s])
         first = self._next_row - recent_s.size
@@ -304,7 +304,7 @@ class _Estimation:
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
     def _count_samples(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
-        """Counts samples used and fired; `before`: commands of the intervals that end with the rows."""
+        """Adds rows to the counts of NIS, firings and on-times; `before`: commands from one row earlier on."""
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
                 tally.add(*used_nis(name, signals))
@@ -326,7 +326,7 @@ class _Estimation:
     def finish(
         self, reader: Reader, telemetry: str | Path | Sequence[str | Path], began: float, parts: PartsMade
     ) -> Run:
-        """Makes the run, once all rows have been taken.
+        """Makes the run with its summary and filter state, once all rows have been estimated.
 
         Args:
             reader: of the record.
@@ -350,7 +350,7 @@ class _Estimation:
     def _make_summary(
         self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: RunTiming, parts: PartsMade
     ) -> Summary:
-        """Makes the summary; arguments as those of `finish`."""
+        """Makes the summary of estimates, findings and data quality; arguments as those of `finish`."""
         last = self._intake.spool.last
         found = parts.make("detections", self._intake.found, Findings())
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
@@ -389,13 +389,13 @@ class _Estimation:
         )
 
     def _judge_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
-        """Judges the quality of the record up to the first failure."""
+        """Returns the quality of the record up to the first failure, with warnings, as JSON data."""
         quality = self._quality.summarize(reader.record, reader.ragged, failed_s)
         quality["warnings"] = [*quality["warnings"], *delay_remarks.remarks(self._scenario, self._intake.spool)]
         return quality
 
     def _judge_consistency(self, found: Findings, analysis: BatchAnalysis) -> Consistency:
-        """Tests the NIS of both filters for consistency, without samples that declared failures explain."""
+        """Tests the NIS of both filters for consistency, less the samples that declared failures explain."""
         rotation, mass = (
             exclude_explained(copy.deepcopy(tally), self._intake.spool, name, found.detections)
             for name, tally in self._nis.items()
@@ -403,7 +403,7 @@ class _Estimation:
         return judge_consistency(rotation, mass, np.full(10, np.nan), SYMBOLS, analysis.diagnoses)
 
     def _make_filter_state(self, reader: Reader) -> dict[str, Any]:
-        """Makes the filter state at the end, as `filter_state.json` has it."""
+        """Returns the JSON data of `filter_state.json` after the last row."""
         states = state_to_json(self._cycles.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
@@ -413,21 +413,21 @@ class _Estimation:
         }
 
     def _cycle_times(self) -> dict[str, float | None]:
-        """Computes mean time per cycle spent in each part, microseconds."""
+        """Computes mean times per cycle of estimators and detector, microseconds; None: no such part."""
         mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._cycles.spent_s.items()}
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 
 def _record_name(telemetry: str | Path | Sequence[str | Path]) -> str:
-    """Returns the name of a record in a summary."""
+    """Returns the name of a record for its summary: names of its files, or "standard input"."""
     if isinstance(telemetry, (str, Path)):
         return "standard input" if str(telemetry) == "-" else Path(telemetry).name
     return ", ".join(Path(one).name for one in telemetry)
 
 
 def split_by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
-    """Splits readings by sensor in a fixed frame."""
+    """Maps sensors in the fixed frame to their columns of the readings, shape (n, columns)."""
     if rows.tracked is None:
         return {}
     ends = np.cumsum([len(sensor.columns) for sensor in vehicle.tracked])[:-1]
@@ -436,7 +436,7 @@ def split_by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
 
 
 def _stack_readings(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
-    """Stacks readings of some packages, NaN where missing or saturated, shape (n, s, 3)."""
+    """Stacks readings of sensor packages, NaN where missing or saturated, shape (n, s, 3)."""
     stacked = np.empty((rows.time_s.size, len(packages), 3))
     for place, package in enumerate(packages):
         stacked[:, place] = readings = rows.readings[package.name]
@@ -450,7 +450,7 @@ def _stack_readings(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
 
 
 def _read_filter_state(folder: Path, scenario: Scenario) -> FilterState:
-    """Reads the filter state of an earlier run's folder, of the same vehicle and settings."""
+    """Reads the filter state in an earlier run's folder; raises InputError for another vehicle or settings."""
     source = folder / STATE_FILE
     recover(folder)
     state = validate_data(FilterState, read_json(source), source=str(source))
@@ -463,11 +463,7 @@ def _read_filter_state(folder: Path, scenario: Scenario) -> FilterState:
 
 
 def _require_same_state(state: FilterState, known: tuple[Array, Array], source: str) -> None:
-    """Checks that estimate and covariance of a saved state equal those restored from its `states`.
-
-    Raises:
-        InputError: when it is not.
-    """
+    """Raises InputError where a saved estimate or covariance differs from that restored from its `states`."""
     for name, values in zip(("estimate", "covariance"), known, strict=True):
         told = getattr(state, name)
         if told is not None and not np.allclose(np.array(told, dtype=float), values, _ALIKE, 0.0, equal_nan=True):
@@ -475,7 +471,7 @@ def _require_same_state(state: FilterState, known: tuple[Array, Array], source: 
 
 
 def _make_continuation(state: FilterState) -> Continuation:
-    """Makes the conditions at the end of the earlier run, from which the record's reader goes on."""
+    """Returns time, command, wrench and velocities at the earlier run's end, for the record's reader."""
     return Continuation(
         time_s=state.time_s,
         command=np.array(state.command, dtype=float),

@@ -54,30 +54,30 @@ class Engine(Protocol):
 
     @property
     def logged(self) -> int:
-        """Number of rows since the logs were emptied."""
+        """Number of samples logged since the logs were emptied."""
 
     def advance(self, reached_s: float) -> None:
-        """Runs up to a time and logs every sample up to it, that at the time itself included."""
+        """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
 
     def take_logs(self) -> dict[str, Array]:
-        """Empties the logs, and returns them by port, with the times."""
+        """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
 
     def moment(self) -> Moment:
-        """Returns the simulation at the last sample, for those who watch it."""
+        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+        """Uses the last sample; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
         """
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Computes mean time per cycle spent in the mathematics of each part, microseconds."""
+        """Computes mean times per cycle of estimators, detector and jet selection, microseconds; None: no such part."""
 
 
 def needs_diagram(scenario: Scenario) -> bool:
-    """Tests whether a flight has something that the plain loop does not cover.
+    """Tests whether a scenario has what only Drake's simulator covers, not the plain loop.
 
     Wheels, burns of engines, bodies and joints, and jets that are prescribed beside an autopilot.
     """
@@ -88,7 +88,7 @@ def needs_diagram(scenario: Scenario) -> bool:
 
 
 def _make_engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
-    """Makes the engine that a scenario names; a diagram of one's own has Drake's simulator."""
+    """Makes the engine that a scenario's `execution` asks for; a diagram of the user's own has Drake's simulator."""
     if log and not hasattr(diagram, "GetMutableSystems"):
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
     if truth is not None and diagram is None:
@@ -114,7 +114,7 @@ def simulate(
     look_back: bool = True,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
-    """Simulates a scenario from start to end, of any length in bounded memory.
+    """Simulates a scenario, of any length in bounded memory, with its estimation; returns the run.
 
     The same scenario gives the same run, bit for bit, but for the time it took.
 
@@ -168,7 +168,7 @@ class _FlyingRun:
         self._began = time.perf_counter()
 
     def fly(self, progress: Callable[[float], None] | None, watch: Callable[[Moment], None] | None) -> None:
-        """Flies the run from start to end; arguments as those of `simulate`."""
+        """Simulates the flight to its end and spools its signals; arguments as those of `simulate`."""
         engine, period = self._engine, self._scenario.vehicle_data.sample_period_s
         end_s = self._intervals * period
         chunk_s = CHUNK_S if watch is None else period
@@ -191,7 +191,7 @@ class _FlyingRun:
         self._intake.take(_split_signals(self._scenario, self._engine.take_logs()))
 
     def finish_run(self, parts: PartsMade, *, look_back: bool) -> Run:
-        """Makes the run from all spooled signals."""
+        """Makes the run, with its summary and filter state, from all spooled signals."""
         scenario, intake, signals = self._scenario, self._intake, self._intake.spool
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
@@ -212,7 +212,7 @@ class _FlyingRun:
         return Run(scenario, replace(results, missing=tuple(parts.missing)), None, signals, state)
 
     def finish_early(self, error: BaseException) -> Run | None:
-        """Makes a run of the samples before an error; None before the first sample."""
+        """Makes the run of the samples before an error; None where there is none."""
         parts, signals = PartsMade(), self._intake.spool
         if self._engine.logged:
             parts.make("the last samples", self._take_signals, None)
@@ -229,7 +229,7 @@ class _FlyingRun:
 
 @contextlib.contextmanager
 def _explain_scenario_errors(scenario: Scenario) -> Iterator[None]:
-    """Converts numerical errors of a flight into InputErrors that name the scenario and the likely cause."""
+    """Converts, in a with block, numerical errors of a flight into InputErrors with the likely cause."""
     try:
         yield
     except OutOfMassError as error:
@@ -272,7 +272,7 @@ def _explain_scenario_errors(scenario: Scenario) -> Iterator[None]:
 
 
 def _split_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
-    """Splits the logged ports into named signals."""
+    """Maps names of signals to rows, split from the logged ports of an engine."""
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _true_signals(scenario, logs)
     of_autopilot = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
@@ -287,7 +287,7 @@ def _split_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Arra
 
 
 def _true_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
-    """Returns the true signals, as far as the logged ports give them."""
+    """Maps names of true signals to rows, as far as the logged ports have them."""
     named = ("rate", "attitude", "position", "velocity", "truth")
     signals: dict[str, Array] = {name: logs[name] for name in named if name in logs}
     if "body_state" in logs:
@@ -323,7 +323,7 @@ def true_parameters(mass: Array, structure: Array) -> Array:
 
 
 def _control_authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
-    """Computes the control authority with all selectable jets, and with those left at the end.
+    """Computes the control authority of all selectable jets, and of those left at the end; None: no autopilot.
 
     It is the largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
     properties. None without an autopilot.
@@ -343,7 +343,7 @@ def _control_authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | N
 
 @lru_cache(maxsize=64)
 def _jet_reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
-    """Computes the largest change of rate and velocity by the available jets, by axis and direction; cached."""
+    """Maps axis and direction to the largest change of rate or velocity by the available jets in 1 s; cached."""
     program = JetSelectionProgram(np.frombuffer(flows))
     activity = activity_vectors(np.frombuffer(wrenches).reshape(-1, 6), np.frombuffer(properties))
     limits = np.where(np.frombuffer(available, dtype=np.bool_), 1.0, 0.0)

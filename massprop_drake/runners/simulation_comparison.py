@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def compare_with_simulation(record: Run, folder: str | Path, *, spool_folder: Path | None = None) -> Run:
-    """Compares a record with a simulation of its commands, and finds what would explain the difference.
+    """Adds to a record's run its residuals from a simulation of its commands, and what would explain them.
 
     The vehicle of the other run flies them: with its true mass properties, dispersions and failures where it was
     simulated, with its estimates where it is a record itself. Its times count from the record's first row. It begins,
@@ -115,12 +115,12 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
 
 
 def _sensor_names(vehicle: Vehicle) -> list[str]:
-    """Returns names of all sensors."""
+    """Returns names of all sensors of a vehicle, those in a fixed frame last."""
     return vehicle.sensor_names() + [sensor.name for sensor in vehicle.tracked]
 
 
 def _jet_geometry(vehicle: Vehicle) -> list[Any]:
-    """Returns positions and directions of the jets."""
+    """Returns position and direction of every jet, by which two vehicles are compared."""
     return [(jet.position, jet.direction) for jet in vehicle.jets]
 
 
@@ -147,7 +147,7 @@ def _parameters_before_jumps(other: Run) -> Array:
 
 
 def _make_scenario(other: Run, folder: str) -> Scenario:
-    """Makes the scenario to simulate: as the run was, or with the estimates of a record for the truth.
+    """Returns the other run's scenario to simulate; of a record, with its estimates in place of the truth.
 
     Raises:
         InputError: when no rigid body can have these.
@@ -192,7 +192,7 @@ class _SimulatedVehicle:
     def simulate_readings(
         self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array
     ) -> dict[str, Array]:
-        """Simulates the sensor readings in a block of rows, shape (n, 3) each; NaN before the simulation has begun.
+        """Maps sensor packages to readings simulated for a block of rows, (n, 3), NaN before the simulation began.
 
         Args:
             commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape
@@ -229,7 +229,7 @@ class _SimulatedVehicle:
         return read
 
     def _take_recorded_rate(self, here: Mapping[str, Array]) -> None:
-        """Sets the simulated rate to the record's, once all gyros have read, and clears accelerometer offsets."""
+        """Sets the simulated rate to the recorded one, once all gyros have read, and clears accelerometer offsets."""
         rates = np.array([here[name] for name in self._gyros])
         there = np.isfinite(rates).all(axis=1)
         if there.any():

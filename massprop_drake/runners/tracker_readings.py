@@ -43,7 +43,7 @@ class Trackers:
         }
 
     def read(self, body: Array, structure: Array, sample: int) -> Array:
-        """Reads the true vehicle at a sample, NaN where a sensor measures nothing, shape (size,).
+        """Computes readings in the fixed frame from the true state, NaN where nothing is measured, shape (size,).
 
         Args:
             body: state, see `maths.vehicle.rigid_body`, shape (23,).
@@ -64,5 +64,5 @@ class Trackers:
         return readings
 
     def ports(self, rows: Array) -> dict[str, Array]:
-        """Splits rows of `read`, shape (n, size), into the readings of each sensor by its name."""
+        """Maps sensors to their columns of rows of readings, shape (n, size), as `read` returns them."""
         return {name: rows[:, part] for name, part in self._parts.items()}

@@ -9,11 +9,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def require_vector(name: str, value: ArrayLike, size: int) -> Array:
-    """Converts an argument to a finite vector of a size.
-
-    Raises:
-        ValueError: when it is anything else, naming it.
-    """
+    """Returns an argument as a finite float vector, shape (size,), or raises ValueError with its name."""
     made = np.array(value, dtype=float)
     if made.shape != (size,):
         raise ValueError(f"{name}: must be a vector of {size} numbers, got {_describe_shape(made)}")
@@ -23,11 +19,7 @@ def require_vector(name: str, value: ArrayLike, size: int) -> Array:
 
 
 def require_rows(name: str, value: ArrayLike, size: int) -> Array:
-    """Converts an argument to a matrix with rows of a size, one for each jet.
-
-    Raises:
-        ValueError: when it is anything else, naming it.
-    """
+    """Returns an argument as a float matrix, shape (n_jets, size), or raises ValueError with its name."""
     made = np.array(value, dtype=float)
     if made.ndim != 2 or made.shape[1] != size:
         raise ValueError(f"{name}: must be rows of {size} numbers, one for each jet, got {_describe_shape(made)}")

@@ -50,7 +50,7 @@ class Cached:
         self.ticket = entry.ticket()
 
     def get(self, context: Any) -> Any:
-        """Returns the result for a context."""
+        """Returns the result for a context, computed anew only where a prerequisite has changed."""
         return self._entry.EvalAbstract(context).get_value()[0]
 
 
@@ -80,7 +80,7 @@ class Scratch(Generic[T]):
         self._entry = system.DeclareCacheEntry(description, producer, {system.nothing_ticket()})
 
     def get(self, context: Any) -> T:
-        """Returns the workspace of a context."""
+        """Returns the workspace that belongs to a context."""
         workspace: T = self._entry.EvalAbstract(context).get_value().get()
         return workspace
 
@@ -93,19 +93,20 @@ class _Workspace(Generic[T]):
         self._made: tuple[T, ...] = ()
 
     def get(self) -> T:
+        """Returns the workspace, which the first call makes."""
         if not self._made:
             self._made = (self._make(),)
         return self._made[0]
 
     def __deepcopy__(self, _memo: Any) -> _Workspace[T]:
-        """Returns a workspace that is still to be made."""
+        """Returns an empty workspace, for the clone of a context to make its own."""
         return _Workspace(self._make)
 
 
 def declare_output(
     system: LeafSystem, name: str, size: int, read: Callable[[Any], Any], prerequisites: Iterable[DependencyTicket]
 ) -> None:
-    """Declares an output port of what a function of the context returns, and the tickets of all that it reads."""
+    """Declares a vector output port that a function of the context computes, with tickets of what it reads."""
     system.DeclareVectorOutputPort(
         name,
         size,
@@ -115,14 +116,14 @@ def declare_output(
 
 
 def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str, int, Part]]) -> None:
-    """Declares output ports of parts of a cached result: name, size and part of each."""
+    """Declares vector output ports, name, size and selection each, that select from a cached result."""
     for name, size, part in ports:
         of = _reader(part)
         declare_output(system, name, size, lambda context, of=of: of(entry.get(context)), {entry.ticket})  # type: ignore[misc]
 
 
 def declare_update(system: LeafSystem, entry: Cached, period_s: float, part: Part) -> None:
-    """Declares a periodic update of the discrete state, one group, from a part of a cached result."""
+    """Declares a periodic update that sets the discrete state, one group, to a selection of a cached result."""
     after = _reader(part)
 
     def update(context: Any, state: Any) -> None:
@@ -136,6 +137,6 @@ def _reader(part: Part) -> Callable[[Any], Array]:
 
 
 def state_of(context: Any) -> Array:
-    """Returns the discrete state of a system that has one group of it; a copy, since Drake's own changes."""
+    """Returns a copy of the discrete state vector of a system that has one group of it."""
     vector: Array = context.get_discrete_state_vector().CopyToVector()
     return vector

@@ -79,7 +79,7 @@ DETECTOR_REPORT = Layout(
 
 
 def impulse_row(impulses: Impulses) -> Array:
-    """Packs an interval's impulses, as `IMPULSES`."""
+    """Packs an interval's impulses into a vector, as `IMPULSES`."""
     return IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
 
 

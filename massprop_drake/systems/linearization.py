@@ -15,7 +15,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def linearized(system: System, context: Context, inputs: Iterable[str], outputs: Iterable[str]) -> LinearSystem:
-    """Linearizes a system about a context, with exact derivatives.
+    """Linearizes a system about a context, with exact derivatives, between named input and output ports.
 
     Drake's `Linearize` takes state of one group. A vehicle whose jets lag, or whose sensors remember, has several:
     here they stand one after the other, in the order of the context.
@@ -62,7 +62,7 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
 
 
 def _require_ports(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
-    """Returns the names of ports after checking that these exist, and are vectors."""
+    """Returns names of ports as a list; raises InputError for one that is absent, repeated or no vector."""
     if isinstance(given, str):
         raise InputError(f"{kind}s: must be a list of names, such as ['{given}']")
     names = list(given)
@@ -85,7 +85,7 @@ def _state(context: Context, groups: int) -> Array:
 
 
 def _put_state(at: Any, varied: Any, groups: int) -> int:
-    """Puts state into a context, and returns how many numbers it took."""
+    """Writes a vector into the state of a context, and returns the number of its elements."""
     if not groups:
         count: int = at.num_continuous_states()
         at.get_mutable_continuous_state_vector().SetFromVector(varied[:count])
@@ -99,7 +99,7 @@ def _put_state(at: Any, varied: Any, groups: int) -> int:
 
 
 def _next_state_or_rate(converted: Any, at: Any, groups: int) -> Any:
-    """Computes the time derivative of the state, or the state at the next sample."""
+    """Computes the time derivative of a continuous state, or the next value of a discrete one."""
     if not groups:
         return converted.EvalTimeDerivatives(at).get_vector().CopyToVector()
     updated = converted.EvalUniquePeriodicDiscreteUpdate(at)
@@ -107,12 +107,12 @@ def _next_state_or_rate(converted: Any, at: Any, groups: int) -> Any:
 
 
 def _gradient(numbers: Any, count: int) -> Array:
-    """Computes derivatives, shape (k, count); of numbers that depend on nothing that varies, zero."""
+    """Returns the Jacobian of AutoDiff numbers, shape (k, count); zero where they depend on nothing."""
     rows = [one.derivatives() for one in numbers]
     return np.array([row if row.size else np.zeros(count) for row in rows]).reshape(-1, count)
 
 
 def _period_s(system: System) -> float:
-    """Returns the period of the discrete updates, s."""
+    """Returns the period of a system's discrete updates, s."""
     timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
     return float(timing.period_sec())

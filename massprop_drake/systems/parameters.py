@@ -70,7 +70,7 @@ class Parameters:
         self.ticket = system.numeric_parameter_ticket(NumericParameterIndex(_GROUP))
 
     def get(self, context: Any) -> Any:
-        """Returns all parameters, as a named tuple of numbers and vectors."""
+        """Returns all parameters in a context, as a named tuple of numbers and vectors."""
         self._system.ValidateContext(context)
         vector = self.vector(context)
         return self._record._make([vector[place] for place in self._places.values()])
@@ -84,7 +84,7 @@ class Parameters:
         return context.get_numeric_parameter(_GROUP).GetAtIndex(self.names.index(name))
 
     def set(self, context: Any, **values: Any) -> None:
-        """Sets parameters, or single elements of them, and leaves the others.
+        """Writes parameters, or single elements of them, into a context, and leaves the others unchanged.
 
         Raises:
             InputError: when there is no such parameter, or a value has not its size.

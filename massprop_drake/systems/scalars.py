@@ -22,14 +22,14 @@ _RESULT = {AutoDiffXd: "AutoDiffXd", Expression: "Expression"}
 
 
 def float_class(template: Any, name: str) -> Any:
-    """Returns the class of a template for floats, under the name that users import."""
+    """Returns the class of a system's template for floats, renamed to the name that users import."""
     made = template[float]
     made.__name__ = made.__qualname__ = name
     return made
 
 
 def template(make: Callable[[Any], type]) -> Any:
-    """Makes a system's template, by Drake's `TemplateSystem`, of a function that makes its class for a scalar type."""
+    """Makes a Drake `TemplateSystem` from a function that makes a system's class for a scalar type."""
 
     def make_class(scalar: Any) -> type:
         system = make(scalar)
@@ -42,7 +42,7 @@ def template(make: Callable[[Any], type]) -> Any:
 
 
 def refuse(scalar: Any, system: str, reasons: list[str], remedy: str) -> None:
-    """Raises an error for a scalar type that a system does not support.
+    """Raises InputError where a system has no form for a scalar type T, for stated reasons.
 
     Args:
         scalar: T.

@@ -47,7 +47,7 @@ _RUNNING: ContextVar[dict[str, float] | None] = ContextVar("stopwatch", default=
 
 
 def time_call(part: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Calls a function, and adds the time it took to the part of the stopwatch that runs, if one does."""
+    """Calls a function and returns its result; adds the time it took to a part of the running stopwatch."""
     spent_s = _RUNNING.get()
     if spent_s is None:
         return function(*arguments)

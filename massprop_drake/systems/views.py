@@ -98,7 +98,7 @@ PORTS = tuple(sorted((*_PACKED, *_PLAIN)))
 
 
 def port_view(port: str, jets: Sequence[str] | None = None) -> Any:
-    """Makes the class of named views of a port's vector.
+    """Makes a class of vectors whose elements have names, for the vector of a port.
 
     Args:
         port: one of `PORTS`; a report of a system alone has the name that the diagram exports it by.
@@ -116,7 +116,7 @@ def port_view(port: str, jets: Sequence[str] | None = None) -> Any:
 
 
 def elements(port: str) -> dict[str, list[Names]]:
-    """Lists elements of a port in their order by field, each a sequence of words, among which `JETS` is any jet.
+    """Maps fields of a port to their elements in order, each a tuple of words; `JETS` stands for any jet.
 
     A port of one quantity has one field, which is not among the words.
 
@@ -131,17 +131,17 @@ def elements(port: str) -> dict[str, list[Names]]:
 
 
 def _components(field: str, shape: Iterable[int | str]) -> list[Names]:
-    """Returns names of the components along each dimension of a field."""
+    """Returns the names of a field's components along each of its dimensions."""
     return [_OF_FIELDS.get(field, _BY_SIZE[size]) for size in shape]
 
 
 def _expand_names(part: Names, jets: Names) -> list[str]:
-    """Returns the names of an element, one for each jet where it is of jets."""
+    """Returns the names of an element, or one name per jet where it is of jets."""
     choices = (jets if word == JETS else (word,) for word in part)
     return ["_".join(filter(None, words)) for words in product(*choices)]
 
 
 def _identifiers(jets: Sequence[str]) -> Names:
-    """Converts designations to parts of names, with the index of each jet where two would be the same."""
+    """Converts jet designations to parts of Python names, with the index where two would be the same."""
     plain = tuple(re.sub(r"[\W_]+", "_", jet) for jet in jets)
     return plain if len(set(plain)) == len(plain) else tuple(f"{jet}_{index}" for index, jet in enumerate(plain))

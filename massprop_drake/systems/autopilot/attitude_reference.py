@@ -52,6 +52,7 @@ class AttitudeReference(LeafSystem):
         declare_update(self, step, period_s, slice(3, None))
 
     def _compute(self, context: Any) -> Array:
+        """Computes the attitude error (3), followed by the next state of the reference, as one vector."""
         gyro, controllers = self._gyro.Eval(context), self._controllers.Eval(context)
         row: Array = self._kernel(state_of(context), gyro, controllers, self._held)
         return row

@@ -43,6 +43,7 @@ class EngineCommands(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
 
     def _steer(self, context: Any) -> tuple[Array, Array]:
+        """Computes engine commands, shape (n, 3), and the integral of the rate while engines burn, rad, shape (3,)."""
         rate = np.zeros(3) if self._gyro is None else self._gyro.Eval(context)
         turned = context.get_discrete_state(self._turned).CopyToVector()
         return steer_gimbals(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)

@@ -82,12 +82,13 @@ class FiringTestSystem(LeafSystem):
         return rows[0] if rows.shape[0] else np.zeros(rows.shape[1])
 
     def _update(self, context: Any, state: Any) -> EventStatus:
+        """Writes the memory after the sample into the abstract state."""
         memory = self._next_memory(context, self._read_memory(context))
         state.get_mutable_abstract_state(self._memory).set_value(memory)
         return EventStatus.Succeeded()
 
     def _next_memory(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """Computes the memory after a sample: goes on with a test, waits, or designs one that is due."""
+        """Computes the memory after a sample: continues a test, waits, or designs a test that is due."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()

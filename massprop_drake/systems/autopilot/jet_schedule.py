@@ -72,6 +72,7 @@ def make_row_reader(table: Array, period_s: float, beyond: Array) -> Callable[[A
     """Makes a function from a context to the table's row at its time, or ``beyond`` after the last row."""
 
     def row(context: Any) -> Array:
+        """Returns the table's row at a context's time, or the row beyond the table."""
         sample = round(context.get_time() / period_s)
         found: Array = table[sample] if sample < len(table) else beyond
         return found

@@ -68,7 +68,7 @@ class _Program(NamedTuple):
 
 
 def _make_program(most: Array, cost: Array) -> _Program:
-    """Makes a linear program of least cost with six equality rows, and variables from zero to their limits.
+    """Makes a linear program: least cost, six equality rows, and variables from zero to their limits.
 
     Args:
         most: of each variable, shape (n,).
@@ -109,18 +109,18 @@ class JetSelectionProgram:
 
     @cached_property
     def _share(self) -> _Program:
-        """Program for on-times and the share s, for a request that cannot be met."""
+        """Linear program for on-times and the share s of the velocity change, for a request that cannot be met."""
         return _make_program(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
 
     @cached_property
     def _near(self) -> _Program:
-        """Program for on-times, shortfall and excess of each row, where even the rate change cannot be met."""
+        """Linear program for on-times, shortfall and excess of each row, where even the rate change cannot be met."""
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         cost = np.concatenate([np.zeros(self._n), weights, weights])
         return _make_program(np.full(self._n + 12, np.inf), cost)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
-        """Solves for on-times of a request; read-only arrays that are those of the last call are not processed again.
+        """Solves for least-propellant on-times of a request; read-only arrays of the last call are not checked again.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
@@ -147,7 +147,7 @@ class JetSelectionProgram:
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
     def reach(self, activity: Array, row: int, sign: float, limits_s: Array, *, alone: bool = False) -> float:
-        """Finds the largest change of one element of the request with the other rotations at zero.
+        """Computes the largest change of one element of the request, with the other rotations at zero.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
@@ -178,7 +178,7 @@ class JetSelectionProgram:
         return max(share, 0.0) * abs(float(far[row]))
 
     def _scale_activity(self, activity: Array) -> None:
-        """Keeps the rows scaled to a largest element of 1, unless they are those of the last activity vectors.
+        """Stores activity rows scaled to a largest element of 1, unless they are those of the last call.
 
         Raises:
             ValueError: when an activity vector is not finite.
@@ -191,11 +191,11 @@ class JetSelectionProgram:
         self._rows = activity / self._sizes[:, None]
 
     def _scale_request_rows(self, request: Array) -> tuple[Array, Array, float]:
-        """Scales rows to a largest element 1 on both sides; also returns the factor of the on-times."""
+        """Returns activity rows and request, scaled to a largest element of 1, and the scale of on-times."""
         return self._rows, *_scale_request(request, self._sizes)
 
     def _check_arguments(self, activity: Array, request: Array, limits_s: Array) -> None:
-        """Raises ValueError for a wrong shape or value, and scales new activity vectors."""
+        """Raises ValueError for a wrong shape or value; scales activity vectors that are new."""
         if request.shape != (6,):
             raise ValueError(f"request must have shape (6,), got {request.shape}")
         if not all(map(math.isfinite, request.tolist())):
@@ -229,7 +229,7 @@ class JetSelectionProgram:
         return _limit_on_times(result.get_x_val() * scale, limits_s)
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
-        """Computes the largest part [dw; s dv] of a request, and on-times that give it; None where dw cannot be met."""
+        """Computes the request [dw; s dv] of largest s, and its on-times, s; None where dw cannot be met."""
         rows, target, scale = self._scale_request_rows(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share.rows.UpdateCoefficients(
@@ -245,7 +245,7 @@ class JetSelectionProgram:
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
-        """Computes the closest request that can be reached, and on-times that give it."""
+        """Computes the attainable request closest to a request, shape (6,), and its on-times, s, shape (n_jets,)."""
         rows, target, scale = self._scale_request_rows(request)
         self._near.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
@@ -257,26 +257,26 @@ class JetSelectionProgram:
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
-        """Solves the program; None when it is infeasible, or Clp gives up on it as it then may."""
+        """Solves a linear program and returns its result; None where it is infeasible, or Clp gives up."""
         self.solves += 1
         result = self._solver.Solve(program, None, None)
         return result if result.is_success() else None
 
 
 def _row_sizes(activity: Array) -> Array:
-    """Computes the largest element of each row, 1 for a row of zeros."""
+    """Computes the largest magnitude in each row of activity vectors, 1 for a row of zeros, shape (6,)."""
     size: Array = np.abs(activity).max(axis=1)
     size[size == 0.0] = 1.0
     return size
 
 
 def _scale_request(request: Array, size: Array) -> tuple[Array, float]:
-    """Scales a request by row sizes, then to a largest element of 1; also returns the latter factor, of on-times."""
+    """Divides a request by row sizes, then by its largest element; returns it and that scale of on-times."""
     target = request / size
     scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale
 
 
 def _limit_on_times(on_times_s: Array, limits_s: Array) -> Array:
-    """Limits on-times to between zero and their limits."""
+    """Clips on-times to between zero and their limits, s."""
     return np.minimum(np.maximum(on_times_s, 0.0), limits_s)

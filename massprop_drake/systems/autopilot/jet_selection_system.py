@@ -126,7 +126,7 @@ class JetSelection(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _properties(self, context: Any) -> Array | None:
-        """Returns the estimated mass properties where they may be used; None: the nominal ones are in use."""
+        """Returns the ten estimated parameters where converged; None: the nominal ones are in use."""
         if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
             return self._estimate.Eval(context)
         return None
@@ -135,7 +135,7 @@ class JetSelection(LeafSystem):
         return SelectionState._make(_state_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """Computes jets of the coming sample, see `autopilot_ports.fire_sample`, and further states that change."""
+        """Computes commands and delivered velocity of the coming sample, and further states that change."""
         row, changed = self._decide_sample(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():
@@ -146,7 +146,7 @@ class JetSelection(LeafSystem):
         return np.concatenate((np.zeros(prescribed.size), prescribed, delivered)), changed
 
     def _decide_sample(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """Decides the sample of the burst, and further states that change."""
+        """Continues the burst, or selects a new one; returns the coming sample's jets, and states that change."""
         remaining, refused = _state_group(context, self._groups.remaining), _state_group(context, self._groups.refused)
         request, properties = self._request.Eval(context), self._properties(context)
         there = self._reconfiguration.HasValue(context)
@@ -164,7 +164,7 @@ class JetSelection(LeafSystem):
         return pulse_onsets(command, self._pulses, self._period_s)
 
     def _update(self, context: Any, state: Any) -> None:
-        """Updates the discrete state by the sample of the burst."""
+        """Writes the states after the coming sample's firings into the discrete state."""
         row, changed = self._burst.get(context)
         values = (*(row[part] for part in self._rows), *changed)
         for group, value in zip(self._groups, values, strict=False):
@@ -173,6 +173,6 @@ class JetSelection(LeafSystem):
 
 
 def _state_group(context: Any, group: Any) -> Array:
-    """Returns a group of the discrete state, empty where there is none."""
+    """Returns a copy of a group of the discrete state, an empty vector where there is none."""
     vector: Array = np.zeros(0) if group is None else context.get_discrete_state(group).CopyToVector()
     return vector

@@ -13,7 +13,7 @@ _SHARE = 0.3  # of the longest on-time of a selection: jets with less stay shut,
 
 
 def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
-    """Lists each jet alone, then for each axis and sign the jets of least propellant that turn or push along it.
+    """Lists sets of jets, by index: single ones, then for each axis and sign that of least propellant.
 
     Args:
         craft: see `Craft`.

@@ -53,6 +53,7 @@ class PhaseSpaceController(LeafSystem):
         declare_update(self, step, params.period_s, slice(REQUEST.size, None))
 
     def _compute(self, context: Any) -> Array:
+        """Computes the request, packed as `REQUEST`, followed by the next state, as one vector."""
         given = [state_of(context), *(port.Eval(context) for port in self._sensed), self._held]
         row: Array = self._kernel(*given)
         return row

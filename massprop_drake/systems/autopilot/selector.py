@@ -128,7 +128,7 @@ class Selector:
         self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off, owed)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
-        """Decides the burst in force from a sample on at which `must_select` finds something to solve.
+        """Selects the burst in force from a sample on at which `must_select` finds something to solve.
 
         Args:
             state: before the sample.
@@ -162,7 +162,7 @@ class Selector:
         return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
 
     def _round_on_times(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
-        """Rounds on-times to those flown, cycles; also returns the remainders owed, and the shortest flown, s."""
+        """Rounds on-times, s, to those flown, cycles; also returns remainders owed, and the shortest flown, s."""
         period_s, pulses = self._period_s, self._pulses
         if not pulses.within:
             return burst_cycles(on_times_s, period_s, self._least), owed, 0.5 * period_s
@@ -170,13 +170,13 @@ class Selector:
         return *burst_pulses(on_times_s / period_s, owed, pulses), shortest * period_s
 
     def _activity(self, properties: Array | None) -> Array:
-        """Computes activity vectors by the mass properties in use."""
+        """Returns activity vectors, shape (6, n_jets), by mass properties; None: by the nominal ones."""
         return self._nominal_activity if properties is None else activity_vectors(self._wrenches, properties)
 
     def _select_jets(
         self, properties: Array | None, request: Any, wrench: Array | None, out_of_use: Array
     ) -> tuple[Array, Selection]:
-        """Computes the requested change of rate and velocity, shape (6,), and the on-times selected for it.
+        """Computes the change of rate and velocity to solve for, shape (6,), and the on-times selected for it.
 
         A force that acts all along is undone over the time that the burst takes: that of the change alone,
         in whole cycles, and twice that as often as it takes until on-times within it are enough.
@@ -184,6 +184,7 @@ class Selector:
         activity = self._activity(properties)
 
         def solve(wanted: Array, longest_s: float) -> Selection:
+            """Solves for the on-times of a change of rate and velocity, each at most the longest, s."""
             limits = self._on_time_limits(out_of_use, longest_s)
             return time_call(JET_SELECTION, self._program.solve, activity, wanted, limits)
 
@@ -204,7 +205,7 @@ class Selector:
             duration *= 2.0
 
     def _on_time_limits(self, out_of_use: Array, longest_s: float) -> Array:
-        """Computes longest on-times, zero of jets that may not be selected, s, shape (n_jets,)."""
+        """Computes longest on-times, s, zero for jets that are not selectable or out of use, shape (n_jets,)."""
         limited = out_of_use.tobytes(), longest_s
         if limited != self._limited:
             available = self._selectable & (out_of_use <= 0.0)
@@ -212,7 +213,7 @@ class Selector:
         return self._limits
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
-        """Computes rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
+        """Computes angular and linear acceleration by a wrench about the vehicle origin, body axes, shape (6,)."""
         if properties is not None:
             return activity_vectors(wrench[None, :], properties)[:, 0]
         if not np.array_equal(wrench, self._undone):
@@ -220,11 +221,12 @@ class Selector:
         return self._by_nominal
 
     def _take_out_of_use(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
-        """Puts proposed jets out of use (1) if control about every axis remains without them, else marks them -1."""
+        """Marks proposed jets as out of use (1) if all axes stay controllable without them, else as left in (-1)."""
         activity = self._activity(properties)
         needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed))]
 
         def controllable(out: Array) -> bool:
+            """Tests whether all axes stay controllable both ways without some jets."""
             return all(reach > least for reach, least in zip(self._axis_reaches(activity, out), needed, strict=True))
 
         # all jets that the data cannot tell apart, or none: those in question since the last time
@@ -233,17 +235,17 @@ class Selector:
         return np.where(group, 1.0 if spared else -1.0, out_of_use)
 
     def _axis_reaches(self, activity: Array, out_of_use: Array) -> list[float]:
-        """Computes the largest rate change per second of firing about each axis, both ways, without some jets."""
+        """Computes the largest rate change in 1 s of firing, about x, y, z and both ways, rad/s, six numbers."""
         limits = self._on_time_limits(out_of_use, 1.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
 
 def _make_read_only(array: Array) -> Array:
-    """Makes an array read-only."""
+    """Makes an array read-only in place, and returns it."""
     array.flags.writeable = False
     return array
 
 
 def _length(vector: Array) -> float:
-    """Computes the length of a short vector."""
+    """Computes the Euclidean norm of a short vector."""
     return math.sqrt(float(vector @ vector))

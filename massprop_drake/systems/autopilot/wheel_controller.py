@@ -68,6 +68,7 @@ class WheelController(LeafSystem):
         return must_unload(before, self._speeds(context), self._params)
 
     def _calc_torque(self, context: Any) -> Any:
+        """Computes the motor torques of the wheels that turn the vehicle as commanded, shape (n,)."""
         rotation = self._controllers.Eval(context)[_ROTATION]
         turning = rotation, self._error.Eval(context), self._gyro.Eval(context)
         return wheel_torques(turning, self._speeds(context), self._params)

@@ -56,25 +56,26 @@ class FilterSystem(LeafSystem):
         self._inputs: list[Any] = []
 
     def _declare_packages(self, packages: tuple[KnownPackage, ...]) -> Readings:
+        """Declares an input port for each sensor package, and returns their readings."""
         readings = Readings(self, packages)
         self._inputs += readings.ports
         return readings
 
     def _declare_input(self, name: str, size: int) -> Any:
-        """Declares an input port that the measurement depends on."""
+        """Declares a vector input port that the measurement depends on, and returns it."""
         port = self.DeclareVectorInputPort(name, size)
         self._inputs.append(port)
         return port
 
     def _declare_interval(self) -> None:
-        """Declares ports of the interval's known inputs, and of the detector's adaptation."""
+        """Declares input ports of impulses, known force, mean levels, and the detector's adaptation."""
         self._impulses = self._declare_input("impulses", IMPULSES.size)
         self._known_force = self._declare_input("known_force", KNOWN_FORCE.size)
         self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
         self._mean_level = self._declare_input("mean_level", self._n_levels) if self._n_levels else None
 
     def _declare_cycle(self, outputs: Ports, reports: Ports, period_s: float, after: slice) -> None:
-        """Declares output ports of the measurement alone and of the whole cycle, and what becomes the state."""
+        """Declares output ports of the measurement and of the cycle, and the periodic update of the state."""
         # the innovation must not depend on the adaptation: the detector makes the one from the other
         measured = {self.xd_ticket(), *(port.ticket() for port in self._inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
@@ -85,7 +86,7 @@ class FilterSystem(LeafSystem):
         declare_update(self, cycle, period_s, after)
 
     def _interval(self, context: Any) -> Interval:
-        """Reads the known inputs of the interval; mean levels only where they are used."""
+        """Returns the interval's impulses and known force from the input ports; mean levels only where used."""
         known = NO_KNOWN_FORCE
         if self._known_force.HasValue(context):
             known = unpack_known_force(self._known_force.Eval(context))
@@ -95,18 +96,18 @@ class FilterSystem(LeafSystem):
         return Interval(impulses, known)
 
     def _adapted(self, context: Any) -> Adaptation:
-        """Reads the adaptation that the detector asks for; none without a detector."""
+        """Returns the adaptation of the filter that the detector requests; a neutral one without a detector."""
         return (
             unpack_adaptation(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
         )
 
     def _told(self, context: Any) -> tuple[Array, Array]:
-        """Reads impulses and known force as they are packed, for compiled kernels."""
+        """Returns the vectors of impulses and known force from the input ports, packed for compiled kernels."""
         known = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
         return self._impulses.Eval(context), known
 
     def _read_adaptation(self, context: Any) -> Array:
-        """Reads the adaptation that the detector asks for as it is packed, for compiled kernels."""
+        """Returns the adaptation that the detector requests as a vector, packed for compiled kernels."""
         asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
         return asked
 

@@ -37,7 +37,7 @@ class Readings:
         self.ports = [system.DeclareVectorInputPort(package.name, 3) for package in packages]
 
     def eval(self, context: Any) -> Array:
-        """Reads all packages, NaN where missing or saturated, shape (s, 3).
+        """Stacks readings of all packages from the input ports, NaN where missing or saturated, shape (s, 3).
 
         The first package's port must be connected; another that is not counts as missing.
         """

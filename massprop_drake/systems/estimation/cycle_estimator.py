@@ -47,7 +47,7 @@ class Memory(NamedTuple):
 
     @property
     def state(self) -> EstimationState:
-        """State after the cycle."""
+        """State of filter and detector after the cycle."""
         return self.before if self.step is None else self.step.state
 
     def __deepcopy__(self, _memo: Any) -> Memory:
@@ -157,7 +157,7 @@ class CycleEstimator(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def pack_state(self, context: Any) -> dict[str, Array]:
-        """Packs the state into vectors, see `maths.estimation.cycle.save_state`."""
+        """Maps groups of the state of filter and detector to vectors, see `maths.estimation.cycle.save_state`."""
         return dict(cycle.save_state(self._read_memory(context).state, self._params))
 
     # ------------------------------------------------------------------------------------------- the cycle
@@ -167,12 +167,14 @@ class CycleEstimator(LeafSystem):
         return memory
 
     def _read_sample(self, context: Any) -> Sample:
-        """Reads the sample from the input ports."""
+        """Reads time, readings, commands and outside wrench from the input ports, as a sample."""
 
         def given(port: Any) -> Array | None:
+            """Returns a copy of the value at an input port; None where it is not connected."""
             return port.Eval(context).copy() if port.HasValue(context) else None
 
         def read(port: Any) -> Array:
+            """Returns the value at an input port, NaN where it is not connected."""
             row: Array = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             return row
 
@@ -190,7 +192,7 @@ class CycleEstimator(LeafSystem):
         )
 
     def _run_cycle(self, context: Any) -> Memory:
-        """Runs the cycle of the present time, unless it has been run or the record repeats a row."""
+        """Runs the estimation cycle at the present time; returns the new memory, the old one for a repeated row."""
         memory, time_s = self._read_memory(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
@@ -215,11 +217,13 @@ class CycleEstimator(LeafSystem):
         return covariance
 
     def _converged(self, now: Memory) -> Array:
+        """Computes 1.0 where the ten estimates have converged, else 0.0, shape (1,)."""
         estimate, covariance = self._estimate_and_covariance(now)
         deviation = np.sqrt(covariance.diagonal())
         return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any) -> Any:
+        """Computes the ten parameters before the sample's measurement, shape (10,)."""
         memory = self._read_memory(context)
         known = memory.before if memory.time_s == context.get_time() else memory.state
         return self._params.filter.predicted(known.filter)
@@ -241,11 +245,13 @@ def _detector_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, in
     reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))
 
     def told(now: Memory) -> Array:
+        """Packs the detector's requests to the autopilot as `RECONFIGURATION`."""
         judgment = _judgment(now)
         declared = judgment.status.detector_event == Verdict.DECLARED
         return reconfiguration.pack((declared, judgment.state.force @ jets.unit_wrenches, judgment.state.removed))
 
     def probability(now: Memory) -> Array:
+        """Returns probabilities of a fault by jet, of none and of an unknown cause, shape (n_jets + 2,)."""
         own = _judgment(now).own
         each = np.broadcast_to(own.fault_probability, jets.thrusts.shape)
         return np.append(each, (own.none_probability, own.unknown_probability))

@@ -122,7 +122,7 @@ class FailureDetector(LeafSystem):
         return self._state_of._make(self._layout.read(vector))
 
     def _judge(self, context: Any) -> Array:
-        """Judges the sample by the detector's method, as `estimation_ports.run_detector` has it."""
+        """Runs the detector on a sample; returns its packed result, see `estimation_ports.run_detector`."""
         vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
         # a sample that is not steady is not looked at, so that nothing need be gathered
         seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
@@ -145,7 +145,7 @@ class FailureDetector(LeafSystem):
         )
 
     def _calc_known_force(self, context: Any) -> Any:
-        """Computes the effect of known forces on the sample, packed as `KNOWN_FORCE`."""
+        """Computes the effect of known forces on the sample's innovations, packed as `KNOWN_FORCE`."""
         vector = state_of(context)
         if not has_nonzero(vector[self._variance]):
             return _NO_KNOWN_FORCE

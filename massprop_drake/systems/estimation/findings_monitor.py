@@ -24,10 +24,10 @@ class Monitor(Protocol):
     declarations: Any
 
     def has_event(self, detector_report: Array) -> bool:
-        """Tests whether a detector declares something at a sample."""
+        """Tests whether a detector's report of a sample declares something."""
 
     def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Computes the vector of findings after a sample."""
+        """Computes the vector of findings after a sample, from the one before and the sample's reports."""
 
     def update_declarations(
         self, declared_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]
@@ -38,10 +38,10 @@ class Monitor(Protocol):
         """Returns the detections so far."""
 
     def failed_jets(self, declared: Any) -> Array:
-        """Returns marks of failed jets, shape (n_jets,)."""
+        """Flags failed jets by the findings so far, shape (n_jets,)."""
 
     def verdict(self, counts: Array) -> Any:
-        """Returns the verdict so far."""
+        """Returns the verdict on the flight by the findings so far."""
 
 
 class FindingsMonitor(LeafSystem):
@@ -115,7 +115,7 @@ class FindingsMonitor(LeafSystem):
         state.set_value(self._counts, after)
 
     def _update_findings(self, context: Any, state: Any) -> EventStatus:
-        """Updates the findings where the detector declares something."""
+        """Writes new findings into the abstract state where the detector declares something."""
         # where nothing is said nothing has changed: all that has been evaluated at this time stays valid
         if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
             return EventStatus.DidNothing()

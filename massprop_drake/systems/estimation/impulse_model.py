@@ -72,7 +72,7 @@ class ImpulseModel(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Array:
-        """Computes the impulses, as `estimation_ports.impulses` has them."""
+        """Computes impulses, mean jet levels and the next levels, as `estimation_ports.impulses` packs them."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
         given = state_of(context), self._command.Eval(context), outside, self._held
         row: Array = time_call(ESTIMATORS, self._kernel, *given)

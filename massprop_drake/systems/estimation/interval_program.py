@@ -9,7 +9,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def solve_linear_program(cost: Array, matrix: Array, low: Array, high: Array) -> Array | None:
-    """Minimizes a linear cost under linear constraints.
+    """Minimizes a linear cost under linear constraints; returns the unknowns, or None.
 
     Args:
         cost: of each unknown, shape (n,).

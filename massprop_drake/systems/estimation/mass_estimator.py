@@ -118,7 +118,7 @@ class MassEstimator(FilterSystem):
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `estimation_ports.measure_mass` where that is compiled."""
+        """Measures velocity increments: `Measured`, or compiled the vector of `estimation_ports.measure_mass`."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
             return time_call(ESTIMATORS, self._move, *given, *self._told(context), self._held)
@@ -130,7 +130,7 @@ class MassEstimator(FilterSystem):
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
 
     def _compute_cycle(self, context: Any) -> Any:
-        """Computes the report and the state after the cycle, one after the other."""
+        """Runs the cycle; returns the report and the state after it, concatenated."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return time_call(ESTIMATORS, self._weigh, measured, self._read_adaptation(context), self._held)
@@ -145,7 +145,7 @@ class MassEstimator(FilterSystem):
         return join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal)
 
     def _evidence(self, measured: Any) -> Array:
-        """Packs the detector's evidence of the sample as `EVIDENCE`."""
+        """Packs what the detector judges of the sample into a vector, as `EVIDENCE`."""
         if self._compiled:
             row: Array = measured[: EVIDENCE.size]
             return row
@@ -155,7 +155,7 @@ class MassEstimator(FilterSystem):
         return EVIDENCE.pack(thesis.join_innovations(turning, measurement.sample, measurement.innovation, state))
 
     def _innovation(self, measured: Any) -> Array:
-        """Returns the innovation (3) and its covariance (9)."""
+        """Returns the velocity innovation (3) and its covariance (9), concatenated."""
         if self._compiled:
             row: Array = measured[EVIDENCE.size :]
             return row

@@ -122,7 +122,7 @@ class RotationEstimator(FilterSystem):
         return thesis.unpack_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or where compiled the vector of `estimation_ports.measure_rotation`."""
+        """Measures rate increments: `Measured`, or compiled the vector of `estimation_ports.measure_rotation`."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
             return time_call(ESTIMATORS, self._turn, *given)
@@ -133,7 +133,7 @@ class RotationEstimator(FilterSystem):
         return MeasuredFilter(state, interval, measurement, rates)
 
     def _compute_cycle(self, context: Any) -> Any:
-        """Computes the report and the state after the cycle, one after the other."""
+        """Runs the cycle; returns the report and the state after it, concatenated."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return time_call(ESTIMATORS, self._rotate, measured, self._read_adaptation(context), self._held)
@@ -146,7 +146,7 @@ class RotationEstimator(FilterSystem):
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
 
     def _pack_turning(self, measured: Any) -> Array:
-        """Returns the measurement for the mass filter and the detector, packed as `TURNING`."""
+        """Packs the measurement for the mass filter and the detector into a vector, as `TURNING`."""
         if self._compiled:
             row: Array = measured[: self._turning.size]
             return row

@@ -37,7 +37,7 @@ class ServedRows(NamedTuple):
 
     @property
     def next(self) -> int:
-        """Number of the row after the last one."""
+        """Number in the record of the row after the last one."""
         return self.first + self.time_s.size - 1
 
     def __deepcopy__(self, _memo: Any) -> ServedRows:
@@ -125,7 +125,7 @@ class TelemetrySource(LeafSystem):
         context.get_mutable_abstract_parameter(self._rows).set_value(rows)
 
     def begin(self, context: Any, command: Array, outside_wrench: Array, onset_s: Array | None = None) -> None:
-        """Sets the command of the row before the first one; before any row has been given.
+        """Sets command, onsets and outside wrench of the row before the first one, before any row is there.
 
         Args:
             context: of the source.
@@ -147,7 +147,7 @@ class TelemetrySource(LeafSystem):
         outside_wrench: Array | None,
         onsets_s: Array | None = None,
     ) -> int:
-        """Appends rows of a record to those of a context; of the earlier ones only the last stays.
+        """Puts rows of a record into a context, after its last earlier row; returns the last row's number.
 
         Args:
             context: of the source.
@@ -156,9 +156,6 @@ class TelemetrySource(LeafSystem):
             commands: of the interval that starts at each row, shape (n, n_jets).
             outside_wrench: of that interval, shape (n, 6); None: zero.
             onsets_s: of the commands, shape (n, n_jets); None: these are levels.
-
-        Returns:
-            The number of the last row.
         """
         held = self._read_rows(context)
         if outside_wrench is None:
@@ -177,7 +174,7 @@ class TelemetrySource(LeafSystem):
         return rows.next - 1
 
     def _find_row(self, context: Any) -> tuple[ServedRows, int]:
-        """Returns the rows of a context, and the place of the row of its time in their arrays."""
+        """Returns the rows in a context, and the index in their arrays of the row to serve at its time."""
         rows, row = self._read_rows(context), round(context.get_time() / self._period_s)
         if not rows.first <= row < rows.next:
             raise IndexError(

@@ -94,7 +94,7 @@ class BodyMotion(LeafSystem):
         declare_output(self, "mass_properties", 10, self._calc_properties, standing)
 
     def _compute_configuration(self, context: Any) -> _Configuration:
-        """Computes the pose of the carrier, the bodies' places in its frame, and the composite body."""
+        """Computes pose of the carrier, all bodies' places in its frame, and the composite mass properties."""
         poses = self._poses.Eval(context)
         carrier = poses[self._carrier]
         to_carrier = carrier.inverse()
@@ -103,7 +103,7 @@ class BodyMotion(LeafSystem):
         return _Configuration(carrier, here, composite_body(self._matter, here))
 
     def _calc_body_state(self, context: Any) -> Any:
-        """Computes the state as `RigidBodyPlant` has it, shape (23,)."""
+        """Computes the body's state as `RigidBodyPlant` has it, shape (23,)."""
         carrier, here, properties = self._standing.get(context)
         rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
         moves = [velocities[index] for index in (self._carrier, *self._others)]
@@ -124,7 +124,7 @@ class BodyMotion(LeafSystem):
         return self._standing.get(context).properties.vector()
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
-        """Computes the time derivatives of the integrals."""
+        """Computes the time derivatives of the integrals that accelerometers read."""
         index = self._carrier
         rotation = self._poses.Eval(context)[index].rotation().matrix()
         rate = self._velocities.Eval(context)[index].rotational()

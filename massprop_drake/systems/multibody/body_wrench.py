@@ -58,7 +58,7 @@ class BodyWrench(LeafSystem):
         self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc_force, prerequisites_of_calc=needs)
 
     def _calc_force(self, context: Any, output: Any) -> None:
-        """Computes the force on the body, the reaction of the wheels included."""
+        """Computes the spatial force on the body from the wrench port, with the reaction of the wheels."""
         wrench = WRENCH.read(self._wrench.Eval(context))
         rotation = self._poses.Eval(context)[self._place].rotation()
         force = ExternallyAppliedSpatialForce()

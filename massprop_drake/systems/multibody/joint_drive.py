@@ -56,7 +56,7 @@ class JointDrive(LeafSystem):
         declare_output(self, "generalized_force", self._size, self._calc_forces, needs)
 
     def _calc_forces(self, context: Any) -> Any:
-        """Computes the generalized forces of the drives, shape (n_velocities,)."""
+        """Computes the generalized forces that hold or move joints as commanded, shape (n_velocities,)."""
         state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
         wanted = [joint_reference(start, moves, time_s) for start, moves in self._told]
         positions, rates = state[self._positions], state[self._rates]

@@ -124,7 +124,7 @@ class MultibodyVehicle(Diagram):
         self.set_name("multibody_vehicle")
 
     def set_initial_velocities(self, root: Any) -> None:
-        """Puts the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
+        """Writes the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
 
         Args:
             root: context of the diagram that this one is in.

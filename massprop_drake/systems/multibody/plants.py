@@ -23,7 +23,7 @@ _MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
 
 def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
-    """Makes a continuous MultibodyPlant from the text of a model, without gravity and contact.
+    """Makes a continuous MultibodyPlant from the text of an SDF or URDF, without gravity and contact.
 
     Args:
         text: of the model.
@@ -49,11 +49,7 @@ def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
 
 
 def require_motion(plant: MultibodyPlant) -> None:
-    """Checks that Drake can tell how a finalized plant moves.
-
-    Raises:
-        ValueError: when inertias are too small for that.
-    """
+    """Raises ValueError where inertias of a finalized plant are too small for Drake to move it."""
     try:
         plant.EvalTimeDerivatives(plant.CreateDefaultContext())
     except (RuntimeError, SystemExit) as error:
@@ -66,11 +62,7 @@ def _shorten_message(text: str) -> str:
 
 
 def require_continuous(plant: MultibodyPlant) -> None:
-    """Checks that a plant is continuous, as the truth must be.
-
-    Raises:
-        ValueError: when it is discrete, whose steps are of first order only, or not finalized.
-    """
+    """Raises ValueError where a plant is discrete or not finalized: the truth must be continuous."""
     if plant.time_step() > 0.0:
         raise ValueError(
             f"the MultibodyPlant is discrete, with a time step of {plant.time_step():g} s: its steps are of first "
@@ -81,7 +73,7 @@ def require_continuous(plant: MultibodyPlant) -> None:
 
 
 def find_body(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
-    """Finds the body of a plant by its name, its index or the body itself.
+    """Returns the body of a plant, from its name, its index or the body itself.
 
     Raises:
         ValueError: when there is none, or more than one, of that name; or the body is of another plant, or the world.
@@ -117,7 +109,7 @@ def _joints(plant: MultibodyPlant) -> list[Joint]:
 
 
 def connected_bodies(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
-    """Returns the bodies that joints connect with a body, which comes first; the world connects nothing."""
+    """Returns all bodies of the vehicle that joints connect with a body, the body first, without the world."""
     world = plant.world_body().index()
     neighbors: dict[BodyIndex, list[RigidBody]] = {}
     for joint in _joints(plant):
@@ -135,7 +127,7 @@ def connected_bodies(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody,
 
 
 def mass_properties_of(bodies: tuple[RigidBody, ...]) -> Bodies:
-    """Returns the mass properties of bodies as their plant has them by default.
+    """Returns masses, centers and inertias of bodies, as their plant has them by default.
 
     Raises:
         ValueError: when together they have no mass.
@@ -151,7 +143,7 @@ def mass_properties_of(bodies: tuple[RigidBody, ...]) -> Bodies:
 
 
 def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
-    """Returns the body of a vehicle that floats freely in the world.
+    """Returns the body by which a vehicle floats freely in the world.
 
     Raises:
         ValueError: when a joint or a weld holds the vehicle to the world.
@@ -163,7 +155,7 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
 
 
 def find_joint(plant: MultibodyPlant, name: str) -> Joint:
-    """Finds the joint of one degree of freedom that has a name.
+    """Returns the joint with a name, which must have one degree of freedom.
 
     Raises:
         ValueError: when there is none such.
@@ -178,11 +170,7 @@ def find_joint(plant: MultibodyPlant, name: str) -> Joint:
 
 
 def require_joint_limits(joint: Joint, position: float) -> None:
-    """Checks that a joint of one degree of freedom may stand at a position.
-
-    Raises:
-        ValueError: when the position is beyond the joint's limits.
-    """
+    """Raises ValueError where a position is beyond the limits of a joint of one degree of freedom."""
     least, most = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
     if not least <= position <= most:
         raise ValueError(f"{position:g} is beyond the limits of joint '{joint.name()}', {least:g} to {most:g}")
@@ -191,7 +179,7 @@ def require_joint_limits(joint: Joint, position: float) -> None:
 def start_state(
     plant: MultibodyPlant, body: RigidBody, positions: Mapping[str, float], rates: Mapping[str, float], rate: Array
 ) -> tuple[Array, Array]:
-    """Computes the state with the vehicle's frame along the inertial one, its center of mass at rest at the origin.
+    """Computes generalized positions and velocities with frames aligned, and the center at rest at the origin.
 
     Args:
         plant: finalized.
@@ -239,7 +227,7 @@ def _body_places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, .
 
 
 def pack_poses(poses: Sequence[RigidTransform]) -> BodyPlaces:
-    """Packs poses into arrays of rotations and origins."""
+    """Packs poses into arrays of rotation matrices and origins."""
     return BodyPlaces(
         np.array([pose.rotation().matrix() for pose in poses]), np.array([pose.translation() for pose in poses])
     )

@@ -29,7 +29,7 @@ _AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 @template
 def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of disturbances for a scalar type T, see `Disturbance`."""
+    """Makes the class of disturbing torques and forces for a scalar type T, see `Disturbance`."""
 
     class Push(LeafSystem_[T]):
         """Adds a slowly changing torque and force to the wrench of the jets on its way to the body.
@@ -95,7 +95,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Push._construct(self, other._model, converter=converter, **other._made)
 
         def _held(self, context: Any) -> Any:
-            """Returns the deviation over the running sample, shape (6,)."""
+            """Returns the disturbance's random deviation over the running sample, shape (6,)."""
             state = state_of(context)
             if value_of(state[_BEGUN]):
                 return state[_DEVIATION]
@@ -108,7 +108,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return next_deviation(self._held(context), self._noise.Eval(context), model)
 
         def _calc_wrench(self, context: Any) -> Any:
-            """Computes the wrench of jets and disturbance together, packed as the jets' one."""
+            """Computes the sum of the jets' wrench and the disturbance, packed as the jets' wrench."""
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation

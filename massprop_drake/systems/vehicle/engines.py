@@ -96,19 +96,19 @@ class Engines(LeafSystem):
         return draw_engine_errors(self._model, run_seed(context, self._varied, self._seed))
 
     def _now(self, context: Any) -> Any:
-        """Computes levels and angles at this instant, shape (n, 3)."""
+        """Computes the engines' levels and gimbal angles at this instant, shape (n, 3)."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._size
         now, told = reshape_by_engine(state[:n]), reshape_by_engine(state[n : 2 * n])
         return follow_command(now, told, context.get_time() - state[-1], self._model.engines)[0]
 
     def _coming(self, context: Any) -> Any:
-        """Computes commands that the engines follow over the coming sample, shape (n, 3)."""
+        """Computes levels and angles commanded to the engines over the coming sample, shape (n, 3)."""
         return effective_command(
             self._now(context), reshape_by_engine(self._command.Eval(context)), context.get_time(), self._model
         )
 
     def _calc_wrench(self, context: Any) -> Any:
-        """Computes the wrench of jets and engines together, packed as the jets' one."""
+        """Computes the sum of the jets' and engines' wrench, packed as the jets' wrench."""
         errors, now, time_s = self._errors.get(context), self._now(context), context.get_time()
         if self._stepped:
             own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)

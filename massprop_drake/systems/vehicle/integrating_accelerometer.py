@@ -14,7 +14,7 @@ from massprop_drake.systems.vehicle.sensor import Sensor_, StatedPackage
 
 @template
 def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of packages for a scalar type T, see `IntegratingAccelerometer`."""
+    """Makes the class of three-axis accelerometer packages for a scalar type T, see `IntegratingAccelerometer`."""
 
     class VelocityTriad(Sensor_[T]):  # type: ignore[misc, valid-type]
         """Measures the time integral, in body axes, of the specific force where it stands.

@@ -22,7 +22,7 @@ from massprop_drake.systems.scalars import float_class, template
 
 @template
 def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of latches for a scalar type T, which pass a number when parameters change.
+    """Makes the class of latches for a scalar type T, which pass a number on when parameters change.
 
     A perceptron's output counts as new at every time, and would make anew at every sample all that is drawn before a
     run. To draw a context tells all of its systems that parameters have changed, so the latch waits for that.
@@ -68,7 +68,7 @@ def noise_seed() -> Diagram:
 
 
 def run_seed(context: Any, port: InputPort, seed: int) -> Seed:
-    """Returns the run's seed, varied by the number at a port.
+    """Returns the run's seed combined with the number at a port that varies it; unconnected: the seed alone.
 
     Args:
         context: of the system that has the port.
@@ -113,6 +113,7 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             for stream, size in streams.items():
 
                 def drawn(context: Any, stream: str = stream, size: int = size) -> Any:
+                    """Returns the standard normal numbers of a stream at a context's sample, shape (size,)."""
                     number = round(value_of(context.get_time()) / period_s)
                     return normal_sample(run_seed(context, port, seed), stream, number, size)
 

@@ -11,7 +11,7 @@ from massprop_drake.systems.vehicle.sensor import Sensor_, StatedPackage
 
 @template
 def RateGyro_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of packages for a scalar type T, see `RateGyro`."""
+    """Makes the class of three-axis rate gyros for a scalar type T, see `RateGyro`."""
 
     class RateTriad(Sensor_[T]):  # type: ignore[misc, valid-type]
         """Measures the angular rate, rad/s, body axes; ports, parameters, state, timing and scalars as `Sensor`.

@@ -42,7 +42,7 @@ _NONE = np.zeros(0)
 
 @template
 def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of jets for a scalar type T, see `ReactionJets`."""
+    """Makes the class of a vehicle's jets for a scalar type T, see `ReactionJets`."""
 
     class Nozzles(LeafSystem_[T]):
         r"""Computes thrust of all jets, with an optional first-order build-up and tail-off.
@@ -190,7 +190,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 declare_output(self, "drained", feeds.shape[0], self._calc_drained, coming)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts jets of another scalar type; refuses failures and openings without derivatives."""
+            """Constructs the jets from those of another scalar type; raises InputError where T has no derivatives."""
             chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
             refuse(
                 T,
@@ -208,7 +208,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return tuple(self._nominal.class_constants_s.tolist())
 
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
-            """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
+            """Makes the jets' model by their thrusts in the context, and a holder of it with the failures."""
             factor, dispersion = self.parameters.get(context)
             factors = factor * draw_thrust_factors(self._seed_in(context), dispersion, self._n_jets)
             floor = None
@@ -223,7 +223,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return run_seed(context, self._varied, self._seed)
 
         def _level_target(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
-            """Computes the target of each jet's level over a sample, by its beginning and the ports' values."""
+            """Computes the levels that jets tend to over a sample, by command and closed ports, failures included."""
             told, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
                 return told if shut is None else told * (1.0 - shut)
@@ -234,12 +234,12 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return self._failed(told, shut, sample * self._period_s, strikes, jets)
 
         def _held_target(self, context: Any) -> Any:
-            """Computes the target of the levels over the sample that the last update began."""
+            """Computes the levels that jets tend to over the sample that the last update began, shape (n_jets,)."""
             began_s = state_of(context)[-1] if self._failures else 0.0
             return self._level_target(self._held, self._held_closed, began_s, context)
 
         def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
-            """Computes levels over a sample of pieces, by its beginning and the ports of command, onset and closed."""
+            """Computes the course of levels over a sample of pieces, by ports of command, onset and closed."""
             of_command, of_onset, closed = told
             command, onset = of_command.Eval(context), of_onset.Eval(context)
             shut = closed.Eval(context) if closed.HasValue(context) else np.zeros(self._n_jets)
@@ -252,21 +252,21 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             )
 
         def _held_course(self, context: Any) -> LevelCourse:
-            """Computes levels over the sample that the last update began."""
+            """Computes the course of levels over the sample of pieces that the last update began."""
             state = state_of(context)
             level = np.zeros(self._n_jets) if self._instantaneous else state[:-1]
             told = (self._held, self._held_onset, self._held_closed)
             return self._course(told, float(state[-1]), level, context)
 
         def _level_now(self, context: Any) -> Any:
-            """Computes the level at this sample, before the update: a period after the level in the state."""
+            """Computes the jets' levels at this sample, before the update: a period after those in the state."""
             if self._pieces > 1:
                 return self._held_course(context).end
             jets, _ = self._jets.get(context)
             return level_now(state_of(context)[:-1], self._held_target(context), jets)
 
         def _compute(self, context: Any) -> Any:
-            """Computes mean forces, then the wrench profile, over the coming sample."""
+            """Computes the jets' mean forces, then the wrench profile, over the coming sample, as one vector."""
             if self._pieces > 1:
                 told, thrusters_now = (self._command, self._onset, self._closed), self._jets.get(context)[0]
                 over = self._course(told, context.get_time(), self._level_now(context), context)
@@ -281,6 +281,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return self._coming.get(context)[: self._n_jets]
 
         def _calc_drained(self, context: Any) -> Any:
+            """Computes the propellant that the jets use from each tank over the coming sample, shape (n_tanks,)."""
             jets, _ = self._jets.get(context)
             force = self._coming.get(context)[: self._n_jets]
             return propellant_used(force, self._period_s, self._made["feeds"], jets)
@@ -299,7 +300,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return reached @ jets.wrenches
 
         def _level_within(self, context: Any) -> Any:
-            """Computes the level at an instant of a sample of pieces; at an edge, the one before it."""
+            """Computes the jets' levels at an instant of a sample of pieces; at an edge, by the piece before."""
             over, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
             ends_s = np.cumsum(over.lengths_s)
             piece = min(int(np.searchsorted(ends_s, elapsed_s)), ends_s.size - 1)

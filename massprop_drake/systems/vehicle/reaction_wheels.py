@@ -72,17 +72,18 @@ class ReactionWheels(LeafSystem):
         return draw_inertias(self._model, run_seed(context, self._varied, self._seed))
 
     def _speeds(self, context: Any) -> Any:
-        """Computes speeds at this instant, rad/s; at the first sample those of the start."""
+        """Computes wheel speeds at this instant, rad/s, shape (n,); at the first sample those of the start."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 
     def _coming(self, context: Any) -> Any:
+        """Computes the wheels' accelerations over the coming sample by the motors' torques, rad/s^2, shape (n,)."""
         inertias = self._inertias.get(context)
         torque = self._torque.Eval(context) if self._torque.HasValue(context) else np.zeros(self._n)
         return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)
 
     def _calc_momentum(self, context: Any) -> Any:
-        """Computes angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
+        """Computes the wheels' total angular momentum and its time derivative, body axes, shape (6,)."""
         if self._stepped:
             changing = self._coming(context)
         else:

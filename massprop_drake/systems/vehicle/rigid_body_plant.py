@@ -38,7 +38,7 @@ _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose ste
 
 @template
 def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of plants for a scalar type T, see `RigidBodyPlant`."""
+    """Makes the class of rigid-body plants for a scalar type T, see `RigidBodyPlant`."""
 
     class Plant(LeafSystem_[T]):
         """Moves a free rigid body under the wrench of its jets, without gravity.
@@ -183,7 +183,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return {*running, self.time_ticket()}
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts a plant of another scalar type; refuses steps, draws and tanks without derivatives."""
+            """Constructs the plant from one of another scalar type; raises InputError where T has no derivatives."""
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
@@ -197,7 +197,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Plant._construct(self, properties, converter=converter, **made)
 
         def _compute_start(self, context: Any) -> Any:
-            """Computes mass properties at the start, by name as `parameters` has them."""
+            """Computes mass properties at the start, with the random spread, as a named tuple."""
             values = self.parameters.get(context)
             if self._spread is None:
                 return values
@@ -219,12 +219,12 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure + (context.get_time() - since_s) / self._period_s * change
 
         def _read_draining(self, context: Any) -> tuple[Any, Any, float]:
-            """Computes the structure's change over the running sample, shape (9,), initial propellant, and time, s."""
+            """Returns the structure's change over the running sample (9), propellant at its end, and its time, s."""
             running = context.get_discrete_state(self._running).CopyToVector()
             return running[: STRUCTURE.size], running[STRUCTURE.size : -1], running[-1]
 
         def _compute_constants(self, context: Any) -> Any:
-            """Computes the constants of motion, a holder of them, and the mass at the start."""
+            """Computes the constants of motion from inertia and center, a holder of them, and the initial mass."""
             structure = self._structure(context)
             if T is float and not is_positive_definite(symmetric_matrix(STRUCTURE.read(structure).inertia)):
                 raise InputError(
@@ -235,7 +235,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return constants, make_holder(constants, self._compiled), self._start.get(context).mass
 
         def _body(self, context: Any) -> Any:
-            """Returns the state of the body with its whole mass, shape (23,)."""
+            """Returns the body's state with the mass added that the start has, shape (23,)."""
             if self._time_step == 0.0:
                 body = context.get_continuous_state_vector().CopyToVector()
             else:
@@ -254,7 +254,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]])
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
-            """Computes the continuous plant's equations of motion."""
+            """Computes the time derivative of a continuous plant's state by the equations of motion."""
             if self._time_step == 0.0:
                 wrench = self._wrench.Eval(context)
                 (constants, *_), body = self._constants.get(context), self._body(context)
@@ -269,7 +269,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 derivatives.get_mutable_vector().SetFromVector(changing)
 
         def _draw_from_tanks(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
-            """Computes the structure after the coming sample, and propellant left in the tanks."""
+            """Computes the structure (9) after the coming sample, and the propellant left in the tanks."""
             assert self._tanks is not None, "the plant has tanks"
             (tanks, _), used = self._tanks, self._drained.Eval(context)
             _, fill, _ = self._read_draining(context)
@@ -280,7 +280,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure_after_draining(structure, mass, fill, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
-            """Begins a sample of a continuous plant whose tanks are emptied in it."""
+            """Stores the structure's change and propellant over the coming sample of a continuous plant with tanks."""
             structure, body = self._structure(context), self._body(context)
             after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)
@@ -300,7 +300,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 raise error.at(value_of(context.get_time())) from None
 
         def _apply_jumps(self, context: Any, state: Any) -> None:
-            """Applies the mass-property jumps of this sample to the state."""
+            """Applies the mass-property jumps of this sample, such as payloads, to the plant's state."""
             jumps = self._jumps.get(round(value_of(context.get_time()) / self._period_s), ())
             if not jumps:
                 return
@@ -315,7 +315,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 state.get_mutable_discrete_state(self._state).SetFromVector(body)
 
         def _update(self, context: Any, state: Any) -> None:
-            """Advances the plant with time steps to the next sample, tanks included."""
+            """Advances a plant with time steps to the next sample, and drains its tanks."""
             body, profile = context.get_discrete_state(self._state).CopyToVector(), self._wrench.Eval(context)
             _, constants, mass = self._constants.get(context)
             body[MASS] += mass

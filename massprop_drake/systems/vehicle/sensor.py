@@ -69,7 +69,7 @@ def stated_errors(package: StatedPackage) -> SensorModel:
 
 @template
 def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """Makes the class of packages for a scalar type T, see `Sensor`."""
+    """Makes the class of three-axis sensor packages for a scalar type T, see `Sensor`."""
 
     class Triad(LeafSystem_[T]):
         """Reads three sensors along the body axes, with the errors of `maths.vehicle.sensing.SensorModel`.
@@ -172,7 +172,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Triad._construct(self, other.get_name(), converter=converter, **other._made)
 
         def _errors_in(self, context: Any) -> SensorModel:
-            """Returns errors by the parameters in a context, before the draw."""
+            """Returns the sensor's error model by the parameters in a context, before random draws."""
             values = self.parameters.get(context)
             scalars = ("quantum", "limit", "noise_std", "walk_std")
             numbers: dict[str, Any] = {name: value_of(getattr(values, name)) for name in scalars}
@@ -190,7 +190,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return model._replace(scale_factor=values.scale_factor, bias=values.bias)
 
         def _compute_sensing(self, context: Any) -> tuple[Any, Any, SensorModel | None]:
-            """Makes the kernel of a reading, its holder, and the errors; None where it takes neither noise nor time."""
+            """Makes a reading's kernel, its holder, and the errors, None where neither noise nor time matters."""
             model = self._errors_in(context)
             if self._draws is not None:
                 model = add_drawn_phases(model, self._draws, run_seed(context, self._varied, self._seed))
@@ -206,6 +206,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return noise, vibration_at(model, context.get_time())
 
         def _calc_direct(self, context: Any) -> Any:
+            """Computes the reading of a sensor without memory from the body's state now, shape (3,)."""
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
             chance = () if model is None else self._noise_and_vibration(context, model)
             return kernel(body, *chance, holder)
@@ -221,7 +222,7 @@ Sensor: Any = float_class(Sensor_, "Sensor")
 
 
 def _refuse_jumps(scalar: Any, name: str, model: SensorModel) -> None:
-    """Raises an error where readings have no derivatives and the scalar type needs them."""
+    """Raises InputError where readings have no derivatives and the scalar type needs them."""
     reasons = []
     if model.quantum > 0.0:
         reasons.append("quantizes its readings")

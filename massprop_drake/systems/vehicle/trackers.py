@@ -54,7 +54,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Sighting._construct(self, *other._sizes, converter=converter)
 
         def _times(self) -> set[Any]:
-            """Returns tickets of the time, where it decides whether anything is read."""
+            """Returns the ticket of the time where it decides whether anything is read, else none."""
             return set()
 
         def _is_due(self, _context: Any) -> bool:
@@ -64,7 +64,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             raise NotImplementedError
 
         def _calc_reading(self, context: Any) -> Any:
-            """Computes the reading, NaN where none is due."""
+            """Computes the tracker's reading from body and structure, NaN where none is due, shape (size,)."""
             if not self._is_due(context):
                 _, size, _ = self._sizes
                 return np.full(size, np.nan)
@@ -100,7 +100,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             require_vector(f"sensor '{name}': point", model.point, 3)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            """Converts a tracker of another scalar type; refuses stamps and readings that are wrong by chance."""
+            """Constructs the tracker from one of another scalar type; raises InputError where T has no derivatives."""
             name, model = other.get_name(), other._model
             chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
             refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")
