@@ -257,8 +257,8 @@ if moment == "renames":  # a system that cannot exchange, and a kill between its
 elif moment == "removal":
     exchange.drop = folder.drop = die
 elif moment == "finished":
-    finish = exchange.Stage.finished
-    exchange.Stage.finished = lambda *given: (finish(*given), die())
+    finish = exchange.Stage.finish
+    exchange.Stage.finish = lambda *given: (finish(*given), die())
 with folder.whole_folder(folder.require_writable(Path(sys.argv[1]))) as partial:
     (partial / "summary").write_text("new")
     if moment == "writing":

@@ -61,7 +61,8 @@ class Asked(NamedTuple):
     """Arguments of the parts of a cycle that `run_part` runs one by one.
 
     Attributes:
-        state, sample, thresholds, counts: see `joint_cycle.run_cycle`.
+        state: of the filter, see `joint_cycle.run_cycle`, as the next three.
+        sample, thresholds, counts: likewise.
         about: see `relinearization.repeat_start_cycle`.
     """
 
