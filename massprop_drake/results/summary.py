@@ -45,7 +45,6 @@ class Parameter(NamedTuple):
         standard_deviation: 1-sigma that the filter claims; NaN likewise.
         truth: NaN where it is unknown.
         percent_error: 100 (estimate - truth) / |truth|; NaN where the truth is unknown or as good as zero.
-        floor: magnitude up to which the estimate is as good as zero.
     """
 
     name: str
@@ -53,12 +52,11 @@ class Parameter(NamedTuple):
     standard_deviation: float
     truth: float
     percent_error: float
-    floor: float = 0.0
 
     @property
     def percent_deviation(self) -> float:
         """The 1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
-        if abs(self.estimate) <= self.floor or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
+        if not self.estimate or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
             return math.nan
         return 100.0 * self.standard_deviation / abs(self.estimate)
 
@@ -66,6 +64,15 @@ class Parameter(NamedTuple):
     def within_three_sigma(self) -> bool:
         """True if the estimate lies within 3 sigma of the truth; False where either is NaN."""
         return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation
+
+
+class NearZeroParameter(Parameter):
+    """Mass property whose estimate is as good as zero, so that no percentage refers to it."""
+
+    @property
+    def percent_deviation(self) -> float:
+        """NaN."""
+        return math.nan
 
 
 class Findings(NamedTuple):
@@ -212,9 +219,12 @@ class Summary:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Estimates of the ten mass properties with 1-sigma, truth and error, one entry each."""
-        floors = mass_properties.zero_floors(self.estimates)
-        columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error, floors)
-        return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
+        near_zero = np.abs(self.estimates) <= mass_properties.zero_floors(self.estimates)
+        columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error)
+        rows = zip(mass_properties.NAMES, *(column.tolist() for column in columns), strict=True)
+        return tuple(
+            (NearZeroParameter if near else Parameter)(*row) for near, row in zip(near_zero, rows, strict=True)
+        )
 
     @cached_property
     def nearest_possible(self) -> Array | None:

@@ -22,7 +22,7 @@ from massprop_drake.maths.mass_properties import (
 )
 from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 from massprop_drake.results.against import Against
-from massprop_drake.results.summary import Parameter, Summary
+from massprop_drake.results.summary import NearZeroParameter, Parameter, Summary
 
 _INERTIA = ("Ixx", "Iyy", "Izz", "Iyz", "Ixz", "Ixy")
 _NOTHING = 1e-3  # of a 1-sigma, below which it gives the power of ten
@@ -216,7 +216,8 @@ def _derived_row(
     known, deviation, true = (math.nan if one is None else one for one in numbers)
     fixed = deviation == 0.0
     error = 100.0 * (known - true) / abs(true) if abs(true) > floors[1] and not fixed else math.nan
-    one = Parameter(name, known, math.nan if fixed else deviation, true, error, floors[0])
+    kind = NearZeroParameter if abs(known) <= floors[0] else Parameter
+    one = kind(name, known, math.nan if fixed else deviation, true, error)
     row = _parameter_row(name, unit, one)
     if fixed:
         return row._replace(inside="fixed")

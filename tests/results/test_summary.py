@@ -120,7 +120,7 @@ def test_the_parameters_stand_by_name(short_run: Run) -> None:
     results = short_run.results
     assert tuple(one.name for one in results.parameters) == NAMES
     columns = (results.estimates, results.standard_deviations, results.truth, results.percent_error)
-    assert results.parameters[8][:-1] == ("z_cm", *(column[8] for column in columns))
+    assert results.parameters[8] == Parameter("z_cm", *(column[8] for column in columns))
     for estimate, inside in ((2.299, True), (1.701, True), (2.301, False), (1.699, False), (math.nan, False)):
         assert Parameter("x_cm", estimate, 0.1, 2.0, math.nan).within_three_sigma is inside
 
