@@ -68,19 +68,22 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> N
     """Prints the first rows of a record as the map in a file interprets them, and the evidence for it."""
     by = load_map(file)
     recording = open_recording(record, by, ROWS)
+    understood, refusal = None, None
+    try:
+        understood = mapping.apply_map(recording, by, vehicle, str(file))
+    except InputError as error:
+        refusal = error
     # units that cannot be do not hide how the jets act
-    reasons, warnings = describe_evidence(mapping.apply_map(recording, by, vehicle, str(file), limits=False))
+    applied = understood or mapping.apply_map(recording, by, vehicle, str(file), limits=False)
+    reasons, warnings = describe_evidence(applied)
     found = Proposal(by.model_dump(mode="json"), reasons, [], [], warnings)
     if not (how.as_json or how.quiet):
         for line in reasons:
             say(line)
-    try:
-        understood = mapping.apply_map(recording, by, vehicle, str(file))
-    except InputError:
-        if not how.as_json:
-            _print_map(found, None, how, recording)
-        raise
-    _print_map(found, understood, how, recording)
+    if refusal is None or not how.as_json:
+        _print_map(found, understood, how, recording)
+    if refusal is not None:
+        raise refusal
 
 
 def make_vehicle(

@@ -142,17 +142,27 @@ def describe_misfit(name: str, what: str, taken: JetEvidence) -> str:
     return ""
 
 
+def describe_response(name: str, what: str, taken: JetEvidence) -> tuple[list[str], list[str]]:
+    """Describes how a sensor's readings correlate with the jets' effects; returns sentences, and warnings.
+
+    Arguments as of `describe_misfit`.
+    """
+    if misfit := describe_misfit(name, what, taken):
+        return [], [misfit]
+    if math.isnan(taken.correlation):
+        return [], []
+    return [f"{name}: the {what} follow the commands with a correlation of {taken.in_words}"], []
+
+
 def describe_evidence(record: Mapped) -> tuple[list[str], list[str]]:
     """Describes how each sensor's readings correlate with the commands; returns sentences, and warnings."""
     found, warnings = list[str](), list[str]()
     for name, channel in record.channels.items():
         if channel.kind in ("gyro", "accelerometer") and channel.time_s.size > 1:
-            what, taken = "rates" if channel.kind == "gyro" else "readings", compare_with_jet_effects(record, name)
-            misfit = describe_misfit(name, what, taken)
-            if misfit:
-                warnings.append(misfit)
-            elif not math.isnan(taken.correlation):
-                found.append(f"{name}: the {what} follow the commands with a correlation of {taken.in_words}")
+            what = "rates" if channel.kind == "gyro" else "readings"
+            said, doubted = describe_response(name, what, compare_with_jet_effects(record, name))
+            found += said
+            warnings += doubted
     return found, warnings
 
 

@@ -162,11 +162,11 @@ class JetSearch(CommandSearch):
 
     def _report_correlation(self, name: str, taken: evidence.JetEvidence) -> None:
         """Reports the correlation of an accelerometer's readings with the commands, or warns of a misfit."""
-        misfit = evidence.describe_misfit(name, "readings", taken)
-        if misfit:
-            self._warn(misfit)
-        elif not math.isnan(taken.correlation):
-            self._say(f"{name}: the readings follow the commands with a correlation of {taken.in_words}")
+        said, doubted = evidence.describe_response(name, "readings", taken)
+        for sentence in said:
+            self._say(sentence)
+        for sentence in doubted:
+            self._warn(sentence)
 
     def _increment_or_mean(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
         """Returns "increment" or "mean", whichever fits the size of changes that the jets should cause."""
