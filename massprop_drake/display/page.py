@@ -123,7 +123,8 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
 
-    sentences += _consistency_sentence(results.consistency)
+    for good, text in _consistency_sentences(results.consistency):
+        say(good, text)
     known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.standard_deviation)]
     if known:
         inside = sum(one.within_three_sigma for one in known)
@@ -154,17 +155,15 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
     return sentences
 
 
-def _consistency_sentence(judged: Consistency) -> list[dict[str, Any]]:
-    """Returns a list of one verdict sentence on the innovations; none where their consistency is not judged."""
+def _consistency_sentences(judged: Consistency) -> Iterator[tuple[bool | None, str]]:
+    """Yields the sentence of the verdict on the innovations; none where the verdict is empty."""
     if judged.verdict == INCONSISTENT:
         more = f" and {len(judged.reasons) - 1} more, below" if len(judged.reasons) > 1 else ""
-        text = f"Inconsistent, so that a 1-sigma may say too little: {judged.reasons[0]}{more}."
-        return [{"good": False, "text": text}]
-    if judged.verdict == CONSISTENT:
-        return [{"good": True, "text": "Consistent: the readings contradict none of the stated uncertainties."}]
-    if judged.verdict == TOO_LITTLE:
-        return [{"good": None, "text": "Too few samples to judge whether the readings fit the stated uncertainties."}]
-    return []
+        yield False, f"Inconsistent, so that a 1-sigma may say too little: {judged.reasons[0]}{more}."
+    elif judged.verdict == CONSISTENT:
+        yield True, "Consistent: the readings contradict none of the stated uncertainties."
+    elif judged.verdict == TOO_LITTLE:
+        yield None, "Too few samples to judge whether the readings fit the stated uncertainties."
 
 
 def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec
-from massprop_drake.inputs.scenario import split_key
+from massprop_drake.inputs.scenario import split_key, value_at
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, count_cases, sum_counts
 from massprop_drake.studies.campaign.plan import case_name
@@ -205,19 +205,9 @@ def _reference_cell(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -
     """Returns the number of the cell whose settings are those of the base scenario, or 0."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
-        if all(_is_same_value(_value_at_key(base, key), value) for key, value in one.items()):
+        if all(_is_same_value(value_at(base, split_key(key, key)), value) for key, value in one.items()):
             return number
     return 0
-
-
-def _value_at_key(data: Any, key: str) -> Any:
-    """Returns the value at a dotted key; None where there is none."""
-    for part in split_key(key, key):
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
 
 
 def _is_same_value(one: Any, other: Any) -> bool:
