@@ -145,7 +145,7 @@ def nothing_read(params: PoseParams) -> PoseReadings:
 
 
 class Truth(NamedTuple):
-    """What a flight in a plane is of."""
+    """True constants of a flight in a plane."""
 
     factors: Array  # thrust of each jet over nominal
     open: tuple[int, float, float] = (0, 0.0, np.inf)  # jet and share that stands open, and since when

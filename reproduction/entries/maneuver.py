@@ -122,7 +122,7 @@ def _drift(phase: Phase) -> float:
 
 
 def _on_times_s(phase: Phase, start_s: float = 0.0, end_s: float = 24.9) -> Array:
-    """How long each firing that begins within a time lasts, s, shape (m,)."""
+    """Returns the duration of each firing that begins within a time span, s, shape (m,)."""
     return firings(phase["flight"], start_s, end_s)[1]
 
 

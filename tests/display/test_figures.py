@@ -288,7 +288,7 @@ def test_a_page_holds_every_list_of_numbers_of_a_run_once(stuck_run: Run) -> Non
 
 
 def unfolded(lists: list[list[float | None]], at: int | tuple[int, str]) -> list[float | None]:
-    """As the page does it."""
+    """Unfolds a list of values as the page does."""
     if isinstance(at, int):
         return lists[at]
     sign = {"minus": lambda value: -value, "abs": abs}[at[1]]

@@ -247,7 +247,7 @@ def test_failed_jets_and_plumes_are_seen(replay: Any, stuck_run: Run) -> None:
 
 
 def test_it_plays(replay: Any) -> None:
-    """In the page's own time: a busy machine may hear of it when the run has ended, and a click then plays it again."""
+    """Plays in the page's own time: a busy machine may hear of it after the end, and a click then plays it again."""
     replay.page.click("#mp-play")
     paused = replay.page.evaluate(
         """() => new Promise(said => {

@@ -34,7 +34,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def records(runs: Path) -> dict[str, Run]:
-    """What is estimated from the telemetry of both; `compare_with_simulation` changes nothing in it."""
+    """Estimates from the telemetry of both runs; `compare_with_simulation` changes nothing in them."""
     scenario = load_scenario(runs / "known")
     return {name: estimate(runs / name / "telemetry.csv", scenario) for name in ("known", "weak")}
 

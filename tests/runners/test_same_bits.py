@@ -195,7 +195,7 @@ def test_every_runner_gives_the_same_bits(name: str, tmp_path: Path) -> None:
 
 
 def first_second(name: str) -> str:
-    """What a bundled scenario has in its first second, its name and what comes later left out."""
+    """Content of a bundled scenario's first second, without its name and what comes later."""
     scenario = load_scenario(name)
     data = scenario.model_dump(mode="json", exclude={"name", "description", "duration_s", "seed"})
     for field in ("failures", "jumps", "maneuver"):

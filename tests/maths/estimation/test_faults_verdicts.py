@@ -191,7 +191,7 @@ def test_what_else_happens_is_declared_by_its_kind() -> None:
 
 
 def test_a_jet_that_is_named_alone_is_out_of_use_until_it_is_well() -> None:
-    """As the autopilot is told, over a flight whose jet leaks for a while: what is declared is withdrawn."""
+    """A jet leaks for a while: its declaration is withdrawn, and the autopilot uses it again."""
     changes = {20: fail(3, 0.3 * THRUSTS[3], 1, 1), 32: fail(3, 0.0, 1, 1)}
     samples, _ = samples_of(JOINT, commands_of(45, idle=(3,)), changes)
     state, filtered = hypothesis_filter.initial(PARAMS), known_vehicle(JOINT)

@@ -60,7 +60,7 @@ def flight(seed: int) -> Stretch:
 
 @cache
 def bounded(tank_fraction: float) -> tuple[Stretch, Array]:
-    """That of one seed, and the least 1-sigma of the recursion."""
+    """The flight of one seed, and the least 1-sigma of the recursion."""
     return flown(1, tank_fraction=tank_fraction, is_bounded=True)
 
 

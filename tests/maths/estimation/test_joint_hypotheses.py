@@ -81,7 +81,7 @@ ON_TICKS, OFF_TICKS = 0.0, 1e-3  # s, of stamps
 
 @cache
 def flown(jitter_s: float = ON_TICKS, *, sound: bool = False) -> Flight:
-    """Of a filter that knows two failures and is unsure of thrusts, or of one of a vehicle without failures."""
+    """Flight of a filter that knows two failures and is unsure of thrusts, or of one without failures."""
     return flight(ready(slots=not sound), PARAMS if sound else UNSURE, jitter_s)
 
 

@@ -44,7 +44,7 @@ ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 sampl
 _ALARM_ANY = 40.0  # of anything, chi-square of six degrees: once in 2e6
 _LEAST_SECONDS = 1e-9
 _ROUNDING = 1e-13  # of a covariance: sums of some forty products, and the root of six rows
-_TINY = float(np.finfo(np.float64).tiny)
+_TINY = float(np.finfo(np.float64).tiny)  # smallest normal double: no division by zero
 _IDENTITY = np.eye(3)
 
 

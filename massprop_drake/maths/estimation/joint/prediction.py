@@ -67,7 +67,7 @@ from massprop_drake.maths.linear_algebra import Array, cross, sparse_product
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
-_FIRST = CENTER.start  # of the coordinates of the center of mass
+_FIRST = CENTER.start  # index of the first coordinate of the center of mass
 ALONE = (STILL, UNSPUN)
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 

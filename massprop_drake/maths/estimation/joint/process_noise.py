@@ -34,8 +34,8 @@ from massprop_drake.maths.kernels import idiom, kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
-_TINY = float(np.finfo(np.float64).tiny)
-_FIRES = 1e-6  # of an interval: less thrust has no products that count
+_TINY = float(np.finfo(np.float64).tiny)  # smallest normal double: no division by zero
+_FIRES = 1e-6  # seconds per second of an interval: less thrust has no products that count, compute budget
 _IDENTITY = np.eye(3)
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 

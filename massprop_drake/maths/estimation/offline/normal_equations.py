@@ -38,7 +38,7 @@ from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, 
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_whitener
 from massprop_drake.maths.linear_algebra import Array
 
-_QUICK = 0.01  # of a period: a stamp that is so much off moves a reading by its noise where the rate changes fast
+_QUICK = 0.01  # share of a period: a stamp so much off moves a reading by its noise where the rate changes fast
 _TOGETHER = 4096  # readings whose derivatives are made at once, but for those of one component
 _TOLD = 10.0  # times the stated torque that accelerometers are taken to feel: as good as unknown, a hundredth is left
 
