@@ -205,18 +205,18 @@ def start_state(
     for name, joint_rate in joint_rates.items():
         state[plant.num_positions() + find_joint(plant, name).velocity_start()] = joint_rate
     plant.SetPositionsAndVelocities(context, state)
-    mass_properties = mass_properties_of(bodies)
+    properties = mass_properties_of(bodies)
     plant.SetFreeBodyPose(context, base, RigidTransform())
     pose = plant.EvalBodyPoseInWorld(context, body).inverse()
     plant.SetFreeBodyPose(context, base, pose)
-    center = composite_body(mass_properties, _body_places(plant, context, bodies)).center_of_mass
+    center = composite_body(properties, _body_places(plant, context, bodies)).center_of_mass
     plant.SetFreeBodyPose(context, base, RigidTransform(pose.rotation(), pose.translation() - center))
 
     velocities, first = plant.GetVelocities(context), base.floating_velocities_start_in_v()
     turning, _ = _body_velocities(plant, context, bodies)
     velocities[first : first + 3] = body_rate - turning[0]
     plant.SetVelocities(context, velocities)
-    drift = center_velocity(mass_properties, _body_places(plant, context, bodies), *_body_velocities(plant, context, bodies))
+    drift = center_velocity(properties, _body_places(plant, context, bodies), *_body_velocities(plant, context, bodies))
     velocities[first + 3 : first + 6] = -drift
     return plant.GetPositions(context), velocities
 
