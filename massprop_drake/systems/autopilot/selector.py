@@ -225,9 +225,9 @@ class Selector:
         activity = self._activity(properties)
         needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed_jets))]
 
-        def is_controllable(removed: Array) -> bool:
-            """Tests whether all axes stay controllable both ways without the removed jets."""
-            return all(reach > least for reach, least in zip(self._axis_reaches(activity, removed), needed, strict=True))
+        def is_controllable(unused: Array) -> bool:
+            """Tests whether all axes stay controllable both ways with some jets unused."""
+            return all(reach > least for reach, least in zip(self._axis_reaches(activity, unused), needed, strict=True))
 
         # all jets that the data cannot tell apart, or none: those in question since the last time
         group = (proposed_jets != 0.0) & (out_of_use == 0.0)
