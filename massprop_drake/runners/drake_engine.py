@@ -133,13 +133,13 @@ class DrakeEngine:
         count: int = self._sink.FindLog(self._root).num_samples()
         return count + (1 if self._waiting else 0)
 
-    def advance(self, reached_s: float) -> None:
+    def advance(self, until_s: float) -> None:
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
         with self._stopwatch:
             if not self._began:
                 self._simulator.Initialize()
                 self._began = True
-            self._simulator.AdvanceTo(reached_s)
+            self._simulator.AdvanceTo(until_s)
 
     def take_logs(self) -> dict[str, Array]:
         """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs.
@@ -174,7 +174,7 @@ class DrakeEngine:
         self._waiting = {} if self._ended else {name: rows[-1:] for name, rows in logs.items() if name != "command"}
         return {name: rows[:kept] for name, rows in logs.items()}
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Moment:
         """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
         unknown = np.full(self._n_jets, np.nan)
         removed = np.zeros(self._n_jets, dtype=bool)

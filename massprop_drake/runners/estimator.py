@@ -376,7 +376,9 @@ class Estimator:
             self._whole.restart()
             self._whole.advance(1)
             _, force, removed, _ = self._whole.asked
-            return _Cycle(self._log.known(0), *self._log.reports(0), None, force.copy(), removed.copy())
+            return _Cycle(
+                self._log.estimate_and_deviation(0), *self._log.reports(0), None, force.copy(), removed.copy()
+            )
         try:
             done = cycle.step(self._kept, sample, self._params)
         except NotPositiveDefiniteError as error:

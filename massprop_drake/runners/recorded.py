@@ -352,7 +352,7 @@ class _Estimation:
     ) -> Summary:
         """Makes the summary of estimates, findings and data quality; arguments as those of `finish`."""
         last = self._intake.spool.last
-        found = parts.make("detections", self._intake.found, Findings())
+        found = parts.make("detections", self._intake.findings, Findings())
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         unjudged: dict[str, Any] = {"warnings": []}
         quality = parts.make(
@@ -367,7 +367,9 @@ class _Estimation:
             ),
             BatchAnalysis(unknown, ()),
         )
-        _, covariance = parts.make("covariance", self._cycles.known, (unknown, np.full((10, 10), np.nan)))
+        _, covariance = parts.make(
+            "covariance", self._cycles.estimate_and_covariance, (unknown, np.full((10, 10), np.nan))
+        )
         return compose_summary(
             self._scenario,
             duration_s=float(last("time_s")) - reader.record.first_s,

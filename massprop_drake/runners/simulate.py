@@ -56,13 +56,13 @@ class Engine(Protocol):
     def logged(self) -> int:
         """Number of samples logged since the logs were emptied."""
 
-    def advance(self, reached_s: float) -> None:
+    def advance(self, until_s: float) -> None:
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
 
     def take_logs(self) -> dict[str, Array]:
         """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Moment:
         """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
@@ -177,7 +177,7 @@ class _FlyingRun:
                 reached = min(number * chunk_s, end_s)
                 engine.advance(reached)
                 if watch is not None:
-                    watch(engine.moment())
+                    watch(engine.snapshot())
                 if progress is not None:
                     progress(reached)
                 # a block of a few rows at the end would take other ways through linear algebra, with other rounding
@@ -196,7 +196,7 @@ class _FlyingRun:
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
         timing = RunTiming(wall_s, flown_s / wall_s, self._engine.cycle_times(signals.n_rows))
-        found = parts.make("detections", intake.found, Findings())
+        found = parts.make("detections", intake.findings, Findings())
         results = parts.make(
             "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None
         ) or summarize_last_estimates(scenario, signals, timing)
