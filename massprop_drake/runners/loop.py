@@ -255,7 +255,7 @@ class Loop:
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
     def snapshot(self) -> Moment:
-        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
+        """Returns true motion, thrusts, estimates, commands and readings of the last sample, for viewers."""
         (rows, _, log, _), row = self._blocks[-1], self._row - 1
         rotation, *_ = log.reports(row)
         estimate, deviation = log.estimate_and_deviation(row)
