@@ -72,7 +72,7 @@ def dotted(path: tuple[str | int, ...]) -> str:
 
 
 @contextlib.contextmanager
-def logged_by_drake() -> Iterator[list[str]]:
+def collect_drake_warnings() -> Iterator[list[str]]:
     """Collects the warnings that Drake logs, in place of its lines on the error stream."""
     messages: list[str] = []
 

@@ -57,13 +57,9 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
     n = state.size
     dynamics = _gradient(_next_state_or_rate(converted, point, n_groups), variables.size)
     output_values = [number for name in outputs for number in converted.GetOutputPort(name).Eval(point)]
-    output_gradient = _gradient(output_values, variables.size)
+    gains = _gradient(output_values, variables.size)
     return LinearSystem(
-        dynamics[:, :n],
-        dynamics[:, n:],
-        output_gradient[:, :n],
-        output_gradient[:, n:],
-        _period_s(system) if n_groups else 0.0,
+        dynamics[:, :n], dynamics[:, n:], gains[:, :n], gains[:, n:], _period_s(system) if n_groups else 0.0
     )
 
 

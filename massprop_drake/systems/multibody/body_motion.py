@@ -106,11 +106,8 @@ class BodyMotion(LeafSystem):
         """Computes the body's state as `RigidBodyPlant` has it, shape (23,)."""
         carrier, places, properties = self._configuration.get(context)
         rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
-        spatial_velocities = [velocities[index] for index in (self._carrier, *self._others)]
-        rates, speeds = (
-            np.array([getattr(velocity, part)() for velocity in spatial_velocities])
-            for part in ("rotational", "translational")
-        )
+        twists = [velocities[index] for index in (self._carrier, *self._others)]
+        rates, speeds = (np.array([getattr(one, part)() for one in twists]) for part in ("rotational", "translational"))
         state = np.empty(N_STATE)
         state[QUATERNION] = carrier.rotation().ToQuaternion().wxyz()
         state[RATE] = velocities[self._carrier].rotational() @ rotation

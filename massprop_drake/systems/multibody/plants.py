@@ -14,7 +14,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 
-from massprop_drake.errors import logged_by_drake
+from massprop_drake.errors import collect_drake_warnings
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite_body
 
@@ -33,7 +33,7 @@ def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
         ValueError: when Drake cannot make a plant of it, an inertia in it is none, or it has constraints.
     """
     plant = MultibodyPlant(0.0)
-    with logged_by_drake() as warnings:
+    with collect_drake_warnings() as warnings:
         try:
             Parser(plant).AddModelsFromString(text, kind)
             plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
