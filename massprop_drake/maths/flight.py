@@ -142,16 +142,16 @@ class Desk(NamedTuple):
     asked: ThesisAsked
 
 
-def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
+def empty_desk(n_jets: int, detector_requests: ThesisAsked) -> Desk:
     """Makes the zeroed arrays by which the compiled flight and Python exchange requests and estimates.
 
     Args:
         n_jets: number of jets.
-        asked: what the detector asks for.
+        detector_requests: what the detector asks for.
     """
     remaining, out_of_use, owed = np.zeros((3, n_jets))
     counts, refused, wrench, estimate, deviation = (np.zeros(size) for size in (4, 4, 6, 10, 10))
-    return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, asked)
+    return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, detector_requests)
 
 
 def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
@@ -197,14 +197,14 @@ def initial_state(vehicle: VehicleState) -> FlightState:
 
 
 @kernel
-def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+def fly(holder: Any, block: Any, progress: NDArray[np.int_], params: Any) -> int:
     """Simulates until the next readings, or until Python must act; returns `ON`, `SELECT` or `JUMP`.
 
     Args:
         holder: of `FlightState`.
         block: holder of a `FlightBlock`; it ends with the last row's sample, and the next one's readings are the first
             thing of the next block.
-        reached: row, phase and number of the sample, shape (3,) or longer.
+        progress: row, phase and number of the sample, shape (3,) or longer.
         params: holder of `FlightParams`.
 
     Raises:
@@ -212,48 +212,48 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
         OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in a sample.
     """
-    return _fly_unwrapped(holder, block.value, reached, params.value)
+    return _fly_unwrapped(holder, block.value, progress, params.value)
 
 
 @kernel
-def _fly_unwrapped(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
+def _fly_unwrapped(holder: Any, block: FlightBlock, progress: NDArray[np.int_], params: FlightParams) -> int:
     """Simulates as `fly` does, block and parameters taken out of their holders."""
     state = holder.value
-    rows, coming, desk = block.rows, block.coming, block.desk
-    row = reached[ROW]
-    if reached[PHASE] == PILOTING:
-        reached[PHASE] = JUMPING
-        if given.flies:
-            state, selects = _pilot_sample(state, row, rows, desk, given)
+    rows, draws, desk = block.rows, block.coming, block.desk
+    row = progress[ROW]
+    if progress[PHASE] == PILOTING:
+        progress[PHASE] = JUMPING
+        if params.flies:
+            state, selects = _pilot_sample(state, row, rows, desk, params)
             if selects:
                 holder.value = state
                 return SELECT
-    if reached[PHASE] == JUMPING:
-        reached[PHASE] = STEPPING
-        if coming.jumps[row]:
+    if progress[PHASE] == JUMPING:
+        progress[PHASE] = STEPPING
+        if draws.jumps[row]:
             holder.value = state
             return JUMP
-    if reached[PHASE] == STEPPING:
-        state = _step_sample(state, (row, reached[SAMPLE]), (rows, coming), desk, given)
+    if progress[PHASE] == STEPPING:
+        state = _step_sample(state, (row, progress[SAMPLE]), (rows, draws), desk, params)
         row += 1
-        reached[ROW], reached[PHASE] = row, SENSING
-        reached[SAMPLE] += 1
+        progress[ROW], progress[PHASE] = row, SENSING
+        progress[SAMPLE] += 1
     if row < rows.told.shape[0]:
-        state = _sense_sample(state, row, rows, coming, given)
-        reached[PHASE] = PILOTING
+        state = _sense_sample(state, row, rows, draws, params)
+        progress[PHASE] = PILOTING
     holder.value = state
     return ON
 
 
 @kernel
-def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+def fly_and_estimate(holder: Any, estimation_holder: Any, block: Any, progress: NDArray[np.int_], params: Any) -> int:
     """Simulates and estimates sample by sample until a row or until Python must act; returns as `fly`.
 
     Args:
         holder: of `FlightState`.
-        known: holder of the state of estimation.
+        estimation_holder: holder of the state of estimation.
         block: holder of the rows of both, a `FlightBlock` and a `whole.ThesisBlock`, see `Together`.
-        reached: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
+        progress: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
         params: holder of `FlightParams` and `whole.WholeParams`.
 
     Raises:
@@ -261,20 +261,20 @@ def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.in
         OutOfMassError, OutOfPropellantError, SpunUpError: as `fly`.
     """
     rows, given = block.value, params.value
-    while reached[ROW] < reached[UNTIL]:
-        if reached[PHASE] == PILOTING:
-            known.value = whole.run_cycle(known.value, rows.known, reached[ROW], given.known)
-        stop = _fly_unwrapped(holder, rows.flight, reached, given.flight)
+    while progress[ROW] < progress[UNTIL]:
+        if progress[PHASE] == PILOTING:
+            estimation_holder.value = whole.run_cycle(estimation_holder.value, rows.known, progress[ROW], given.known)
+        stop = _fly_unwrapped(holder, rows.flight, progress, given.flight)
         if stop != ON:
             return stop
     return ON
 
 
 @kernel
-def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
+def _sense_sample(state: FlightState, row: int, rows: FlightRows, draws: Ahead, params: FlightParams) -> FlightState:
     """Logs a sample's readings, raw and without saturated ones; returns the state, memories updated."""
     vehicle, truth = state.vehicle, params.truth
-    readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
+    readings, memories = vehicle_cycle.sense(vehicle, row, draws, truth)
     rows.body_state[row] = vehicle.body
     rows.structure[row] = vehicle.structure
     rows.propellant[row] = vehicle.fill
@@ -326,11 +326,15 @@ def _pilot_sample(
 
 @kernel
 def _step_sample(
-    state: FlightState, at: tuple[int, int], given: tuple[FlightRows, Ahead], desk: Desk, params: FlightParams
+    state: FlightState,
+    row_and_sample: tuple[int, int],
+    rows_and_draws: tuple[FlightRows, Ahead],
+    desk: Desk,
+    params: FlightParams,
 ) -> FlightState:
-    """Fires the jets and advances the vehicle to the next sample; ``at``: the row, and the sample's number."""
-    row, sample = at
-    rows, coming = given
+    """Fires the jets and advances the vehicle to the next sample; logs the sample in its row."""
+    row, sample = row_and_sample
+    rows, draws = rows_and_draws
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered
     if params.flies:
         command = coming_pulse(desk.remaining, pilot.pulses)
@@ -345,6 +349,6 @@ def _step_sample(
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()
     closed = desk.asked.closed if params.closes else np.zeros(command.size)
-    after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (coming, row), params.truth)
+    after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (draws, row), params.truth)
     rows.thrust[row] = thrust
     return FlightState(after, state.pilot, command, onset, delivered)

@@ -277,11 +277,11 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 
 @kernel
-def join_ten_parameters(of_rotation: Array, of_mass: float) -> Array:
+def join_ten_parameters(rotational: Array, mass_reciprocal: float) -> Array:
     """Joins nine values of the rotational parameters and one of 1/mass to a vector, shape (10,)."""
     result = np.empty(N_ROTATION + 1)
-    result[:N_ROTATION] = of_rotation
-    result[MASS_RECIPROCAL] = of_mass
+    result[:N_ROTATION] = rotational
+    result[MASS_RECIPROCAL] = mass_reciprocal
     return result
 
 

@@ -149,9 +149,9 @@ def attitude_step(
 
 
 @kernel
-def _holds_attitude(command: float, held: float, rate: float, capture_rate: float) -> float:
+def _holds_attitude(command: float, was_holding: float, rate: float, capture_rate: float) -> float:
     """Returns 1 where an axis holds attitude (in detent, and holding already or slow enough), else 0."""
-    return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
+    return 1.0 if command == 0.0 and (was_holding != 0.0 or abs(rate) < capture_rate) else 0.0
 
 
 @kernel

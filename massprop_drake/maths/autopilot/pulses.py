@@ -109,9 +109,9 @@ def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
 
 
 @kernel
-def remaining_after_pulse(remaining: Array, flown: Array) -> Array:
+def remaining_after_pulse(remaining: Array, flown_on_times: Array) -> Array:
     """Subtracts flown from remaining on-times, cycles, shape (n_jets,); rounding errors count as zero."""
-    left = remaining - flown
+    left = remaining - flown_on_times
     return np.where(left < _SAME, 0.0, left)
 
 

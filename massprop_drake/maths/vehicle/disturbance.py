@@ -67,17 +67,17 @@ def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
-def add_wrench(wrench: Array, other: Array, pieces: int = 1) -> Array:
+def add_wrench(wrench: Array, added: Array, pieces: int = 1) -> Array:
     """Adds a wrench that is constant over a sample to another wrench, or to a wrench profile.
 
     Args:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
             of several pieces, see `reaction_jets.profile_by_pieces`.
-        other: torque about the vehicle origin, force, and what else follows these, shape (k,).
+        added: torque about the vehicle origin, force, and what else follows these, shape (k,).
         pieces: of the profile.
         pieces: of the profile.
     """
     total = wrench.copy()
     first = 0 if pieces == 1 else 1  # a piece begins with its length
-    total.reshape(pieces, -1)[:, first : first + other.shape[0]] += other
+    total.reshape(pieces, -1)[:, first : first + added.shape[0]] += added
     return total

@@ -142,16 +142,16 @@ def apply_failures(
 
 
 @kernel
-def _failed_level(told: float, kind: int, amount: float, strikes: bool, late_s: float) -> float:
-    """Computes a failed jet's thrust level, 1: full, under a command; ``late_s``: time since the failure began."""
+def _failed_level(command: float, kind: int, amount: float, strikes: bool, elapsed_s: float) -> float:
+    """Computes a failed jet's thrust level, 1: full, under a command; ``elapsed_s``: time since the failure began."""
     if kind == FailureKind.STUCK_ON:
         return 1.0
     if kind == FailureKind.STUCK_OFF:
         return 0.0
     if kind == FailureKind.DEGRADED:
-        return told * amount
+        return command * amount
     if kind == FailureKind.LEAK:
-        return told + amount
+        return command + amount
     if kind == FailureKind.INTERMITTENT:
-        return amount if strikes else told
-    return told * max(0.0, 1.0 + amount * late_s)
+        return amount if strikes else command
+    return command * max(0.0, 1.0 + amount * elapsed_s)

@@ -67,14 +67,14 @@ def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsMode
     return np.concatenate((speeds @ arms, accelerations @ arms))
 
 
-def read_speed(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
+def read_speed(speed: Any, noise: Any, wheel: int, model: WheelsModel) -> Any:
     """Measures the speed of one wheel as its tachometer does, with noise and quantum.
 
     Args:
         speed: rad/s.
         noise: standard normal.
-        place: of the wheel.
+        wheel: of the wheel.
         model: see `WheelsModel`.
     """
-    shown, step = speed + model.noise_std[place] * noise, model.quanta[place]
+    shown, step = speed + model.noise_std[wheel] * noise, model.quanta[wheel]
     return shown if step == 0.0 else step * np.floor(shown / step + 0.5)

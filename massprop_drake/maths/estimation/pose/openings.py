@@ -136,14 +136,14 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
     """
     unknown = np.isnan(commands.levels)
     levels = np.where(unknown, 0.5, commands.levels)
-    before = np.vstack((np.zeros_like(levels[:1]), levels[:-1]))
-    opens = (levels > 0.0) & (before == 0.0)
+    previous_levels = np.vstack((np.zeros_like(levels[:1]), levels[:-1]))
+    opens = (levels > 0.0) & (previous_levels == 0.0)
     ends = np.append(commands.time_s[1:], np.inf)
     delay, lag = timing.delay_s[:, None], np.maximum(timing.lag_s, _INSTANT_S)[:, None]
     off = ends[:, None] + delay
-    late = np.where(opens, timing.opening_s[:, None], 0.0)
-    on = np.minimum(commands.time_s[:, None] + delay + late, off)
-    clipped = commands.time_s[:, None] + delay + late >= off
+    opening_delay = np.where(opens, timing.opening_s[:, None], 0.0)
+    on = np.minimum(commands.time_s[:, None] + delay + opening_delay, off)
+    clipped = commands.time_s[:, None] + delay + opening_delay >= off
     duration = end_s - begin_s
 
     def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:

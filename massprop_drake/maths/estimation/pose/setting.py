@@ -117,11 +117,11 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     mass = 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     jets = thrust.flows.size, valves.delays_s.size
     parts = make_parts(*jets, tracking.position_stds.size, setup.gyros.quanta.size, setup.accelerometers.quanta.size)
-    shown, unseen = _mass_stds(setup, tracking)
-    known = _make_prior(setup, tracking, parts, shown)
-    supposed = _select_supposed(known, parts, hypotheses=hypotheses)
-    known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
-    start, covariance, free = prior(known, _select_fixed(parts, tracking, setup), parts)
+    observable_std, unobservable_std = _mass_stds(setup, tracking)
+    vehicle_prior = _make_prior(setup, tracking, parts, observable_std)
+    supposed = _select_supposed(vehicle_prior, parts, hypotheses=hypotheses)
+    vehicle_prior.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
+    start, covariance, free = prior(vehicle_prior, _select_fixed(parts, tracking, setup), parts)
     places = np.flatnonzero(np.isin(free, supposed))
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
@@ -138,8 +138,8 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         positions=tracking.positions,
         kinds=thrust.kinds,
         nominal_mass=mass,
-        mass_std=shown,
-        unseen_std=unseen,
+        mass_std=observable_std,
+        unseen_std=unobservable_std,
         thrust_std=thrust.uncertainty,
         longest_s=float(np.max(delays.shifts_s) + lagging + late),
         rate_noise=around.rate_walk,
@@ -165,12 +165,12 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     return made._replace(of_mass=mass_regression(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
-def _select_supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
+def _select_supposed(vehicle_prior: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
     """Returns indices of elements fixed unless a hypothesis frees them: delays, a jet's open share, a push."""
-    others = np.arange(parts.delay.start, parts.delay.stop)
+    indices = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
-        others = np.append(others, np.arange(parts.push.start, parts.push.stop))
-    exact = others[known.rest_std[others] == 0.0]
+        indices = np.append(indices, np.arange(parts.push.start, parts.push.stop))
+    exact = indices[vehicle_prior.rest_std[indices] == 0.0]
     return np.append(exact, parts.open.start) if hypotheses else exact
 
 
