@@ -160,7 +160,6 @@ def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Flig
     Args:
         count: of rows.
         sizes: numbers of jets and of packages.
-        params: see `FlightParams`.
     """
     jets, packages = sizes
     used = (packages, params.gyros.size, params.accelerometers.size)

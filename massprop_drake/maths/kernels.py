@@ -346,15 +346,17 @@ def _make_timer(event: Any, message_end: str) -> Any:
     """Makes the listener that times compilation and logs its first start; `message_end`: appended to that message."""
 
     class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
+        """Listener that times compilations."""
+
         said = False
 
-        def on_start(self, what: Any) -> None:
+        def on_start(self, compilation: Any) -> None:
             """Starts timing; logs, at the first compilation of this package's kernels, that it takes a minute."""
-            home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
+            home = compilation.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
             if home.startswith("massprop_drake.") and not self.said:
                 _LOG.warning("kernels are being compiled, which takes about a minute, once%s", message_end)
                 self.said = True
-            super().on_start(what)
+            super().on_start(compilation)
 
     return Timer()
 
@@ -443,6 +445,7 @@ def _overload_for_all_types(compiled_form: Callable[..., Any]) -> Callable[..., 
 
     @wraps(compiled_form)
     def of_types(*_kinds: Any, **_named: Any) -> Callable[..., Any]:
+        """Returns the compiled form, whatever the argument types."""
         return compiled_form
 
     return of_types

@@ -70,18 +70,18 @@ def cross_products(left: Array, right: Array) -> Array:
     return result
 
 
-def normals(along: Array, near: Array | None = None) -> Array:
+def normals(directions: Array, preferred: Array | None = None) -> Array:
     """Computes two unit vectors normal to each direction, and to one another, shape (n, 2, 3).
 
     Args:
-        along: unit vectors, shape (n, 3).
-        near: what the first is as near to as it can be, shape (n, 3); None: the axis that is most across.
+        directions: unit vectors, shape (n, 3).
+        preferred: vectors to which the first is closest, shape (n, 3); None: the axis that is most across.
     """
-    if near is None:
-        near = np.eye(3)[np.argmin(np.abs(along), axis=1)]
-    first = near - np.sum(near * along, axis=1, keepdims=True) * along
+    if preferred is None:
+        preferred = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    first = preferred - np.sum(preferred * directions, axis=1, keepdims=True) * directions
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack((first, np.cross(along, first)), axis=1)
+    return np.stack((first, np.cross(directions, first)), axis=1)
 
 
 @kernel

@@ -70,9 +70,9 @@ def attach_body(body: MassProperties, mass: float, position: Array, inertia: Arr
     total = body.mass + mass
     center = (body.mass * body.center_of_mass + mass * position) / total
 
-    def offset(of_mass: Any, at: Array) -> Array:
+    def offset(of_mass: Any, point: Array) -> Array:
         """Computes the parallel-axis inertia of a mass at a place about the new center of mass."""
-        return np.asarray(of_mass * parallel_axis(at - center))
+        return np.asarray(of_mass * parallel_axis(point - center))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
     return MassProperties(total, center, symmetrized(moved))

@@ -189,7 +189,7 @@ def _delivered_levels(told: Array, opening_s: Array, time_s: Array, other: Run) 
 def _simulate_readings(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
     """Maps sensors to readings simulated from commands, a row per sample, NaN before the simulation has begun."""
     scenario, rows = record.scenario, told.time_s.size
-    movable = setting.movable_places(params.filter_setup(scenario), made.parts)
+    movable = setting.movable_indices(params.filter_setup(scenario), made.parts)
     known = pose_hindsight.known_vehicle_params(vehicle, movable, made)
     first = next((row for row in range(rows) if can_initialize(told.readings[row], known)), rows)
     first = int(np.searchsorted(told.time_s, told.time_s[min(first, rows - 1)] + SETTLING_S))

@@ -236,7 +236,6 @@ def phase_space_request(
     Args:
         sensed: at the sample.
         memory: of the sample before.
-        params: see `PhaseSpaceParams`.
     """
     translation_command, period_s = sensed.translation_command, params.period_s
     rate_error = commanded_rate(sensed.rotation_command, sensed.attitude_error, params) - sensed.rate
@@ -285,7 +284,6 @@ def run_autopilot(
         rate: reading of the gyro, rad/s, shape (3,).
         controllers: see `hand_controller_rows`, shape (6,).
         delivered: see `Sensed`, shape (3,).
-        params: see `PhaseSpaceParams`.
     """
     rotation, translation = controllers[:3], controllers[3:]
     turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)

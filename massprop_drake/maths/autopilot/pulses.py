@@ -123,7 +123,7 @@ def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
     return pulses.place * period_s * (1.0 - shares)
 
 
-def most_edges(pulses: Pulses) -> int:
+def max_edges(pulses: Pulses) -> int:
     """Returns the largest number of times within a cycle at which jets can open or close."""
     if not pulses.within:
         return 0

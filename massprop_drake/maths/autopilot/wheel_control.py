@@ -71,7 +71,6 @@ def wheel_torques(rotation_inputs: tuple[Array, Array, Array], speeds: Array, pa
     Args:
         rotation_inputs: hand controllers, -1, 0 or 1, error of attitude, rad, and rate, rad/s, shape (3,) each.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
     rotation, error, rate = rotation_inputs
     asked = params.rate_gain * (commanded_rate(rotation, error, params.settings) - rate)
@@ -92,7 +91,6 @@ def must_unload(is_unloading: bool, speeds: Array, params: WheelControlParams) -
     Args:
         is_unloading: whether they did until now.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
     shared = params.shares @ _momentum(speeds, params) / params.inertias
     needed, used = (float((np.abs(each) / params.fastest).max()) for each in (shared, speeds))
@@ -106,7 +104,6 @@ def rate_for_jets(rate: Array, is_unloading: bool, speeds: Array, params: WheelC
         rate: as it is read, rad/s, shape (3,).
         is_unloading: whether jets unload.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
     if not is_unloading:
         return rate

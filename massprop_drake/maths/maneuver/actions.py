@@ -81,7 +81,6 @@ def candidate_actions(
 
     Args:
         sets: of jets that fire together, integers.
-        craft: see `Craft`.
         lengths: in samples.
     """
     found = []
@@ -126,7 +125,6 @@ def fly_action(
     Args:
         start: the course, and the number of its samples.
         action: that follows.
-        craft: see `Craft`.
         prior: before the course, see `information.advance_course`.
     """
     flown = FlownAction(*start, 0.0, 0.0, 0.0)

@@ -96,8 +96,6 @@ def compare_with_aims(information: Array, prior: Known, aims: Aims) -> Reached:
 
     Args:
         information: G with forces, see `information.FollowedCourse`, shape (k, k).
-        prior: see `Known`.
-        aims: see `Aims`.
     """
     of, first = prior.of, aims.combinations.shape[1]
     total = prior.information + information[np.ix_(of, of)]

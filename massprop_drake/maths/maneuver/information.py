@@ -89,7 +89,6 @@ def initial_course(properties: Array, rate: Array, speeds: Array, params: JointP
         properties: the ten parameters, shape (10,).
         rate: rad/s, shape (3,).
         speeds: of the wheels, rad/s, shape (n_wheels,).
-        params: see `JointParams`.
     """
     places, known = params.places, n_known(params)
     before = initial_joint_state(params)
@@ -126,8 +125,6 @@ def advance_course(
 
     Args:
         course: up to then.
-        step: see `Step`.
-        params: see `JointParams`.
         prior: knowledge before the course. With it, products of errors that are left by then are noise: a filter
             that knows neither inverse inertia nor center of mass learns less from a firing than information says.
     """
@@ -211,7 +208,6 @@ def prior_information(state: JointState, params: JointParams) -> tuple[Array, np
 
     Args:
         state: of the joint filter; one before its first sample, too.
-        params: see `JointParams`.
     """
     places, errors = params.places, state.root[params.places.thrust : params.places.force].copy()
     if places.n_scale > 0:

@@ -63,7 +63,6 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
-        settings: see `FiringTest`.
     """
     of_jets = probability[: settings.craft.params.places.jets]
     likely = np.flatnonzero(of_jets > _LIKELY)
@@ -78,7 +77,6 @@ def misses_target(covariance: Array, settings: FiringTest) -> bool:
 
     Args:
         covariance: of the ten estimates, shape (10, 10).
-        settings: see `FiringTest`.
     """
     for combination, deviation in zip(settings.targets.combinations, settings.targets.deviations, strict=True):
         of = np.flatnonzero(combination)
@@ -102,7 +100,6 @@ def design_commands(
         estimate: the ten parameters, shape (10,), and their covariance, shape (10, 10), NaN where not estimated.
         rate: rad/s, shape (3,).
         suspect_jets: suspects; none: targets are reached.
-        settings: see `FiringTest`.
     """
     n = settings.craft.params.places.jets
     mean = np.where(np.isnan(estimate[0]), settings.craft.properties, estimate[0])

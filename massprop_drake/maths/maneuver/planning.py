@@ -160,14 +160,14 @@ def characterize_actions(actions: Sequence[FiringAction], task: Task) -> Choice:
     for action in actions:
         if (action.jets, action.torques) != (of.jets, of.torques):
             together, of = {(0, 0): before._replace(rate=0.0, angle=0.0, displacement=0.0)}, action
-        flown = _fly_reusing(together, (action.samples, action.coast), action, task.craft)
+        flown = _fly_cached(together, (action.samples, action.coast), action, task.craft)
         if _is_affordable(first, action, task) and _keeps_limits(flown, task.limits):
             kept.append(action)
             information.append(flown.course.shown - before.course.shown)
     return kept, information
 
 
-def _fly_reusing(
+def _fly_cached(
     cache: dict[tuple[int, int], FlownAction], lengths: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
     """Flies ``lengths`` numbers of firing and coasting samples of an action; keeps and reuses shorter ones."""
@@ -175,7 +175,7 @@ def _fly_reusing(
         firing, coasting_for = lengths
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
         cache[lengths] = fly_action_sample(
-            _fly_reusing(cache, fewer, action, craft), action, craft, fires=not coasting_for
+            _fly_cached(cache, fewer, action, craft), action, craft, fires=not coasting_for
         )
     return cache[lengths]
 
@@ -189,7 +189,6 @@ def extend_plan(plan: Plan, candidates: Choice, cost_exponent: float, task: Task
         plan: to begin with.
         candidates: actions to choose from, and what each shows from rest, shape (k, k) each.
         cost_exponent: power of the cost by which a gain is divided.
-        task: see `Task`.
     """
     actions, information = candidates
     prices = [_action_cost(action, task) ** cost_exponent for action in actions]
@@ -268,7 +267,6 @@ def search_best_plan(candidates: Choice, task: Task) -> SearchResult:
 
     Args:
         candidates: see `extend_plan`.
-        task: see `Task`.
     """
     first, found = begin_plan(task), list[SearchResult]()
     for thrift in _THRIFT:
@@ -284,7 +282,6 @@ def aims_floor(information: Sequence[Array], task: Task) -> Reached:
 
     Args:
         information: what each action shows, shape (k, k) each.
-        task: see `Task`.
     """
     return compare_with_aims(_unlimited_information(information), task.known, task.aims)
 
@@ -294,7 +291,6 @@ def unobservable_direction(information: Sequence[Array], task: Task, row: int) -
 
     Args:
         information: what each action shows, shape (k, k) each.
-        task: see `Task`.
         row: of the combination.
     """
     of, combination = task.known.of, task.aims.combinations[row]

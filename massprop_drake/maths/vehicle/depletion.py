@@ -67,7 +67,6 @@ def structure_after_draining(structure: Array, mass: float, propellant: Array, d
         mass: of the vehicle before, slug or kg.
         propellant: propellant in each tank before, slug or kg, shape (n,).
         drawn: of it that is used, slug or kg, shape (n,); negative: it is put in.
-        tanks: see `Tanks`.
     """
     inertia, center = symmetric_matrix(structure[:6]), structure[6:9].copy()
     for tank in range(drawn.shape[0]):

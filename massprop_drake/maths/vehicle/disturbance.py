@@ -50,7 +50,6 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
     Args:
         deviation: in this sample, shape (6,).
         noise: independent standard normal numbers, shape (6,).
-        model: see `DisturbanceModel`.
     """
     return model.kept * deviation + math.sqrt(1.0 - model.kept**2) * model.std * noise
 
@@ -74,7 +73,6 @@ def add_wrench(wrench: Array, added: Array, pieces: int = 1) -> Array:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
             of several pieces, see `reaction_jets.profile_by_pieces`.
         added: torque about the vehicle origin, force, and what else follows these, shape (k,).
-        pieces: of the profile.
         pieces: of the profile.
     """
     total = wrench.copy()

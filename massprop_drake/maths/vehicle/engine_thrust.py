@@ -85,7 +85,6 @@ def reading_std(settings: Array, engines: EngineParams) -> Array:
 
     Args:
         settings: levels and angles, shape (n, 3).
-        engines: see `EngineParams`.
     """
     std = engines.read_std.copy()
     std[:, 0] *= np.abs(settings[:, 0])
@@ -99,7 +98,6 @@ def follow_command(settings: Array, command: Array, duration_s: float, engines: 
         settings: at the start, shape (n, 3).
         command: command, shape (n, 3).
         duration_s: how long, s.
-        engines: see `EngineParams`.
 
     Returns:
         As they are then, and their mean until then, shape (n, 3) each.
@@ -142,7 +140,6 @@ def thrust(engine: int, settings: Array, errors: Array, engines: EngineParams) -
         engine: index of the engine.
         settings: its levels and angles, rad, shape (m, 3).
         errors: its six, see the module, shape (6,).
-        engines: see `EngineParams`.
     """
     first, second, normals = engines.axes[engine, 0], engines.axes[engine, 1], engines.normals[engine]
     one, two, level = settings[:, 1] + errors[2], settings[:, 2] + errors[3], settings[:, 0]

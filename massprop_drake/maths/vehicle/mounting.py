@@ -62,7 +62,6 @@ def displace_wrenches(wrenches: Array, errors: Array, mounting: Mounting) -> Arr
     Args:
         wrenches: as stated, shape (n_jets, 6).
         errors: in units of their 1-sigmas, shape (n,).
-        mounting: see `Mounting`.
     """
     if errors.shape[0] == 0:
         return wrenches

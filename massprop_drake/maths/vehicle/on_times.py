@@ -28,7 +28,7 @@ PLACES: dict[Place, float] = {"start": 0.0, "center": 0.5, "end": 1.0}  # share 
 
 
 def onsets(fractions: Array, pulse_place: Place, period_s: float) -> Array:
-    """Computes when jets open in a sample, s: at its start, about its middle, or until its end, shape as given."""
+    """Computes the times at which pulses begin within a sample, s: at its start, about its middle, or up to its end."""
     return PLACES[pulse_place] * period_s * (1.0 - fractions)
 
 
@@ -73,7 +73,7 @@ def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> I
 
 
 def rest_of_sample(command: Array, onset_s: Array, elapsed_s: Array, period_s: float) -> tuple[Array, Array]:
-    """Computes commands and onsets of what is left of each sample after a time, shape (n, n_jets) each.
+    """Computes commands and onsets over the rest of each sample after a time, shape (n, n_jets) each.
 
     Args:
         command: f, NaN where not known, shape (n, n_jets).
@@ -138,7 +138,7 @@ def split_sample(command: Array, onset_s: Array, period_s: float, span_s: tuple[
     return lengths, levels
 
 
-def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
+def max_pieces(command: Array, onset_s: Array, period_s: float) -> int:
     """Returns the most pieces that switching jets split any sample of a table into; rows (n, n_jets) each."""
     rows = np.flatnonzero(is_pulse(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s

@@ -97,7 +97,7 @@ def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetT
 
 
 @kernel
-def level_now(level: Array, target: Array, jets: JetThrusts) -> Array:
+def next_level(level: Array, target: Array, jets: JetThrusts) -> Array:
     """Computes thrust levels (1: full) a sample later, under the target held over it, shape (n_jets,)."""
     return level_after(level, target, jets.lag.remaining)
 
@@ -109,7 +109,6 @@ def mean_force(level: Array, target: Array, jets: JetThrusts) -> Array:
     Args:
         level: now, which does not matter where no jet lags, shape (n_jets,).
         target: target of that sample, shape (n_jets,).
-        jets: see `JetThrusts`.
     """
     if jets.lag.instantaneous:
         return jets.forces * target
@@ -139,7 +138,6 @@ def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrust
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
         period_s: sample period, s.
         feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets).
-        jets: see `JetThrusts`.
     """
     return feeds @ (force / jets.forces * jets.wrenches[:, _FLOW]) * period_s
 
@@ -213,7 +211,6 @@ def profile_by_pieces(levels: LevelCourse, jets: JetThrusts, pieces: int) -> Arr
 
     Args:
         levels: of the levels.
-        jets: see `JetThrusts`.
         pieces: the largest number that there can be; further ones have no length.
 
     Raises:

@@ -456,7 +456,7 @@ def _decayed_impulse(amplitudes: list[_Decay], elapsed_s: float) -> Array:
 
 @kernel
 def _add_transient(state: Array, transient_impulse: Array, body: Body) -> None:
-    """Adds to the state, in place, what decaying thrust changes in closed form; see `_derivative`."""
+    """Adds the closed-form effect of decaying thrust to the state, in place; see `_derivative`."""
     center = np.array(body.center)
     rate_change = symmetric_matrix(np.array(body.inverse)) @ torque_about_center(transient_impulse, center)
     state[MASS] -= transient_impulse[6]

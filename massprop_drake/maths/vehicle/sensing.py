@@ -241,7 +241,6 @@ def add_drawn_phases(model: SensorModel, draws: Draws, seed: Seed) -> SensorMode
 
     Args:
         model: with the phases before the draw.
-        draws: see `Draws`.
         seed: of the run.
     """
     phase, shaking = model.phase, model.vibration
@@ -273,7 +272,6 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
         memory: started (1, 0 or 1), memory of the low-pass (3), bias's random walk (3), accumulated bias (3),
             then the readings of the last ``delay`` samples, oldest first, shape (memory_size,).
         noise: standard normal: white (3), random walk (3), shape (6,).
-        model: see `SensorModel`.
         time_s: of the sample, s; matters to vibration alone.
     """
     return read_with_memory(signal, memory, noise, vibration_at(model, time_s), model.errors)

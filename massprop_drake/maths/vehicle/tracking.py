@@ -56,7 +56,6 @@ def read_pose(body: Array, center_of_mass: Array, noise: Array, model: PoseModel
         body: state, see `rigid_body`, shape (23,).
         center_of_mass: center of mass in the vehicle frame, shape (3,).
         noise: independent standard normal numbers, shape (8,).
-        model: see `PoseModel`.
     """
     late_s = model.time_std_s * value_of(noise[6])
     poor = POOR if 0.5 * math.erfc(-value_of(noise[7]) / math.sqrt(2.0)) < model.outliers else 1.0

@@ -80,7 +80,6 @@ def effective_command(settings: Array, command: Array, time_s: float, model: Eng
         settings: levels and angles, shape (n, 3).
         command: command, likewise.
         time_s: of the sample from which on it holds.
-        model: see `EnginesModel`.
     """
     result = limit_to_stops(command, model.engines)
     for failure in model.failures:
@@ -96,7 +95,6 @@ def engines_wrench(settings: Array, errors: Array, time_s: float, model: Engines
         settings: levels and angles at some instants, shape (m, n, 3).
         errors: see `draw_engine_errors`.
         time_s: of the sample that has begun.
-        model: see `EnginesModel`.
     """
     total, engines = np.zeros(7), model.engines
     out = {one.engine for one in model.failures if one.channel == OUT and _is_active(one, time_s)}
@@ -118,7 +116,6 @@ def mean_wrench(
         command: what they follow, see `effective_command`.
         errors: see `draw_engine_errors`.
         start_and_length_s: its start and its length, s.
-        model: see `EnginesModel`.
     """
     since_s, duration_s = start_and_length_s
     parts = (np.arange(_PARTS) + 0.5) / _PARTS * duration_s
@@ -133,7 +130,6 @@ def read_engines(settings: Array, command: Array, noise: Any, engines: EnginePar
         settings: as they are, shape (n, 3).
         command: command from now on.
         noise: standard normal, shape (n, 3).
-        engines: see `EngineParams`.
     """
     shown = settings + reading_std(settings, engines) * noise
     return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, limit_to_stops(command, engines))

@@ -127,7 +127,6 @@ def apply_failures(
         begins_s: when the sample does, s.
         period_s: sample period, s.
         strikes: see `draw_strikes`, shape (n,).
-        failures: see `FailureTable`.
     """
     level = np.copy(command)
     for index in range(failures.jets.size):

@@ -205,7 +205,6 @@ def draw_ahead(first_sample: int, count: int, params: VehicleParams) -> Ahead:
     Args:
         first_sample: sample.
         count: of samples.
-        params: see `VehicleParams`.
     """
     packages, failures = params.packages, params.failures
     made = Ahead(
@@ -274,8 +273,6 @@ def sense(state: VehicleState, row: int, draws: Ahead, params: Truth) -> tuple[A
     Args:
         state: at the sample.
         row: of the sample in `draws`.
-        draws: see `Ahead`.
-        params: see `Truth`.
     """
     packages, memories = params.packages, state.memories
     signals = _signals(state.body, packages)
@@ -348,7 +345,6 @@ def step(
             (n_jets,) each.
         sample: its number.
         draws_and_row: what is to come, and which row of it is the sample's.
-        params: see `Truth`.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
@@ -365,7 +361,7 @@ def step(
             command, sample * params.period_s, params.period_s, coming.strikes[row], params.failures
         )
     target = target * (1.0 - closed)
-    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     profile = reaction_jets.wrench_profile(level, target, jets)
     deviation, push = _step_disturbance(state, draws_and_row, params)
     if params.pushed:
@@ -385,7 +381,6 @@ def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple
     Args:
         state: before it.
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
-        params: see `Truth`.
     """
     if state.fill.size == 0:
         return state.structure, state.fill, state.constants
@@ -403,7 +398,6 @@ def _finish_step(body: Array, structure: Array, previous: VehicleState, params: 
         body: as the step leaves it.
         structure: after it.
         previous: the vehicle before it.
-        params: see `Truth`.
     """
     constants = previous.constants
     if previous.fill.size > 0:
@@ -425,7 +419,7 @@ def _step_by_pieces(
 ) -> tuple[VehicleState, Array]:
     """Advances the vehicle as `step`, over a sample within which jets open or close, piece by piece."""
     jets, (coming, row) = params.jets, draws_and_row
-    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
     over = reaction_jets.level_course(level, commands, when, failing, jets.time_constants_s)
     deviation, push = _step_disturbance(state, draws_and_row, params)

@@ -54,7 +54,6 @@ def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, 
         torque: that is asked of each, ft-lbf or N-m, shape (n,).
         inertias: of the wheels, shape (n,).
         speeds: as the sample begins, rad/s, shape (n,).
-        model: see `WheelsModel`.
         period_s: length of the sample.
     """
     most = np.clip(torque, -model.most, model.most) / inertias
@@ -74,7 +73,6 @@ def read_speed(speed: Any, noise: Any, wheel: int, model: WheelsModel) -> Any:
         speed: rad/s.
         noise: standard normal.
         wheel: of the wheel.
-        model: see `WheelsModel`.
     """
     shown, step = speed + model.noise_std[wheel] * noise, model.quanta[wheel]
     return shown if step == 0.0 else step * np.floor(shown / step + 0.5)

@@ -46,18 +46,16 @@ def moments_about(wrenches: Array, center: Array) -> Array:
     return wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
 
 
-def bows_of(impulses: ImpulseSums, rate: Array, wheel_momentum: Array, period_s: Lengths, unknowns: Array) -> Array:
-    """Computes moments of angular impulse within intervals, by which rates bend, coupling included, (3, 3, m - 1).
+def impulse_moments(
+    impulses: ImpulseSums, rate: Array, wheel_momentum: Array, period_s: Lengths, unknowns: Array
+) -> Array:
+    """Computes moments of angular impulse within intervals, gyroscopic coupling included, shape (3, 3, m - 1).
 
     Args:
-        impulses: see `ImpulseSums`.
         rate: at the rows, shape (3, m).
         wheel_momentum: angular momentum of the wheels, likewise.
         period_s: length of an interval.
         unknowns: all unknowns, shape (n,).
-
-    Returns:
-        Of shape (3, 3, m - 1).
     """
     momentum = np.linalg.inv(unknowns[:6][ELEMENT]) @ rate + wheel_momentum
     coupled = np.diff(cross_products(rate.T, momentum.T).T) * (period_s / 12.0)
@@ -116,7 +114,7 @@ class GainedRate(NamedTuple):
 
 
 def gained_rate(impulses: ImpulseSums, means: MeanRates, bows: Array, period_s: Lengths, unknowns: Array) -> GainedRate:
-    """Computes the change of rate since a stretch began; rates and bends in its coupling terms are arguments."""
+    """Computes the change of rate since a stretch began, coupling terms from given rates and impulse moments."""
     inverse, n = unknowns[:6][ELEMENT], means.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))

@@ -52,7 +52,6 @@ def expand_about_middle(thrust: ThrustCourse, unknowns: Array, model: FlightMode
     Args:
         thrust: of the stretch.
         unknowns: all unknowns, of the end of the flight, shape (n,).
-        model: see `FlightModel`.
     """
     record = thrust.read
     stretch, n = record.stretch, model.tanks.fill.size

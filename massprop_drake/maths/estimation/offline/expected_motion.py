@@ -13,9 +13,9 @@ from massprop_drake.maths.estimation.offline.coupled_rates import (
     GainedRate,
     ImpulseSums,
     add_rate_coupling,
-    bows_of,
     cumulative_sums,
     gained_rate,
+    impulse_moments,
     mean_rates,
     rate_derivatives,
     turning_products,
@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.offline.thrust_course import (
     ThrustCourse,
     interpolate_missing,
     prepare_stretch,
-    row_places,
+    row_positions,
     thrust_course,
 )
 from massprop_drake.maths.linear_algebra import Array, cross_products
@@ -66,7 +66,6 @@ def stretch_motion(stretch: Stretch, unknowns: Array, model: FlightModel) -> tup
     Args:
         stretch: of at least two rows.
         unknowns: all unknowns, shape (n,); the inverse inertia positive definite.
-        model: see `FlightModel`.
     """
     thrust, unknowns = expand_about_middle(
         thrust_course(prepare_stretch(stretch, model), unknowns, model), unknowns, model
@@ -104,7 +103,7 @@ def expected_motion(unknowns: Array, thrust: ThrustCourse, model: FlightModel) -
         velocity += late[3:] / mass
     gained = _gained_rate_as_read(rate, impulses, record, unknowns, model)
     if not record.there.all():  # jets fire in between: what they give is no straight line, what is left over is
-        left = interpolate_missing(rate - gained.rate, record.there, row_places(stretch, model))
+        left = interpolate_missing(rate - gained.rate, record.there, row_positions(stretch, model))
         gained = _gained_rate_as_read(gained.rate + left, impulses, record, unknowns, model)
     by_shift = None
     if model.sigma[places.shift].any():
@@ -140,7 +139,7 @@ def _gained_rate_as_read(
 ) -> GainedRate:
     """Computes the change of rate over a stretch, measured rates less gyro biases in its coupling terms."""
     rate, held = rate - unknowns[columns(model).gyro_bias, None], wheel_momentum(record, unknowns, model)
-    bows = bows_of(impulses, rate, held, record.period_s, unknowns)
+    bows = impulse_moments(impulses, rate, held, record.period_s, unknowns)
     if record.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate
         bent = cross_products((unknowns[:6][ELEMENT] @ bows[0]).T, 0.5 * (held[:, :-1] + held[:, 1:]).T).T
         impulse = impulses.impulse.copy()
@@ -207,7 +206,7 @@ def turning_effects(motion: ExpectedMotion, unknowns: Array, model: FlightModel)
     )
     whole = rate + off - unknowns[columns(model).gyro_bias, None]
     held = wheel_momentum(record, unknowns, model)
-    bowed = unknowns[:6][ELEMENT] @ bows_of(motion.sums, whole, held, record.period_s, unknowns)
+    bowed = unknowns[:6][ELEMENT] @ impulse_moments(motion.sums, whole, held, record.period_s, unknowns)
     since_s = record.stretch.time_s - record.stretch.time_s[0]
     turn = turning_products(whole, mean_rates(whole), bowed, record.period_s)
     later = None if motion.by_shift is None else cumulative_sums(np.diff(turn) * record.to_use)
@@ -216,7 +215,7 @@ def turning_effects(motion: ExpectedMotion, unknowns: Array, model: FlightModel)
     return TurningEffects(turn, whole, held, record.period_s, since_s, later, drawn)
 
 
-def with_own_coupling(motion: ExpectedMotion, unknowns: Array, model: FlightModel) -> ExpectedMotion:
+def solve_own_coupling(motion: ExpectedMotion, unknowns: Array, model: FlightModel) -> ExpectedMotion:
     """Solves for the expected motion whose coupling uses its own rates, their mean that of the readings.
 
     With properties so wrong that these rates run away from the readings it is that of the readings, as given.

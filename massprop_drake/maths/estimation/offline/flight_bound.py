@@ -15,9 +15,9 @@ from massprop_drake.maths.estimation.offline.expected_motion import stretch_moti
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, relevant_unknowns
 from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
 from massprop_drake.maths.estimation.offline.normal_equations import (
-    batches_of,
-    components_of,
+    component_batches,
     reading_derivatives,
+    sensor_components,
     stretch_equations,
     sum_equations,
 )
@@ -27,7 +27,7 @@ _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and
 _ALIKE = 0.03  # by which a bound may change with shorter parts
 
 
-class _Shown(NamedTuple):
+class _PartInformation(NamedTuple):
     """Information of parts of a stretch on the u estimated unknowns, on ticks, and on initial values of components.
 
     Each of c components reads what the unknowns have made it gain since its first reading, and what it was then.
@@ -44,11 +44,13 @@ class _Shown(NamedTuple):
     variances: Array
 
 
-def _part_information(stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array, model: FlightModel) -> _Shown:
+def _part_information(
+    stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array, model: FlightModel
+) -> _PartInformation:
     """Computes the information of each part of a stretch between cuts, shape (p + 1,), for unit noise."""
     (motion, unknowns), estimated = stretch_motion(stretch, unknowns, model), relevant_unknowns(model)
     effects, design = turning_effects(motion, unknowns, model), motion_derivatives(motion, unknowns, model, estimated)
-    components = list(components_of(motion, effects, unknowns, model))
+    components = list(sensor_components(motion, effects, unknowns, model))
     known = np.flatnonzero(estimated[design.kept])
     taken = np.concatenate((known, np.arange(design.kept.size, design.by_rate.shape[0])))
     u, n_ticks = int(estimated.sum()), design.by_rate.shape[0] - design.kept.size
@@ -56,7 +58,7 @@ def _part_information(stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array,
     information = np.zeros((cuts.size - 1, *2 * (u + n_ticks + len(components),)))
     gained, number = np.zeros((cuts.size, len(components), N_PROPERTIES)), 0
     with_cuts = (one._replace(rows=np.concatenate((one.rows, cuts))) for one in components)
-    for batch in batches_of(with_cuts, model.gyros):
+    for batch in component_batches(with_cuts, model.gyros):
         derivatives = reading_derivatives(design, batch, effects, unknowns, model)[taken]
         for one, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
             x = derivatives[:, begin : begin + one.rows.size] / math.sqrt(model.variances[one.package])
@@ -71,7 +73,7 @@ def _part_information(stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array,
                 part[places, own] = part[own, places] = within.sum(axis=1)
                 part[own, own] = last - first
             number += 1
-    return _Shown(information, gained, np.concatenate((design.own, np.ones(len(components)))))
+    return _PartInformation(information, gained, np.concatenate((design.own, np.ones(len(components)))))
 
 
 def _cut_rows(propellant: Array, rows_per_part: int) -> NDArray[np.int_]:
@@ -84,7 +86,7 @@ def _cut_rows(propellant: Array, rows_per_part: int) -> NDArray[np.int_]:
     return np.unique(np.concatenate(([0], inner, [last])))
 
 
-def least_deviation(
+def cramer_rao_deviation(
     stretches: Sequence[Stretch],
     unknowns: Array,
     initial_covariance: Array,
@@ -158,7 +160,9 @@ def _add_information(root: Array, information: Array) -> Array:
     return root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
-def _root_after_stretch(initial_root: Array, parts: _Shown, drift_variances: Array, propellant: Array) -> Array:
+def _root_after_stretch(
+    initial_root: Array, parts: _PartInformation, drift_variances: Array, propellant: Array
+) -> Array:
     """Updates a root of the unknowns' covariance by a stretch: information and drift, part by part."""
     u, size = initial_root.shape[0], parts.information.shape[1]
     root = np.zeros((size, size))

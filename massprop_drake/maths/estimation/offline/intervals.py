@@ -126,7 +126,6 @@ def deepest_point(constraints: Constraints, solver: Solve) -> tuple[Array, float
 
     Args:
         constraints: of r constraints on n unknowns; the first `always` are kept in any case.
-        solver: see `Solve`.
 
     Returns:
         Point, shape (n,), and distance, in the constraints' unit.
@@ -156,7 +155,6 @@ def extreme_points(constraints: Constraints, count: int, solver: Solve) -> Array
     Args:
         constraints: see `deepest_point`.
         count: of unknowns.
-        solver: see `Solve`.
 
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.
@@ -226,7 +224,9 @@ class _Outputs(NamedTuple):
     rate: Array
 
 
-def _outputs(stretch: Stretch, unknowns: Array, initial_rate: Array, biases: Array, model: FlightModel) -> _Outputs:
+def _error_free_readings(
+    stretch: Stretch, unknowns: Array, initial_rate: Array, biases: Array, model: FlightModel
+) -> _Outputs:
     """Computes error-free readings over a stretch and derivatives; a NaN initial rate is fitted to gyros.
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
@@ -284,12 +284,12 @@ def _refined_outputs(
         outside=stretch.outside[rows],
         used_after=0.5 * (stretch.used_after[rows] + stretch.used_after[ends]),
     )
-    out = _outputs(twice, unknowns, initial_rate, biases, model._replace(period_s=0.5 * model.period_s))
+    out = _error_free_readings(twice, unknowns, initial_rate, biases, model._replace(period_s=0.5 * model.period_s))
     return _Outputs(out.shown[..., ::2], out.derivatives[..., ::2], out.rate)
 
 
 def _lever_arm_changes(rate_gains: Array, rate_changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Computes what changes of the rate change in an accelerometer off the center of mass, (3, u + 3, m)."""
+    """Computes changes of an accelerometer's velocity, off the center of mass, by those of the rate, (3, u + 3, m)."""
     lever = -cross_product_matrices(arm)
     slope = np.einsum("ijm,jk->ikm", cross_product_matrices(rate), lever) - cross_product_matrices(lever @ rate)
     result = np.einsum("ij,jum->ium", lever, rate_gains)
@@ -384,7 +384,7 @@ class _Linear:
         worst, point, quanta = 0.0, self.point, self._cells.quanta
         for stretch, rate in zip(self._stretches, point.rates, strict=True):
             about = stretch, point.at, rate, point.biases, self._model
-            fine, coarse = (each(*about).shown for each in (_refined_outputs, _outputs))
+            fine, coarse = (each(*about).shown for each in (_refined_outputs, _error_free_readings))
             off = np.ptp(fine - coarse, axis=-1)[quanta > 0.0]
             worst = max(worst, float((off / quanta[quanta > 0.0, None]).max()))
         return worst / 3.0
@@ -458,8 +458,6 @@ def find_intervals(
         stretches: of the flight, at least one.
         initial: all unknowns about which is linearized first; see `flight_model.is_physical`, shape (n,).
         model: see `flight_model.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
-        cells: see `Cells`.
-        solver: see `Solve`.
 
     Raises:
         ArithmeticError: see `deepest_point`.

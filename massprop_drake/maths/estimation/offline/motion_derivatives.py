@@ -58,7 +58,7 @@ class MotionDerivatives(NamedTuple):
 def motion_derivatives(
     motion: ExpectedMotion, unknowns: Array, model: FlightModel, selected: NDArray[np.bool_]
 ) -> MotionDerivatives:
-    """Computes derivatives of expected rate and velocity by the wanted unknowns, and by a stretch's own."""
+    """Computes derivatives of expected rate and velocity by selected unknowns, and by those of the stretch alone."""
     places, thrust, record, light = columns(model), motion.course, motion.course.read, motion.lightness
     there = selected[places.thrust][record.on]
     if there.any():
@@ -281,7 +281,7 @@ def _tick_derivatives(motion: ExpectedMotion, unknowns: Array, model: FlightMode
     return np.array([unknowns[:6][ELEMENT] @ moments_about(wrenches, unknowns[CENTER]), wrenches[:, 3:] * lightness])
 
 
-def with_coupled_derivatives(
+def add_coupled_derivatives(
     derivatives: MotionDerivatives, effects: TurningEffects, unknowns: Array, model: FlightModel
 ) -> MotionDerivatives:
     """Adds the coupling of changes of rate to the derivatives; appends those by the initial rate."""

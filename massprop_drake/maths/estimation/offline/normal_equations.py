@@ -17,9 +17,9 @@ from massprop_drake.maths.estimation.offline.expected_motion import (
     ExpectedMotion,
     TurningEffects,
     expected_motion,
+    solve_own_coupling,
     stretch_motion,
     turning_effects,
-    with_own_coupling,
 )
 from massprop_drake.maths.estimation.offline.flight_model import (
     FlightModel,
@@ -30,9 +30,9 @@ from massprop_drake.maths.estimation.offline.flight_model import (
 )
 from massprop_drake.maths.estimation.offline.motion_derivatives import (
     MotionDerivatives,
+    add_coupled_derivatives,
     centripetal_derivatives,
     motion_derivatives,
-    with_coupled_derivatives,
 )
 from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, prepare_stretch, thrust_course
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_whitener
@@ -71,7 +71,7 @@ class NormalEquations(NamedTuple):
 
     @property
     def per_reading(self) -> float:
-        """Unexplained rest per reading, in units of its variance."""
+        """Squared residual per reading, in units of its variance."""
         return self.misfit / max(self.readings, 1.0)
 
     def plus(self, other: NormalEquations) -> NormalEquations:
@@ -92,7 +92,7 @@ class ReadComponent(NamedTuple):
 HeldRows = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by package and axis
 
 
-def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
+def _gain_and_bias_slices(package: int, model: FlightModel) -> tuple[slice, slice]:
     """Returns the slices of a package's gains and biases among the unknowns; a gyro's biases: empty."""
     places, number = columns(model), package - model.gyros
     if number < 0:
@@ -101,7 +101,7 @@ def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
     return slice(gains, gains + 3), slice(biases, biases + 3)
 
 
-def components_of(
+def sensor_components(
     motion: ExpectedMotion,
     effects: TurningEffects,
     unknowns: Array,
@@ -111,7 +111,7 @@ def components_of(
     """Yields residuals per sensor component with two informative rows; `row_cache` holds or takes these rows."""
     record, row_cache = motion.course.read, {} if row_cache is None else row_cache
     for package in range(record.readings.shape[0]):
-        (gains, biases), number = _own_places(package, model), package - model.gyros
+        (gains, biases), number = _gain_and_bias_slices(package, model), package - model.gyros
         shown = motion.rate
         if number >= 0:
             shown = motion.velocity + (model.positions[number] - unknowns[CENTER]) @ effects.turn
@@ -146,12 +146,12 @@ class ComponentBatch(NamedTuple):
         """Repeats a value per component, shape (..., c), for each of its rows, shape (..., r)."""
         return np.repeat(values, self.counts, axis=-1)
 
-    def without_means(self, values: Array) -> Array:
+    def subtract_component_means(self, values: Array) -> Array:
         """Subtracts, in place, the mean over each component's rows, shape (..., r)."""
         values -= self.each(np.add.reduceat(values, self.begins, axis=-1) / self.counts)
         return values
 
-    def whitened(self, values: Array, whiteners: Sequence[Whitener]) -> Array:
+    def whiten_rows(self, values: Array, whiteners: Sequence[Whitener]) -> Array:
         """Whitens, in place, each component's readings or derivatives, initial values eliminated, (..., r)."""
         for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
             values[..., begin : begin + count] = one(values[..., begin : begin + count])
@@ -166,7 +166,7 @@ def _make_batch(components: Sequence[ReadComponent]) -> ComponentBatch:
     )
 
 
-def batches_of(components: Iterator[ReadComponent], n_gyros: int) -> Iterator[ComponentBatch]:
+def component_batches(components: Iterator[ReadComponent], n_gyros: int) -> Iterator[ComponentBatch]:
     """Yields batches of sensor components, gyros and accelerometers apart, of limited size."""
     waiting: list[ReadComponent] = []
     for component in components:
@@ -216,7 +216,7 @@ def _apply_gains_and_biases(
     model: FlightModel,
 ) -> None:
     """Multiplies derivatives by sensor gains, in place; fills in those by gains and biases."""
-    of_gains, of_biases = zip(*(_own_places(part.package, model) for part in batch.parts), strict=True)
+    of_gains, of_biases = zip(*(_gain_and_bias_slices(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
     if unknowns[gains].any():
         x *= batch.each(1.0 + unknowns[gains])
@@ -236,7 +236,6 @@ def stretch_equations(
     Args:
         stretch: of at least two rows.
         unknowns: all unknowns, shape (n,); the inverse inertia positive definite.
-        model: see `FlightModel`.
         selected: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
     return equations_about(unknowns, thrust_course(prepare_stretch(stretch, model), unknowns, model), model, selected)
@@ -253,24 +252,24 @@ def equations_about(
     thrust, unknowns = expand_about_middle(thrust, unknowns, model)
     motion, followed = expected_motion(unknowns, thrust, model), model.followed and bool(thrust.read.known.all())
     if followed:
-        motion = with_own_coupling(motion, unknowns, model)
+        motion = solve_own_coupling(motion, unknowns, model)
     effects, every = turning_effects(motion, unknowns, model), np.ones(unknowns.shape[0], dtype=np.bool_)
     derivatives = motion_derivatives(motion, unknowns, model, every if selected is None else selected)
     own = derivatives.own
     if followed:
-        derivatives = with_coupled_derivatives(derivatives, effects, unknowns, model)
+        derivatives = add_coupled_derivatives(derivatives, effects, unknowns, model)
     kept, size = derivatives.kept, derivatives.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[ComponentBatch, Array, Array]] = []
-    for batch in batches_of(components_of(motion, effects, unknowns, model, row_cache), model.gyros):
+    for batch in component_batches(sensor_components(motion, effects, unknowns, model, row_cache), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = reading_derivatives(derivatives, batch, effects, unknowns, model) * scale
         if has_accumulating_noise(model):
             whiteners = [_make_whitener(part, effects, unknowns, model) for part in batch.parts]
-            left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
+            left, x = batch.whiten_rows(left, whiteners), batch.whiten_rows(x, whiteners)
         else:
-            left, x = batch.without_means(left), batch.without_means(x)
+            left, x = batch.subtract_component_means(left), batch.subtract_component_means(x)
         information += x @ x.T
         vector += x @ left
         parts.append((batch, left, x[kept.shape[0] :]))
@@ -301,7 +300,6 @@ def accumulating_noise(package: int, axis: int, unknowns: Array, model: FlightMo
     Args:
         package, axis: of the component.
         unknowns: all unknowns, for the center of mass, shape (n,).
-        model: see `FlightModel`.
     """
     turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
     (of_rate, of_velocity), number = model.walks, package - model.gyros
@@ -347,7 +345,6 @@ def residuals(stretch: Stretch, unknowns: Array, model: FlightModel) -> tuple[li
     Args:
         stretch: of at least two rows.
         unknowns: all unknowns, shape (n,); see `possible`.
-        model: see `FlightModel`.
 
     Returns:
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
@@ -356,13 +353,13 @@ def residuals(stretch: Stretch, unknowns: Array, model: FlightModel) -> tuple[li
     motion, unknowns = stretch_motion(stretch, unknowns, model)
     effects, found = turning_effects(motion, unknowns, model), []
     derivatives = motion_derivatives(motion, unknowns, model, relevant_unknowns(model))
-    for part in components_of(motion, effects, unknowns, model):
+    for part in sensor_components(motion, effects, unknowns, model):
         batch, scale = _make_batch([part]), float(np.sqrt(model.variances[part.package]))
         x = np.zeros((unknowns.shape[0], part.rows.size))
-        x[derivatives.kept] = batch.without_means(reading_derivatives(derivatives, batch, effects, unknowns, model))[
-            : derivatives.kept.size
-        ]
-        left = batch.without_means(part.left.copy())
+        x[derivatives.kept] = batch.subtract_component_means(
+            reading_derivatives(derivatives, batch, effects, unknowns, model)
+        )[: derivatives.kept.size]
+        left = batch.subtract_component_means(part.left.copy())
         found.append(Residuals(part.package, part.axis, part.rows, left / scale, x / scale, scale))
     return found, np.concatenate((motion.rate, motion.velocity))
 

@@ -87,7 +87,6 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `flight_model.FlightModel`.
     """
     flight = _combine_stretches([_linearize_stretch(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
@@ -117,7 +116,6 @@ def covering_walk(
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `flight_model.FlightModel`.
         change: of the unknowns, by which residuals change to first order, shape (n,).
 
     Returns:

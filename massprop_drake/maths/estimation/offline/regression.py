@@ -94,7 +94,6 @@ def fit_flight(stretches: Sequence[Stretch], start: Array, model: FlightModel) -
     Args:
         stretches: of the flight.
         start: where to begin, shape (n,).
-        model: see `FlightModel`.
     """
     alone = has_accumulating_noise(model)  # what gathers is in the rates that are read, and in no others
     fit = _iterate_fit(stretches, start, model, is_final=alone)
@@ -169,8 +168,6 @@ def estimated_unknowns(fit: FlightFit, model: FlightModel, tested: NDArray[np.in
     """Solves for the estimated unknowns, without tested ones, as needed by score tests of others.
 
     Args:
-        fit: see `FlightFit`.
-        model: see `FlightModel`.
         tested: places of those unknowns.
     """
     total, others = fit.normal, model.sigma > 0.0
@@ -197,7 +194,6 @@ def score_test(
     """Tests unknowns against their stated values; returns statistic, degrees of freedom, sizes and misfit.
 
     Args:
-        fit: see `FlightFit`.
         indices: their places, in units that are alike, integers, shape (k,).
         model: see `FlightModel`; where they are reckoned with, they are no longer.
         stated_std: their 1-sigma; zero: that they are zero.

@@ -69,10 +69,8 @@ def add_modes(
     """Computes rate and velocity of a stretch with its modes free, at rest at first, and derivatives.
 
     Args:
-        locked_motion: see `Locked`.
         properties: the ten parameters, shape (10,).
         errors: of the parts in units of their sigmas, shape (6 n_parts,).
-        modes: see `ModeParams`.
         step: `swung`, or its compiled form.
     """
     n, parts, m = modes.frequencies.size, errors.size, locked_motion.rate.shape[1]

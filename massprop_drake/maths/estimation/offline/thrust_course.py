@@ -58,7 +58,7 @@ def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     known = np.asarray(there.any(axis=1))
     there[~known] = True
     mean = np.nansum(rates, axis=0) / np.maximum((~np.isnan(rates)).sum(axis=0), 1)  # of gyros that read
-    rate = interpolate_missing(mean, there, row_places(stretch, model))
+    rate = interpolate_missing(mean, there, row_positions(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _fit_ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
@@ -95,7 +95,7 @@ class MiddleDerivatives(NamedTuple):
     by_jets: Array
 
 
-def row_places(stretch: Stretch, model: FlightModel) -> Array:
+def row_positions(stretch: Stretch, model: FlightModel) -> Array:
     """Returns the rows' times, s, or numbers where they lie on ticks, for interpolation, shape (m,)."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
@@ -107,7 +107,7 @@ def _wheel_momenta(stretch: Stretch, model: FlightModel) -> Array:
         return np.zeros((0, 3, stretch.time_s.size))
     record = np.asarray(~np.isnan(stretch.speeds.T))
     record[~record.any(axis=1)] = True
-    speeds = np.nan_to_num(interpolate_missing(stretch.speeds.T, record, row_places(stretch, model)))
+    speeds = np.nan_to_num(interpolate_missing(stretch.speeds.T, record, row_positions(stretch, model)))
     return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
 
 

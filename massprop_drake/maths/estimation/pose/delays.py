@@ -31,7 +31,7 @@ _KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
 def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
-    """Divides the prior of the commands' delay into normal parts a sample apart, with their log probabilities.
+    """Splits the prior of the command delay into Gaussian components a sample apart, with log probabilities.
 
     Args:
         delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
@@ -55,7 +55,7 @@ def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     """Copies the filter at the first sample for each part of the delay's prior; returns a bank per part."""
-    delays, places = params.delays, _delay_places(params)
+    delays, places = params.delays, _delay_indices(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
     for number, shift in enumerate(delays.shifts_s):
@@ -66,7 +66,7 @@ def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     return result
 
 
-def _delay_places(params: PoseParams) -> np.ndarray:
+def _delay_indices(params: PoseParams) -> np.ndarray:
     """Returns the indices, among the free elements, of the commands' delays."""
     part = params.parts.delay
     return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
@@ -77,7 +77,6 @@ def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
 
     Args:
         parts: of each, as at the first sample.
-        params: see `PoseParams`.
     """
     chances = params.delays.chances.tolist()
     return _order_parts([part._replace(total=chance) for part, chance in zip(parts, chances, strict=True)])
@@ -176,7 +175,7 @@ def _can_merge(part: Tried, other: Tried, params: PoseParams) -> bool:
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
     """
-    places = _delay_places(params)
+    places = _delay_indices(params)
     if not np.array_equal(part.known, other.known):
         return False
     apart = (part.bank.mean[0] - other.bank.mean[0])[params.free[places]]

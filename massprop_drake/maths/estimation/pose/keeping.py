@@ -40,7 +40,7 @@ class _PoseReader:
             raise ValueError("hypotheses must be counted by whole numbers")
         return int(number)
 
-    def ends(self) -> bool:
+    def is_at_end(self) -> bool:
         """Tests whether the whole vector has been read."""
         return self._at == self._vector.size
 
@@ -65,7 +65,7 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
     count, parts = reader.count(), reader.count()
     commands = Commands(reader.take(count), reader.take(count, jets))
     unpacked = [_read_part(reader, params) for _ in range(parts)]
-    if not unpacked or not reader.ends():
+    if not unpacked or not reader.is_at_end():
         raise ValueError("hypotheses are of another number")
     _require_possible(commands, unpacked)
     return unpacked[0]._replace(elsewhere=tuple(unpacked[1:])), commands

@@ -28,7 +28,6 @@ def estimated_properties(
         mean: of the whole state, shape (size,).
         covariance: of what is free, shape (n, n).
         healthy_jets: which jets' factors say something of the mass, shape (n_jets,).
-        params: see `PoseParams`.
     """
     parts, size = params.parts, params.parts.size
     whole = np.zeros((size, size))
@@ -55,7 +54,6 @@ def mass_regression(healthy_jets: np.ndarray, params: PoseParams) -> tuple[Array
 
     Args:
         healthy_jets: which jets' factors say something of the mass, shape (n_jets,).
-        params: see `PoseParams`.
     """
     parts, variance = params.parts, params.mass_std**2
     jets = np.flatnonzero(healthy_jets)

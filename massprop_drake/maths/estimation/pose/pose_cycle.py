@@ -109,7 +109,6 @@ def step(
         commands: see `Commands`; those given at the sample itself included, as some act at once.
         span_s: time of the last sample and of this one.
         readings: at its end.
-        params: see `PoseParams`.
         alternative: of the last sample; None: there is none.
 
     Raises:
@@ -142,7 +141,6 @@ def merge_banks(first: PoseBank, second: PoseBank, share: Array, params: PosePar
     Args:
         first, second: of the same number of filters.
         share: of the other in each, 0 to 1, shape (n_filters,).
-        params: see `PoseParams`.
     """
     parts, free = params.parts, params.free
     apart = second.mean - first.mean
@@ -285,7 +283,6 @@ def mix_possibilities(
         bank: before the readings.
         cases, updates: what may have, and the update by each, n of them.
         weights: probability of each, shape (n, n_filters).
-        params: see `PoseParams`.
     """
     each = np.stack([update.correction for update in updates])
     correction = np.einsum("kh,khn->hn", weights, each)

@@ -168,9 +168,7 @@ def known_vehicle_params(vehicle: Assumed, movable: Places, params: PoseParams) 
     """Returns parameters of a filter that takes a vehicle as known and estimates its motion alone.
 
     Args:
-        vehicle: see `Assumed`.
         movable: places of all that may be other than thought, and of the motion, in order.
-        params: see `PoseParams`.
     """
     parts, variances = params.parts, np.zeros(params.parts.size)
     variances[params.free] = params.covariance.diagonal()
@@ -186,7 +184,6 @@ def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, para
     """Computes the normal equations of a record's readings by the unknowns, about an assumed vehicle.
 
     Args:
-        record: see `PoseRecord`.
         vehicle: that is taken as known.
         movable: see `known_vehicle_params`.
         params: of the estimator.

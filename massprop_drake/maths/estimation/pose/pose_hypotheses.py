@@ -115,7 +115,6 @@ def begin_hypotheses(
     Args:
         bank: of one filter.
         time_s: now.
-        params: see `PoseParams`.
         known_failures: see `Tried`; None: nothing is.
         probability: probability of a failure of each kind of each jet.
     """
@@ -267,8 +266,6 @@ def name_failure(
     Args:
         hypotheses: after the sample.
         time_s: of it.
-        rules: see `PoseRules`.
-        params: see `PoseParams`.
         is_waiting: whether nothing is to be named yet.
     """
     if hypotheses.doubt is not None:  # the next sample decides first
@@ -278,7 +275,7 @@ def name_failure(
         return hypotheses._replace(leader=-1, steady=0), None
     outcome, hypotheses = _decide_failure(hypotheses, time_s, rules, params)
     if outcome is not None and len(outcome.members) == 1:  # all begin again from it
-        bank, known_failures = _take_for_true(hypotheses, outcome.members[0])
+        bank, known_failures = _accept_failure(hypotheses, outcome.members[0])
         hypotheses = begin_hypotheses(bank, time_s, params, known_failures, BEFORE * RENEWAL_S / AGAIN_S)
     return hypotheses, outcome
 
@@ -322,10 +319,10 @@ def leading_hypothesis(hypotheses: Tried, rules: PoseRules) -> Tried | None:
     leader = int(np.argmax(odds))
     if not odds[leader] > rules.lead_nothing:
         return None
-    return make_single_filter(*_take_for_true(hypotheses, leader), hypotheses.renewed_s)
+    return make_single_filter(*_accept_failure(hypotheses, leader), hypotheses.renewed_s)
 
 
-def _take_for_true(hypotheses: Tried, index: int) -> tuple[PoseBank, Array]:
+def _accept_failure(hypotheses: Tried, index: int) -> tuple[PoseBank, Array]:
     """Returns the filter of one failure (a bank of one), and the flags of known failures including it."""
     known = hypotheses.known.copy()
     known[index] = float(index < known.size - 1)  # a push may come again

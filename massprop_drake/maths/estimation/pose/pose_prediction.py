@@ -57,7 +57,7 @@ class Predicted(NamedTuple):
     through: Array
 
 
-class _Acting(NamedTuple):
+class _IntervalThrust(NamedTuple):
     """Thrust of the jets over an interval, filter by filter.
 
     Attributes:
@@ -93,7 +93,7 @@ class _Acting(NamedTuple):
         fired = self.once > 0.0
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
-    def summed(self, integrals: Array, effects: Array) -> Array:
+    def sum_over_jets(self, integrals: Array, effects: Array) -> Array:
         """Sums over the jets: g (1 + e) times an impulse integral times an effect, shape (n_filters, 3)."""
         return np.einsum("hn,hni->hi", self.factor * integrals, effects)
 
@@ -119,9 +119,7 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
 
     Args:
         bank: at its beginning.
-        commands: see `Commands`.
         begin_s, end_s: of the interval.
-        params: see `PoseParams`.
     """
     openings = _interval_openings(bank, commands, (begin_s, end_s), params)
     bank, kept = _renew_pulses(bank, openings, params)
@@ -180,7 +178,7 @@ def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tup
     return bank._replace(mean=mean, covariance=covariance), kept
 
 
-def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _IntervalThrust:
     """Computes thrust impulses, forces and moments of the jets over an interval, an open jet's included."""
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
@@ -193,7 +191,7 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
     moments = cross_products(params.positions - mean[:, None, parts.center], params.pushes)
-    return _Acting(
+    return _IntervalThrust(
         openings=openings,
         once=once,
         twice=twice,
@@ -212,14 +210,16 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
 # -------------------------------------------------------------------------------- place and velocity
 
 
-def _predict_translation(state: Array, jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _predict_translation(
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
+) -> None:
     """Fills in position and velocity after an interval, and derivatives but for those by valve timing."""
     parts, mean, duration = params.parts, bank.mean, thrust.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
     pushed, left, half = mean[:, parts.push][:, :3], np.exp(-drag * duration), 0.5 * duration**2
     passed = duration * (1.0 - 0.5 * drag * duration)
-    state[:, parts.velocity] = velocity * left + thrust.summed(thrust.once, thrust.forces) + duration * pushed
-    state[:, parts.position] += velocity * passed + thrust.summed(thrust.twice, thrust.forces) + half * pushed
+    state[:, parts.velocity] = velocity * left + thrust.sum_over_jets(thrust.once, thrust.forces) + duration * pushed
+    state[:, parts.position] += velocity * passed + thrust.sum_over_jets(thrust.twice, thrust.forces) + half * pushed
     back = np.swapaxes(thrust.middle_turn, 1, 2)
     for rows, integrals, factor in ((parts.velocity, thrust.once, duration), (parts.position, thrust.twice, half)):
         by_turn = -thrust.middle @ skew_matrices((thrust.factor * integrals) @ params.pushes)
@@ -236,7 +236,9 @@ def _predict_translation(state: Array, jacobian: Array, thrust: _Acting, bank: P
 # -------------------------------------------------------------------------------- attitude and rate
 
 
-def _predict_rotation(state: Array, jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams) -> Array:
+def _predict_rotation(
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
+) -> Array:
     """Fills in the rate after an interval, and derivatives; returns the rotation vector, rad, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, thrust.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
@@ -246,12 +248,12 @@ def _predict_rotation(state: Array, jacobian: Array, thrust: _Acting, bank: Pose
     tilt, cosine, sine = mean[:, parts.tilt], np.cos(heading), np.sin(heading)
     turned = mean[:, parts.push][:, 3:].copy()
     turned[:, 2] += tilt[:, 0] * cosine + tilt[:, 1] * sine
-    change = thrust.summed(thrust.once, thrust.turns)
+    change = thrust.sum_over_jets(thrust.once, thrust.turns)
     coupled, coupled_by_rate, coupled_by_spin = _coupling(rate + 0.5 * change, spin, params)
     passed = duration * (1.0 - 0.5 * drag * duration)
     state[:, parts.rate] = rate * left + change + duration * (turned + coupled)
     for rows, integrals, factor in ((parts.rate, thrust.once, duration), (parts.attitude, thrust.twice, half)):
-        moment = thrust.summed(integrals, thrust.moments)
+        moment = thrust.sum_over_jets(integrals, thrust.moments)
         jacobian[:, rows, parts.spin] = derivative_by_elements(moment) + factor * coupled_by_spin
         jacobian[:, rows, parts.center] = spin @ skew_matrices((thrust.factor * integrals) @ params.pushes)
         jacobian[:, rows, parts.thrust] = _columns(thrust.strength * integrals, thrust.turns)
@@ -263,7 +265,7 @@ def _predict_rotation(state: Array, jacobian: Array, thrust: _Acting, bank: Pose
     jacobian[:, parts.rate.start + 2, parts.attitude.start + 2] += about_z
     jacobian[:, parts.rate, parts.rate] += left[..., None] * _EYE
     jacobian[:, parts.rate, parts.drag.start + 1] = -duration * rate * left
-    angle = rate * passed + thrust.summed(thrust.twice, thrust.turns) + half * (turned + coupled)
+    angle = rate * passed + thrust.sum_over_jets(thrust.twice, thrust.turns) + half * (turned + coupled)
     jacobian[:, parts.attitude, parts.attitude] = np.swapaxes(rotations(angle), 1, 2)
     jacobian[:, parts.attitude, parts.rate] += passed[..., None] * _EYE
     jacobian[:, parts.attitude, parts.drag.start + 1] = -half * rate
@@ -271,7 +273,7 @@ def _predict_rotation(state: Array, jacobian: Array, thrust: _Acting, bank: Pose
 
 
 def _add_outside_forces(
-    state: Array, jacobian: Array, thrust: _Acting, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
 ) -> Array:
     """Adds effects of known outside forces to state and derivatives; returns the rotation, rad, (n_filters, 3)."""
     parts, duration, (bank, outside) = params.parts, thrust.duration, bank_and_wrench
@@ -301,7 +303,7 @@ def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
 
 
 def _add_felt_forces(
-    state: Array, jacobian: Array, thrust: _Acting, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
 ) -> None:
     """Adds known outside forces to accelerometer velocities and derivatives; see `_add_outside_forces`."""
     bank, outside = bank_and_wrench
@@ -329,7 +331,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 # ---------------------------------------------------------------------------------- valves and sensors
 
 
-def _effects(thrust: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
+def _effects(thrust: _IntervalThrust, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
     """Yields the jets' accelerations, (n_filters, n_jets, 3), with the elements that integrate them once or twice."""
     parts = params.parts
     yield from ((thrust.forces, parts.velocity, False), (thrust.forces, parts.position, True))
@@ -343,7 +345,7 @@ def _triples(part: slice) -> Iterator[slice]:
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
-def _fill_timing_derivatives(jacobian: Array, thrust: _Acting, params: PoseParams) -> None:
+def _fill_timing_derivatives(jacobian: Array, thrust: _IntervalThrust, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by delay, lag and opening time of each kind of jet."""
     parts, openings = params.parts, thrust.openings
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
@@ -351,10 +353,10 @@ def _fill_timing_derivatives(jacobian: Array, thrust: _Acting, params: PoseParam
             own = thrust.shut * (params.kinds == kind)
             for effect, rows, twice in _effects(thrust, params):
                 amount = (openings.twice_by if twice else openings.once_by)[place]
-                jacobian[:, rows, part.start + kind] = thrust.summed(own * amount, effect)
+                jacobian[:, rows, part.start + kind] = thrust.sum_over_jets(own * amount, effect)
 
 
-def _fill_opening_derivatives(jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_opening_derivatives(jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by the open share of the jet that a filter takes for open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
     jets, duration = bank.opens[which], thrust.duration
@@ -366,7 +368,7 @@ def _fill_opening_derivatives(jacobian: Array, thrust: _Acting, bank: PoseBank, 
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
-def _fill_pulse_derivatives(jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_pulse_derivatives(jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by the scatter e of each jet's present pulse."""
     factor = bank.mean[:, params.parts.thrust]
     for effect, rows, twice in _effects(thrust, params):
@@ -375,7 +377,7 @@ def _fill_pulse_derivatives(jacobian: Array, thrust: _Acting, bank: PoseBank, pa
 
 
 def _predict_accelerometers(
-    state: Array, jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
 ) -> Array:
     """Fills in accelerometer velocities and derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, thrust.duration
@@ -397,7 +399,7 @@ def _predict_accelerometers(
     return spun
 
 
-def _add_felt_push(state: Array, jacobian: Array, thrust: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _add_felt_push(state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Adds an unexplained push to accelerometer velocities and derivatives, in filters that suppose one."""
     parts, filters, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), thrust.duration
     back = np.swapaxes(thrust.middle[filters], 1, 2)
@@ -413,7 +415,7 @@ def _add_felt_push(state: Array, jacobian: Array, thrust: _Acting, bank: PoseBan
 # --------------------------------------------------------------------------------------------- noise
 
 
-def _second_order_moments(thrust: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
+def _second_order_moments(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance of the rate's term of second order: error of K times that of impulse."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
@@ -423,7 +425,9 @@ def _second_order_moments(thrust: _Acting, bank: PoseBank, params: PoseParams) -
     rows[:, :, parts.center] = skew_matrices((thrust.factor * thrust.once) @ params.pushes)
     for part, by in zip((parts.delay, parts.lag, parts.opening), thrust.openings.once_by, strict=True):
         for kind in range(part.stop - part.start):
-            rows[:, :, part.start + kind] = thrust.summed(thrust.shut * (params.kinds == kind) * by, thrust.moments)
+            rows[:, :, part.start + kind] = thrust.sum_over_jets(
+                thrust.shut * (params.kinds == kind) * by, thrust.moments
+            )
     rows = rows[:, :, free]
     place = np.full(parts.size, -1)
     place[free] = np.arange(free.size)
@@ -439,7 +443,7 @@ def _second_order_moments(thrust: _Acting, bank: PoseBank, params: PoseParams) -
     return bias, product
 
 
-def _timing_products(thrust: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
+def _timing_products(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance of impulse errors of second order in g and valve timing, jet by jet.
 
     These are products of errors of g and of J, and of J what is not linear itself.
@@ -462,7 +466,7 @@ def _timing_products(thrust: _Acting, bank: PoseBank, params: PoseParams) -> tup
     return mean, factors * times_ + crossed * np.swapaxes(crossed, 1, 2) + curved
 
 
-def _noise(thrust: _Acting, rate_covariance: Array, impulse_covariance: Array, params: PoseParams) -> Array:
+def _noise(thrust: _IntervalThrust, rate_covariance: Array, impulse_covariance: Array, params: PoseParams) -> Array:
     """Computes the process noise covariance of an interval, shape (n_filters, n, n)."""
     parts, free, duration = params.parts, params.free, thrust.duration
     count, n_jets = thrust.once.shape
@@ -511,7 +515,7 @@ def _noise(thrust: _Acting, rate_covariance: Array, impulse_covariance: Array, p
     return noise
 
 
-def _kick_effects(thrust: _Acting, params: PoseParams) -> Array:
+def _kick_effects(thrust: _IntervalThrust, params: PoseParams) -> Array:
     """Computes the effect of a 1-sigma kick at any time in an interval on the free elements, (n_filters, n, 12)."""
     parts, duration = params.parts, thrust.duration
     effect = np.zeros((thrust.once.shape[0], parts.size, 12))

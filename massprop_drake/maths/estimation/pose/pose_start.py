@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.pose.turning import skew_matrices
 from massprop_drake.maths.linear_algebra import Array, symmetrized
 
 
-class Beforehand(NamedTuple):
+class VehiclePrior(NamedTuple):
     """Prior before the first sample, 1-sigma each; zero: fixed.
 
     Attributes:
@@ -39,13 +39,11 @@ class Beforehand(NamedTuple):
     rest_std: Array
 
 
-def prior(vehicle_prior: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
+def prior(vehicle_prior: VehiclePrior, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
     """Computes the prior: mean of the state, (size,), covariance of its free elements, (n, n), and their indices.
 
     Args:
-        vehicle_prior: see `Beforehand`.
         fixed: whether an element is, whatever its sigma, shape (size,).
-        parts: see `Parts`.
     """
     mean, covariance = vehicle_prior.rest.copy(), np.diag(vehicle_prior.rest_std**2)
     thrust, common, spin = parts.thrust, parts.common, parts.spin

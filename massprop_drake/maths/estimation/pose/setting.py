@@ -10,7 +10,7 @@ from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.pose.delays import divide_delays
 from massprop_drake.maths.estimation.pose.outcome import mass_regression
 from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
-from massprop_drake.maths.estimation.pose.pose_start import Beforehand, prior
+from massprop_drake.maths.estimation.pose.pose_start import VehiclePrior, prior
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
 
@@ -109,8 +109,6 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     """Makes the parameters of the pose estimator from a vehicle's setup and its tracking.
 
     Args:
-        setup: see `Setup`.
-        tracking: see `Tracking`.
         hypotheses: whether a jet may stand open.
     """
     thrust, valves = setup.thrust, tracking.valves
@@ -165,7 +163,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     return made._replace(of_mass=mass_regression(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
-def _select_supposed(vehicle_prior: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
+def _select_supposed(vehicle_prior: VehiclePrior, parts: Parts, *, hypotheses: bool) -> np.ndarray:
     """Returns indices of elements fixed unless a hypothesis frees them: delays, a jet's open share, a push."""
     indices = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
@@ -174,7 +172,7 @@ def _select_supposed(vehicle_prior: Beforehand, parts: Parts, *, hypotheses: boo
     return np.append(exact, parts.open.start) if hypotheses else exact
 
 
-def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
+def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> VehiclePrior:
     """Makes means and 1-sigmas of the state before the first sample from the vehicle's data."""
     valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
@@ -203,7 +201,7 @@ def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
     covariance, known = setup.covariance[:6, :6] * mass**2, tracking.fixed[:6]
     covariance[known], covariance[:, known] = 0.0, 0.0
     spin, each = setup.nominal[:6] * mass, setup.thrust.uncertainty
-    return Beforehand(spin, covariance, mass_std, tracking.common_std, each, rest, deviation)
+    return VehiclePrior(spin, covariance, mass_std, tracking.common_std, each, rest, deviation)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
@@ -236,7 +234,7 @@ def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     return fixed
 
 
-def movable_places(setup: Setup, parts: Parts) -> np.ndarray:
+def movable_indices(setup: Setup, parts: Parts) -> np.ndarray:
     """Returns sorted indices of the motion's elements and of those that may differ from the vehicle's file."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     fixed, valves = _select_fixed(parts, setup.tracking, setup), setup.tracking.valves
