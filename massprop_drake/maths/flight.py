@@ -146,7 +146,6 @@ def empty_desk(n_jets: int, detector_requests: ThesisAsked) -> Desk:
     """Makes the zeroed arrays by which the compiled flight and Python exchange requests and estimates.
 
     Args:
-        n_jets: number of jets.
         detector_requests: what the detector asks for.
     """
     remaining, out_of_use, owed = np.zeros((3, n_jets))
@@ -158,7 +157,6 @@ def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Flig
     """Allocates the zeroed log arrays of a flight, a row per sample.
 
     Args:
-        count: of rows.
         sizes: numbers of jets and of packages.
     """
     jets, packages = sizes

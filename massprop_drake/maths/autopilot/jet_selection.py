@@ -51,7 +51,6 @@ def burst_cycles(on_times_s: Array, period_s: float, minimum: Array) -> Array:
 
     Args:
         on_times_s: zero or positive, s, shape (n_jets,).
-        period_s: control period, s.
         minimum: see `least_cycles`, shape (n_jets,).
     """
     cycles = np.floor(on_times_s / period_s + 0.5)
@@ -110,7 +109,6 @@ def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, pe
         command: share of the sample for which each jet fires, shape (n_jets,).
         forces: of the jets, shape (3, n_jets).
         mass_reciprocal: 1/slug or 1/kg.
-        period_s: sample period, s.
     """
     if not has_nonzero(command):
         return np.zeros(3)

@@ -127,7 +127,6 @@ def attitude_step(
         memory: of the sample before.
         rate: reading that ends the sample, rad/s, shape (3,).
         rotation_command: rotational hand controller, -1, 0 or 1 per axis, shape (3,).
-        period_s: sample period, s.
         capture_rate: rate below which an axis in detent starts to hold, rad/s.
     """
     attitude, reference, holding, previous_rate = memory.attitude, memory.reference, memory.holding, memory.rate

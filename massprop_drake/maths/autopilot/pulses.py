@@ -47,7 +47,6 @@ def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: floa
     Args:
         minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
         quanta_s: step of each clock, zero: none, s, shape (n_jets,).
-        period_s: control period, s.
         place, accumulates: see `Pulses`.
     """
     steps_s = np.where(quanta_s > 0.0, quanta_s, 1.0)

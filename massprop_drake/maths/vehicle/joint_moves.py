@@ -40,7 +40,6 @@ def joint_reference(initial_position: float, moves: Sequence[Move], time_s: floa
     Args:
         initial_position: position before the first move.
         moves: in the order of time, without overlap.
-        time_s: s.
     """
     position = initial_position
     for move in moves:

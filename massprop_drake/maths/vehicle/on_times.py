@@ -45,7 +45,6 @@ def command_onsets(command: Array, stated_s: Array | None, pulse_place: Place | 
         command: fraction of each jet, shape (n_jets,).
         stated_s: its onsets; None: they are not told.
         pulse_place: where on-times lie then; None: commands are levels.
-        period_s: length of a sample.
     """
     if stated_s is not None:
         return stated_s
@@ -62,7 +61,6 @@ def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> I
 
     Args:
         start_s, end_s: of the pulse.
-        period_s: length of a sample.
         count: number of samples that there are.
     """
     first, end_sample = pulse_samples(start_s, end_s, period_s)

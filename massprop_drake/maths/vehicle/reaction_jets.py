@@ -28,9 +28,7 @@ def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
     """Draws each jet's ratio of true to nominal thrust by a seed, shape (count,); ones without spread.
 
     Args:
-        seed: of the run.
         spread: 1-sigma, relative.
-        count: number of jets.
 
     Raises:
         ValueError: when the spread is symbolic.
@@ -88,7 +86,6 @@ def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetT
 
     Args:
         wrenches, time_constants_s: see `JetThrusts`.
-        period_s: sample period, s.
     """
     forces = np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1))
     distinct_s = np.array(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}), dtype=float)
@@ -136,7 +133,6 @@ def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrust
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
-        period_s: sample period, s.
         feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets).
     """
     return feeds @ (force / jets.forces * jets.wrenches[:, _FLOW]) * period_s

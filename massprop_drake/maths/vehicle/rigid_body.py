@@ -216,7 +216,6 @@ def apply_jumps(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tupl
     """Applies mass-property jumps in a row at one sample; returns state, (23,), and packed structure.
 
     Args:
-        state: shape (23,).
         structure: packed as `STRUCTURE`.
         jumps: one after the other.
     """
@@ -253,7 +252,6 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
     """Computes the time derivative of the body state under a wrench about the vehicle origin, shape (23,).
 
     Args:
-        state: shape (23,).
         wrench: torque about the vehicle origin, force, mass flow, body axes, shape (7,).
         body: constants of the motion.
     """
@@ -474,7 +472,6 @@ def change_properties(state: Array, before: MassProperties, after: MassPropertie
     mass has that structure's motion where it lies, so what leaves takes its momentum along.
 
     Args:
-        state: shape (23,).
         before, after: mass properties.
     """
     moved = rotation_matrix(state[QUATERNION])
@@ -491,7 +488,6 @@ def center_shift_increment(state: Array, rate: Array, shift: Array) -> Array:
     """Computes the body state's change as the center of mass shifts, structure moving on, shape (23,).
 
     Args:
-        state: shape (23,).
         rate: mean while it moves, rad/s, body axes, shape (3,).
         shift: of the center of mass, vehicle frame, ft or m, shape (3,).
     """

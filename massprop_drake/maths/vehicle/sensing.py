@@ -69,7 +69,6 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
 
     Args:
         bandwidth_hz: corner frequency, Hz; None: unlimited.
-        period_s: sample period, s.
     """
     return 0.0 if bandwidth_hz is None else math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
 
@@ -241,7 +240,6 @@ def add_drawn_phases(model: SensorModel, draws: Draws, seed: Seed) -> SensorMode
 
     Args:
         model: with the phases before the draw.
-        seed: of the run.
     """
     phase, shaking = model.phase, model.vibration
     if draws.marks:

@@ -94,7 +94,6 @@ def delivered_levels(command: Array, sample: int, period_s: float, failures: tup
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
         sample: number of the sample, which begins at sample x period.
-        period_s: sample period, s.
         failures: one after the other; a jet may have several.
         seed: of the run, for intermittent failures.
     """
@@ -125,7 +124,6 @@ def apply_failures(
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
         begins_s: when the sample does, s.
-        period_s: sample period, s.
         strikes: see `draw_strikes`, shape (n,).
     """
     level = np.copy(command)

@@ -204,7 +204,6 @@ def draw_ahead(first_sample: int, count: int, params: VehicleParams) -> Ahead:
 
     Args:
         first_sample: sample.
-        count: of samples.
     """
     packages, failures = params.packages, params.failures
     made = Ahead(

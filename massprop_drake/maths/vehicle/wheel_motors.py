@@ -54,7 +54,6 @@ def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, 
         torque: that is asked of each, ft-lbf or N-m, shape (n,).
         inertias: of the wheels, shape (n,).
         speeds: as the sample begins, rad/s, shape (n,).
-        period_s: length of the sample.
     """
     most = np.clip(torque, -model.most, model.most) / inertias
     return np.clip(most, (-model.fastest - speeds) / period_s, (model.fastest - speeds) / period_s)

@@ -90,7 +90,7 @@ def cramer_rao_deviation(
     stretches: Sequence[Stretch],
     unknowns: Array,
     initial_covariance: Array,
-    drift_variances: Array,
+    drift: Array,
     model: FlightModel,
     information: Array | None = None,
 ) -> Array:
@@ -103,14 +103,14 @@ def cramer_rao_deviation(
         stretches: of the flight, in order.
         unknowns: all unknowns, about which it is taken, shape (n,); see `possible`.
         initial_covariance: covariance of the ten at the start, shape (10, 10).
-        drift_variances: variances that are added to the ten for each unit of propellant, shape (10,).
+        drift: variances that are added to the ten for each unit of propellant, shape (10,).
         model: for what else is reckoned with.
         information: A of all stretches together, where it is known, shape (n, n); else it is found.
     """
     estimated = relevant_unknowns(model)
     root = np.diag(model.sigma[estimated])
     root[:N_PROPERTIES, :N_PROPERTIES] = _covariance_root(initial_covariance)
-    if not drift_variances.any():
+    if not drift.any():
         if information is None:
             information = sum_equations(
                 [stretch_equations(one, unknowns, model, estimated) for one in stretches], model
@@ -118,7 +118,7 @@ def cramer_rao_deviation(
         return _deviation(_add_information(root, information[np.ix_(estimated, estimated)]))
     before = np.zeros(N_PROPERTIES)
     for rows in _ROWS:
-        found = _deviation(_root_after_flight(root, stretches, unknowns, drift_variances, model, rows))
+        found = _deviation(_root_after_flight(root, stretches, unknowns, drift, model, rows))
         if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
             break
         before = found
@@ -131,22 +131,15 @@ def _deviation(root: Array) -> Array:
 
 
 def _root_after_flight(
-    root: Array,
-    stretches: Sequence[Stretch],
-    unknowns: Array,
-    drift_variances: Array,
-    model: FlightModel,
-    rows_per_part: int,
+    root: Array, stretches: Sequence[Stretch], unknowns: Array, drift: Array, model: FlightModel, rows_per_part: int
 ) -> Array:
     """Computes a root of the unknowns' covariance after a flight, stretches cut into parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
         cuts = _cut_rows(used, rows_per_part)
-        root = _add_drift(root, drift_variances * (used_after - stretch.used_after[0]))
-        root = _root_after_stretch(
-            root, _part_information(stretch, cuts, unknowns, model), drift_variances, np.diff(used[cuts])
-        )
+        root = _add_drift(root, drift * (used_after - stretch.used_after[0]))
+        root = _root_after_stretch(root, _part_information(stretch, cuts, unknowns, model), drift, np.diff(used[cuts]))
         used_after = stretch.used_after[-1]
     return root
 
@@ -160,30 +153,28 @@ def _add_information(root: Array, information: Array) -> Array:
     return root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
-def _root_after_stretch(
-    initial_root: Array, parts: _PartInformation, drift_variances: Array, propellant: Array
-) -> Array:
+def _root_after_stretch(initial_root: Array, parts: _PartInformation, drift: Array, propellant: Array) -> Array:
     """Updates a root of the unknowns' covariance by a stretch: information and drift, part by part."""
     u, size = initial_root.shape[0], parts.information.shape[1]
     root = np.zeros((size, size))
     root[:u, :u], root[range(u, size), range(u, size)] = initial_root, np.sqrt(parts.variances)
     halves = 0.5 * np.concatenate(([0.0], propellant, [0.0]))
     for part, gained, more in zip(parts.information, parts.gained, halves[:-2] + halves[1:-1], strict=False):
-        root = _add_information(_add_drift(root, drift_variances * more, gained), part)
-    return _add_drift(root[:u], drift_variances * halves[-2])
+        root = _add_information(_add_drift(root, drift * more, gained), part)
+    return _add_drift(root[:u], drift * halves[-2])
 
 
-def _add_drift(root: Array, drift_variances: Array, gains: Array | None = None) -> Array:
+def _add_drift(root: Array, drift: Array, gains: Array | None = None) -> Array:
     """Adds variances of drift of the ten parameters to a root of a covariance; returns a square root matrix.
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
     as they have become.
     """
     ways = np.zeros((root.shape[0], N_PROPERTIES))
-    ways[:N_PROPERTIES] = np.diag(np.sqrt(drift_variances))
+    ways[:N_PROPERTIES] = np.diag(np.sqrt(drift))
     if gains is not None:
-        ways[root.shape[0] - gains.shape[0] :] = -gains * np.sqrt(drift_variances)
-    together = np.hstack((root, ways[:, drift_variances > 0.0]))
+        ways[root.shape[0] - gains.shape[0] :] = -gains * np.sqrt(drift)
+    together = np.hstack((root, ways[:, drift > 0.0]))
     if together.shape[0] == together.shape[1]:
         return together
     return np.asarray(np.linalg.qr(together.T, mode="r")).T

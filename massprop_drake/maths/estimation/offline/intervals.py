@@ -154,7 +154,6 @@ def extreme_points(constraints: Constraints, count: int, solver: Solve) -> Array
 
     Args:
         constraints: see `deepest_point`.
-        count: of unknowns.
 
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.

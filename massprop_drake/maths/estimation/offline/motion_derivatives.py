@@ -136,16 +136,16 @@ def _complete_derivatives(
 def _add_modes(
     motion: ExpectedMotion,
     derivatives: tuple[Array, Array],
-    body_rows: NDArray[np.int_],
+    rows: NDArray[np.int_],
     unknowns: Array,
     model: FlightModel,
 ) -> tuple[Array, Array]:
     """Adds modes' effects to derivatives of rate and velocity; appends those by initial eta and eta'."""
     swings, k = with_swings(motion, derivatives, unknowns, model), derivatives[0].shape[0]
-    own = np.concatenate((np.arange(k), np.arange(k + body_rows.size, swings.by_rate.shape[0])))
+    own = np.concatenate((np.arange(k), np.arange(k + rows.size, swings.by_rate.shape[0])))
     by_rate, by_velocity = swings.by_rate[own], swings.by_velocity[own]
-    parts = slice(k, k + body_rows.size)
-    by_rate[body_rows], by_velocity[body_rows] = swings.by_rate[parts], swings.by_velocity[parts]
+    parts = slice(k, k + rows.size)
+    by_rate[rows], by_velocity[rows] = swings.by_rate[parts], swings.by_velocity[parts]
     return by_rate, by_velocity
 
 

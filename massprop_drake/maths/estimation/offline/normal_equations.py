@@ -102,14 +102,10 @@ def _gain_and_bias_slices(package: int, model: FlightModel) -> tuple[slice, slic
 
 
 def sensor_components(
-    motion: ExpectedMotion,
-    effects: TurningEffects,
-    unknowns: Array,
-    model: FlightModel,
-    row_cache: HeldRows | None = None,
+    motion: ExpectedMotion, effects: TurningEffects, unknowns: Array, model: FlightModel, cache: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields residuals per sensor component with two informative rows; `row_cache` holds or takes these rows."""
-    record, row_cache = motion.course.read, {} if row_cache is None else row_cache
+    """Yields residuals per sensor component with two informative rows; `cache` holds or takes these rows."""
+    record, cache = motion.course.read, {} if cache is None else cache
     for package in range(record.readings.shape[0]):
         (gains, biases), number = _gain_and_bias_slices(package, model), package - model.gyros
         shown = motion.rate
@@ -124,9 +120,9 @@ def sensor_components(
             predicted += unknowns[biases][:, None] * effects.since_s
         for axis in range(3):
             readings = record.readings[package, axis]
-            rows = row_cache.get((package, axis))
+            rows = cache.get((package, axis))
             if rows is None:
-                rows = row_cache[package, axis] = model.compute.used(
+                rows = cache[package, axis] = model.compute.used(
                     predicted[axis], readings, float(model.quanta[package])
                 )
             if rows.shape[0] >= 2:
@@ -246,9 +242,9 @@ def equations_about(
     thrust: ThrustCourse,
     model: FlightModel,
     selected: NDArray[np.bool_] | None = None,
-    row_cache: HeldRows | None = None,
+    cache: HeldRows | None = None,
 ) -> NormalEquations:
-    """Computes a stretch's normal equations from its thrust course; `row_cache` holds or takes the rows."""
+    """Computes a stretch's normal equations from its thrust course; `cache` holds or takes the rows."""
     thrust, unknowns = expand_about_middle(thrust, unknowns, model)
     motion, followed = expected_motion(unknowns, thrust, model), model.followed and bool(thrust.read.known.all())
     if followed:
@@ -261,7 +257,7 @@ def equations_about(
     kept, size = derivatives.kept, derivatives.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[ComponentBatch, Array, Array]] = []
-    for batch in component_batches(sensor_components(motion, effects, unknowns, model, row_cache), model.gyros):
+    for batch in component_batches(sensor_components(motion, effects, unknowns, model, cache), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = reading_derivatives(derivatives, batch, effects, unknowns, model) * scale

@@ -35,7 +35,6 @@ def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
     Args:
         delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
-        period_s: sample period.
     """
     half = 0.5 * period_s
     single = stds_s.size == 1

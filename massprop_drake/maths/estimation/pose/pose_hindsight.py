@@ -186,7 +186,6 @@ def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, para
     Args:
         vehicle: that is taken as known.
         movable: see `known_vehicle_params`.
-        params: of the estimator.
     """
     known = known_vehicle_params(vehicle, movable, params)
     size = params.parts.size
