@@ -124,34 +124,32 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _allocate_bundle(context, builder, kind, fields)
 
 
-def _load_constant(context: Any, value: Any) -> Any:
+def _load_constant(c: Any, value: Any) -> Any:
     """Adds a Python object to the constants of compiled code; returns a borrowed reference to it."""
-    return context.env_manager.read_const(context.env_manager.add_const(value))
+    return c.env_manager.read_const(c.env_manager.add_const(value))
 
 
 @box(BundleType)  # type: ignore[untyped-decorator]
-def _to_python(kind: BundleType, value: Any, context: Any) -> Any:
+def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
     """Generates the code that converts a compiled bundle to Python's named tuple."""
-    data = structref._Utils(context.context, context.builder, kind).get_data_struct(value)
+    data = structref._Utils(c.context, c.builder, kind).get_data_struct(value)
     parts = []
     for name, own in kind.field_dict.items():
         field = getattr(data, name)
-        context.context.nrt.incref(context.builder, own, field)
-        parts.append(context.box(own, field))
-    there = context.pyapi.tuple_pack(parts)
-    found = context.pyapi.call_function_objargs(
-        _load_constant(context, tuple.__new__), (_load_constant(context, kind.bundle), there)
-    )
+        c.context.nrt.incref(c.builder, own, field)
+        parts.append(c.box(own, field))
+    there = c.pyapi.tuple_pack(parts)
+    found = c.pyapi.call_function_objargs(_load_constant(c, tuple.__new__), (_load_constant(c, kind.bundle), there))
     for part in (*parts, there):
-        context.pyapi.decref(part)
-    context.context.nrt.decref(context.builder, kind, value)
+        c.pyapi.decref(part)
+    c.context.nrt.decref(c.builder, kind, value)
     return found
 
 
 @unbox(BundleType)  # type: ignore[untyped-decorator]
-def _from_python(kind: BundleType, value: Any, context: Any) -> Any:
+def _from_python(kind: BundleType, value: Any, c: Any) -> Any:
     """Generates the code that converts Python's named tuple to a compiled bundle."""
-    read = context.unbox(kind.as_tuple, value)
-    fields = [context.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
-    made = _allocate_bundle(context.context, context.builder, kind, fields, checked=False)
+    read = c.unbox(kind.as_tuple, value)
+    fields = [c.builder.extract_value(read.value, place) for place in range(len(kind.kinds))]
+    made = _allocate_bundle(c.context, c.builder, kind, fields, checked=False)
     return NativeValue(made, is_error=read.is_error, cleanup=read.cleanup)

@@ -117,22 +117,16 @@ def compare_with_aims(information: Array, prior: Known, aims: Aims) -> Reached:
     return Reached(deviations, deltas, np.concatenate(ratios))
 
 
-def expected_llr_other_jet(
-    jet_information: Array, cross_information: Array, other_information: Array, force: Array | float
-) -> Array:
+def expected_llr_other_jet(own_info: Array, cross_info: Array, other_info: Array, force: Array | float) -> Array:
     """Computes the expected log likelihood ratio of a jet's failure to the best-fitting other jet's, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
 
     Args:
-        jet_information, cross_information, other_information: S_jj, S_jk and S_kk, of shapes that fit.
+        own_info, cross_info, other_info: S_jj, S_jk and S_kk, of shapes that fit.
         force: f, lbf or N.
     """
-    return (
-        0.5
-        * force**2
-        * (jet_information - np.maximum(cross_information, 0.0) ** 2 / np.maximum(other_information, _TINY))
-    )
+    return 0.5 * force**2 * (own_info - np.maximum(cross_info, 0.0) ** 2 / np.maximum(other_info, _TINY))
 
 
 def expected_llr_no_failure(information: Array, force: Array | float, largest_force: Array | float) -> Array:

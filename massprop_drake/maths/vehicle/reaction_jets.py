@@ -160,8 +160,8 @@ class LevelCourse(NamedTuple):
 def level_course(
     level: Array,
     commands: tuple[Array, Array, Array],
-    start_and_length_s: tuple[float, float],
-    failures_and_strikes: tuple[FailureTable, NDArray[np.bool_]],
+    timing_s: tuple[float, float],
+    faults: tuple[FailureTable, NDArray[np.bool_]],
     time_constants_s: Array,
 ) -> LevelCourse:
     """Computes thrust levels (1: full) over a sample, in pieces of constant target, failures included.
@@ -169,15 +169,11 @@ def level_course(
     Args:
         level: at its beginning, shape (n_jets,).
         commands: command and onset, see `on_times`, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
-        start_and_length_s: it begins, and its length, s.
-        failures_and_strikes: failures, and which of them strike, see `true_failures.draw_strikes`.
+        timing_s: when the sample begins, and its length, s.
+        faults: failures, and which of them strike, see `true_failures.draw_strikes`.
         time_constants_s: of each jet, s, shape (n_jets,).
     """
-    (command, onset_s, closed), (since_s, period_s), (failures, strikes) = (
-        commands,
-        start_and_length_s,
-        failures_and_strikes,
-    )
+    (command, onset_s, closed), (since_s, period_s), (failures, strikes) = commands, timing_s, faults
     lengths, targets = split_sample(command, onset_s, period_s, (0.0, period_s))
     begins, mean = np.empty_like(targets), np.zeros_like(level)
     for piece in range(lengths.size):

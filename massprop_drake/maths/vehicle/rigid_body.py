@@ -419,11 +419,9 @@ def _longest_substep(state: Array, steady: Array, decays: list[_Decay], duration
 
 
 @kernel
-def _substep(
-    state: Array, steady: Array, amplitudes: list[_Decay], start_and_length_s: tuple[float, float], body: Body
-) -> Array:
-    """Computes the body state after a Runge-Kutta substep that starts within a step, shape (23,)."""
-    since, length = start_and_length_s
+def _substep(state: Array, steady: Array, amplitudes: list[_Decay], timing_s: tuple[float, float], body: Body) -> Array:
+    """Computes the body state after a Runge-Kutta substep; ``timing_s``: start within the step, and length, s."""
+    since, length = timing_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
         start, middle, end = (

@@ -107,7 +107,7 @@ def engines_wrench(settings: Array, errors: Array, time_s: float, model: Engines
 
 
 def mean_wrench(
-    settings: Array, command: Array, errors: Array, start_and_length_s: tuple[float, float], model: EnginesModel
+    settings: Array, command: Array, errors: Array, timing_s: tuple[float, float], model: EnginesModel
 ) -> Array:
     """Computes the engines' mean wrench and flow over an interval in which they follow a command, shape (7,).
 
@@ -115,9 +115,9 @@ def mean_wrench(
         settings: levels and angles at its start, shape (n, 3).
         command: what they follow, see `effective_command`.
         errors: see `draw_engine_errors`.
-        start_and_length_s: its start and its length, s.
+        timing_s: its start and its length, s.
     """
-    since_s, duration_s = start_and_length_s
+    since_s, duration_s = timing_s
     parts = (np.arange(_PARTS) + 0.5) / _PARTS * duration_s
     at = np.stack([follow_command(settings, command, float(part), model.engines)[0] for part in parts])
     return engines_wrench(at, errors, since_s, model)

@@ -330,11 +330,7 @@ def _package_errors(index: int, params: Truth) -> PackageErrors:
 
 @kernel
 def step(
-    state: VehicleState,
-    commands: tuple[Array, Array, Array],
-    sample: int,
-    draws_and_row: tuple[Ahead, int],
-    params: Truth,
+    state: VehicleState, commands: tuple[Array, Array, Array], sample: int, draw_row: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
     """Advances the vehicle by a sample; returns its state, memories unchanged, and each jet's mean force.
 
@@ -343,17 +339,17 @@ def step(
         commands: fraction commanded, 0 to 1, onset, see `on_times`, and 1 for each jet whose manifold is closed, shape
             (n_jets,) each.
         sample: its number.
-        draws_and_row: what is to come, and which row of it is the sample's.
+        draw_row: what is to come, and which row of it is the sample's.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
         OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
-    jets, (coming, row) = params.jets, draws_and_row
+    jets, (coming, row) = params.jets, draw_row
     command, onset_s, closed = commands
     if has_pulse(command, onset_s):
-        return _step_by_pieces(state, commands, sample, draws_and_row, params)
+        return _step_by_pieces(state, commands, sample, draw_row, params)
     target = command
     if params.failures.jets.size:
         target = true_failures.apply_failures(
@@ -362,7 +358,7 @@ def step(
     target = target * (1.0 - closed)
     level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     profile = reaction_jets.wrench_profile(level, target, jets)
-    deviation, push = _step_disturbance(state, draws_and_row, params)
+    deviation, push = _step_disturbance(state, draw_row, params)
     if params.pushed:
         profile[0, :6] += push
     force = reaction_jets.mean_force(level, target, jets)
@@ -410,18 +406,14 @@ def _finish_step(body: Array, structure: Array, previous: VehicleState, params: 
 
 @kernel
 def _step_by_pieces(
-    state: VehicleState,
-    commands: tuple[Array, Array, Array],
-    sample: int,
-    draws_and_row: tuple[Ahead, int],
-    params: Truth,
+    state: VehicleState, commands: tuple[Array, Array, Array], sample: int, draw_row: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
     """Advances the vehicle as `step`, over a sample within which jets open or close, piece by piece."""
-    jets, (coming, row) = params.jets, draws_and_row
+    jets, (coming, row) = params.jets, draw_row
     level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
     over = reaction_jets.level_course(level, commands, when, failing, jets.time_constants_s)
-    deviation, push = _step_disturbance(state, draws_and_row, params)
+    deviation, push = _step_disturbance(state, draw_row, params)
     force = jets.forces * over.mean
     structure, fill, constants = _drain_by_firings(state, force, params)
     body = state.body
@@ -436,11 +428,11 @@ def _step_by_pieces(
 
 
 @kernel
-def _step_disturbance(state: VehicleState, draws_and_row: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
+def _step_disturbance(state: VehicleState, draw_row: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
     """Computes the disturbance's next deviation, and its wrench about the vehicle origin, shape (6,) each."""
     if not params.pushed:
         return state.deviation, np.zeros(6)
-    coming, row = draws_and_row
+    coming, row = draw_row
     deviation = next_deviation(state.deviation, coming.push[row], params.push)
     return deviation, move_to_origin(params.push.mean + deviation, state.structure[_CENTER])
 

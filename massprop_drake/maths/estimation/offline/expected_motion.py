@@ -82,9 +82,7 @@ def expected_motion(unknowns: Array, thrust: ThrustCourse, model: FlightModel) -
     middle = 0.5 * (rate[:, :-1] + rate[:, 1:])
     turned = np.tensordot(unknowns[places.momentum], CROSS, 1).T @ middle  # momentum of wheels crossed with the rate
     unknown = unknowns[places.torque, None] - unknowns[places.drag, None] * middle + turned
-    impulse[:3] += (
-        record.period_s if model.own_times else model.period_s
-    ) * unknown  # pure torques act about any point
+    impulse[:3] += (record.period_s if model.own_times else model.period_s) * unknown  # pure torques
     impulse[:3] -= np.diff(wheel_momentum(record, unknowns, model))
     acting = wrenches @ thrust.level.T if record.late_s.any() else None
     late = None if acting is None else record.late_s * acting
@@ -222,27 +220,27 @@ def solve_own_coupling(motion: ExpectedMotion, unknowns: Array, model: FlightMod
     """
     first, by_readings = motion.course.read, motion
     farthest = _STRAYED * np.abs(first.rate).max()
-    bias, thrust, ones = unknowns[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
-    counts, lengths_s = first.there.sum(axis=1), np.broadcast_to(first.period_s, thrust.shape[1] - 1)
+    bias, rates, ones = unknowns[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
+    counts, lengths_s = first.there.sum(axis=1), np.broadcast_to(first.period_s, rates.shape[1] - 1)
     held = wheel_momentum(first, unknowns, model)
     for _ in range(_ROUNDS):  # Newton's
         gained = motion.rate
-        straight = (gained - gained[:, :1]) - (thrust - thrust[:, :1])
-        start = np.repeat(ones, thrust.shape[1], axis=2)
+        straight = (gained - gained[:, :1]) - (rates - rates[:, :1])
+        start = np.repeat(ones, rates.shape[1], axis=2)
         both = add_rate_coupling(
-            np.concatenate((straight[:, None], start), axis=1), thrust - bias, held, lengths_s, unknowns
+            np.concatenate((straight[:, None], start), axis=1), rates - bias, held, lengths_s, unknowns
         )
         alone, by_start = both[:, 0], both[:, 1:]
-        mean = np.where(first.there, first.rate - thrust - alone, 0.0).sum(axis=1) / counts
+        mean = np.where(first.there, first.rate - rates - alone, 0.0).sum(axis=1) / counts
         by_mean = np.where(first.there[:, None], by_start, 0.0).sum(axis=2) / counts[:, None]
         if not np.abs(by_start).max() * _DIGITS < 1.0 / np.finfo(float).eps:
             return by_readings
         step = alone + np.einsum("ijm,j->im", by_start, np.linalg.solve(by_mean, mean))
-        thrust = thrust + step
-        if not np.abs(thrust).max() <= farthest:
+        rates = rates + step
+        if not np.abs(rates).max() <= farthest:
             return by_readings
-        record = first._replace(rate=thrust, there=np.ones_like(first.there))
+        record = first._replace(rate=rates, there=np.ones_like(first.there))
         motion = expected_motion(unknowns, motion.course._replace(read=record), model)
-        if np.abs(step).max() <= _SMALL * np.abs(thrust).max():
+        if np.abs(step).max() <= _SMALL * np.abs(rates).max():
             break
     return motion

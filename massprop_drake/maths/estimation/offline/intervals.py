@@ -233,37 +233,31 @@ def _error_free_readings(
     gyros, m, estimated = model.gyros, stretch.time_s.size, flight_model.relevant_unknowns(model)
     of_gyros = flight_model.columns(model).gyro_bias
     unknowns = np.where(np.isin(np.arange(unknowns.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, unknowns)
-    readings, offset, motion_rate = np.zeros_like(stretch.readings), initial_rate, np.zeros((3, m))
+    readings, offset, rates = np.zeros_like(stretch.readings), initial_rate, np.zeros((3, m))
     for _ in range(_ROUNDS):  # Newton's, for coupling with the rates that come of it
-        readings[:, :gyros] = motion_rate.T[:, None]
+        readings[:, :gyros] = rates.T[:, None]
         found, motion = normal_equations.residuals(stretch._replace(readings=readings), unknowns, model)
         if np.isnan(initial_rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
-        away, lengths_s = motion[:3] + offset[:, None] - motion_rate, np.diff(stretch.time_s)
-        step = add_rate_coupling(away[:, None], motion_rate, np.zeros((3, m)), lengths_s, unknowns)[
-            :, 0
-        ]  # wheels confine nothing
-        motion_rate = motion_rate + step
-        if np.abs(step).max() <= _SMALL * np.abs(motion_rate).max():
+        away, lengths_s = motion[:3] + offset[:, None] - rates, np.diff(stretch.time_s)
+        step = add_rate_coupling(away[:, None], rates, np.zeros((3, m)), lengths_s, unknowns)[:, 0]  # no wheels
+        rates = rates + step
+        if np.abs(step).max() <= _SMALL * np.abs(rates).max():
             break
     u = int(estimated.sum())
     shown, derivatives = np.empty((model.variances.size, 3, m)), np.zeros((model.variances.size, 3, u + 3, m))
     for one in found:
-        shown[one.package, one.axis] = motion_rate[one.axis] if one.package < gyros else -one.left
+        shown[one.package, one.axis] = rates[one.axis] if one.package < gyros else -one.left
         one.derivatives[of_gyros] = 0.0
         derivatives[one.package, one.axis, :u] = one.derivatives[estimated]
-    mean_held = derivatives[0].copy()  # with the mean of the rate held, as `hindsight` has it
-    straight = mean_held - mean_held[..., :1]
+    fixed_mean = derivatives[0].copy()  # with the mean of the rate held, as `hindsight` has it
+    straight = fixed_mean - fixed_mean[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
-    derivatives[:gyros] = changes = add_rate_coupling(
-        begun, motion_rate, np.zeros((3, m)), np.diff(stretch.time_s), unknowns
-    )
+    derivatives[:gyros] = changes = add_rate_coupling(begun, rates, np.zeros((3, m)), np.diff(stretch.time_s), unknowns)
     for package in range(gyros, model.variances.size):
         arm = model.positions[package - gyros] - unknowns[6:9]
-        derivatives[package] += _lever_arm_changes(
-            changes - straight, changes - mean_held, motion_rate, arm, stretch.time_s
-        )
+        derivatives[package] += _lever_arm_changes(changes - straight, changes - fixed_mean, rates, arm, stretch.time_s)
     return _Outputs(shown, derivatives, offset)
 
 

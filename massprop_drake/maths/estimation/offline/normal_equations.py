@@ -187,9 +187,7 @@ def reading_derivatives(
         if part.package >= model.gyros and part.package != package:
             package, arm = part.package, model.positions[part.package - model.gyros] - unknowns[CENTER]
             turns = derivatives.by_velocity + centripetal_derivatives(derivatives, effects.rate, arm, effects.period_s)
-            turns += np.tensordot(derivatives.by_rate, CROSS @ arm, (1, 1)).swapaxes(
-                1, 2
-            )  # the rate crossed with the arm
+            turns += np.tensordot(derivatives.by_rate, CROSS @ arm, (1, 1)).swapaxes(1, 2)  # rate x arm
         x[:, rows] = turns[:, part.axis].take(part.rows, axis=1)
         if part.package >= model.gyros:
             turned = effects.turn[part.axis][:, part.rows]

@@ -35,23 +35,23 @@ def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tu
     for stretch in stretches:
         motion, unknowns = stretch_motion(stretch, model.prior, model)
         read = motion.course.read
-        mean_rate, n_jets = mean_rates(read.rate), model.flows.size
+        means, n_jets = mean_rates(read.rate), model.flows.size
         by_jets = np.zeros((n_jets, read.late_s.size))
         by_jets[read.on] = cumulative_sums(motion.course.amount.T)
-        products = cumulative_sums(mean_rate.square[np.triu_indices(3)])
+        products = cumulative_sums(means.square[np.triu_indices(3)])
         wheels = wheel_derivatives(motion, unknowns, model)[0].sum(axis=0)
         engines = (
             cumulative_sums(engine_impulses(read, unknowns, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
         )
         turned.append(_subtract_means(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
-        pushed += _velocity_columns(motion, mean_rate, model)
+        pushed += _velocity_columns(motion, means, model)
     inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[MASS]
     rates = _fit_residuals(turned, 3)
     momentum = float(np.linalg.norm(rates @ inertia, axis=1).max(initial=0.0))
     return momentum, mass * float(np.abs(_fit_residuals(pushed, 1)).max(initial=0.0))
 
 
-def _velocity_columns(motion: ExpectedMotion, mean_rate: MeanRates, model: FlightModel) -> list[Array]:
+def _velocity_columns(motion: ExpectedMotion, means: MeanRates, model: FlightModel) -> list[Array]:
     """Returns regressors and accelerometer velocity per component, rotation effects subtracted.
 
     Returns:
@@ -59,7 +59,7 @@ def _velocity_columns(motion: ExpectedMotion, mean_rate: MeanRates, model: Fligh
         of each jet, and by each bias, and what is read; shape (r, k + 1).
     """
     read, n_jets = motion.course.read, model.flows.size
-    turn = turning_products(read.rate, mean_rate, np.zeros_like(mean_rate.square), read.period_s)
+    turn = turning_products(read.rate, means, np.zeros_like(means.square), read.period_s)
     given = cumulative_sums((motion.course.amount * motion.lightness[:, None]).T)
     since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
     impulses, _ = engine_impulses(read, model.prior, model)

@@ -108,7 +108,7 @@ class PoseOutcome(NamedTuple):
 
 
 def begin_hypotheses(
-    bank: PoseBank, time_s: float, params: PoseParams, known_failures: Array | None = None, probability: float = BEFORE
+    bank: PoseBank, time_s: float, params: PoseParams, known_failures: Array | None = None, chance: float = BEFORE
 ) -> Tried:
     """Branches a filter into hypotheses: no further failure, each jet weak, each jet open, and a push.
 
@@ -116,14 +116,11 @@ def begin_hypotheses(
         bank: of one filter.
         time_s: now.
         known_failures: see `Tried`; None: nothing is.
-        probability: probability of a failure of each kind of each jet.
+        chance: probability of a failure of each kind of each jet.
     """
     known_failures = np.zeros(1 + 2 * params.pushes.shape[0]) if known_failures is None else known_failures
     every = _stack_banks(bank, branch_failures(bank, known_failures, params))
-    onset, likelihood = (
-        np.full(1 + known_failures.size, time_s),
-        np.append(0.0, np.log(probability) + _log_priors(params)),
-    )
+    onset, likelihood = np.full(1 + known_failures.size, time_s), np.append(0.0, np.log(chance) + _log_priors(params))
     fresh = Tried(every, likelihood, onset, known_failures, time_s, np.nan)
     return fresh._replace(likelihood=np.append(0.0, _possible_odds(fresh)))
 

@@ -52,18 +52,13 @@ class _Rows:
         self._rows: list[tuple[Array, Array, Array, list[tuple[bool, bool]]]] = []
 
     def add(
-        self,
-        innovation: Array,
-        derivatives: dict[str, Array],
-        covariance: Array,
-        axes: np.ndarray,
-        kind: tuple[bool, bool],
+        self, error: Array, derivatives: dict[str, Array], covariance: Array, axes: np.ndarray, kind: tuple[bool, bool]
     ) -> None:
         """Adds a reading of three components: innovation, derivatives by part of the state, covariance, axes, kind.
 
         The kind is whether it is of attitude or rate, and whether of a pose sensor.
         """
-        axes = axes[np.isfinite(innovation[0, axes])]
+        axes = axes[np.isfinite(error[0, axes])]
         if axes.size == 0 or not np.isfinite(covariance).all():
             return
         parts = self._params.parts
@@ -74,7 +69,7 @@ class _Rows:
             begin = columns.start + 3 * int(place or 0)
             jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, axes]
         own = np.broadcast_to(covariance, (self._count, 3, 3))[:, axes[:, None], axes]
-        self._rows.append((innovation[:, axes], jacobian[:, :, self._params.free], own, [kind] * axes.size))
+        self._rows.append((error[:, axes], jacobian[:, :, self._params.free], own, [kind] * axes.size))
 
     def stack(self) -> Compared | None:
         """Stacks all readings added so far into innovations, Jacobians and covariances; None: there are none."""
