@@ -216,12 +216,12 @@ def fly(holder: Any, block: Any, progress: NDArray[np.int_], params: Any) -> int
 def _fly_unwrapped(holder: Any, block: FlightBlock, progress: NDArray[np.int_], params: FlightParams) -> int:
     """Simulates as `fly` does, block and parameters taken out of their holders."""
     state = holder.value
-    rows, draws, desk = block.rows, block.coming, block.desk
+    rows, draws, exchange = block.rows, block.coming, block.desk
     row = progress[ROW]
     if progress[PHASE] == PILOTING:
         progress[PHASE] = JUMPING
         if params.flies:
-            state, selects = _pilot_sample(state, row, rows, desk, params)
+            state, selects = _pilot_sample(state, row, rows, exchange, params)
             if selects:
                 holder.value = state
                 return SELECT
@@ -231,7 +231,7 @@ def _fly_unwrapped(holder: Any, block: FlightBlock, progress: NDArray[np.int_], 
             holder.value = state
             return JUMP
     if progress[PHASE] == STEPPING:
-        state = _step_sample(state, (row, progress[SAMPLE]), (rows, draws), desk, params)
+        state = _step_sample(state, (row, progress[SAMPLE]), (rows, draws), exchange, params)
         row += 1
         progress[ROW], progress[PHASE] = row, SENSING
         progress[SAMPLE] += 1
@@ -298,10 +298,10 @@ def _sense_sample(state: FlightState, row: int, rows: FlightRows, draws: Ahead, 
 
 @kernel
 def _pilot_sample(
-    state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
+    state: FlightState, row: int, rows: FlightRows, exchange: Desk, params: FlightParams
 ) -> tuple[FlightState, bool]:
     """Logs the autopilot's request at a sample; returns the state, and whether jets must be selected."""
-    pilot, asked = params.pilot, desk.asked
+    pilot, asked = params.pilot, exchange.asked
     rate = rows.readings[row, params.gyros[0]]
     request, error, memory = run_autopilot(
         state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings
@@ -309,15 +309,15 @@ def _pilot_sample(
     changes = (request.rate_change, request.velocity_change, request.time_limit_s, float(request.urgency.value))
     fill(rows.request[row], changes)
     rows.attitude_error[row] = error
-    rows.selection_counts[row] = desk.counts
-    rows.out_of_use[row] = desk.out_of_use
-    desk.wrench[:] = 0.0
+    rows.selection_counts[row] = exchange.counts
+    rows.out_of_use[row] = exchange.out_of_use
+    exchange.wrench[:] = 0.0
     if has_nonzero(asked.force):
-        desk.wrench[:] = asked.force @ pilot.unit_wrenches
+        exchange.wrench[:] = asked.force @ pilot.unit_wrenches
     declared = asked.declared[0] != 0.0
     if declared:
-        desk.remaining[:] = 0.0
-    selects = must_select(desk.remaining, request, desk.refused, has_nonzero(desk.wrench), declared)
+        exchange.remaining[:] = 0.0
+    selects = must_select(exchange.remaining, request, exchange.refused, has_nonzero(exchange.wrench), declared)
     return FlightState(state.vehicle, memory, state.command, state.onset, state.delivered), selects
 
 
@@ -326,7 +326,7 @@ def _step_sample(
     state: FlightState,
     row_and_sample: tuple[int, int],
     rows_and_draws: tuple[FlightRows, Ahead],
-    desk: Desk,
+    exchange: Desk,
     params: FlightParams,
 ) -> FlightState:
     """Fires the jets and advances the vehicle to the next sample; logs the sample in its row."""
@@ -334,18 +334,18 @@ def _step_sample(
     rows, draws = rows_and_draws
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered
     if params.flies:
-        command = coming_pulse(desk.remaining, pilot.pulses)
+        command = coming_pulse(exchange.remaining, pilot.pulses)
         rows.command[row] = command
         rows.onset[row] = pulse_onsets(command, pilot.pulses, pilot.settings.period_s)
         reciprocal = pilot.mass_reciprocal
-        if pilot.adapts and is_converged(desk.deviation, desk.estimate, pilot.limits):
-            reciprocal = desk.estimate[MASS_RECIPROCAL]
+        if pilot.adapts and is_converged(exchange.deviation, exchange.estimate, pilot.limits):
+            reciprocal = exchange.estimate[MASS_RECIPROCAL]
         delivered = delivered_velocity(command, pilot.forces, reciprocal, pilot.settings.period_s)
-        desk.remaining[:] = remaining_after_pulse(desk.remaining, command)
+        exchange.remaining[:] = remaining_after_pulse(exchange.remaining, command)
     else:
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()
-    closed = desk.asked.closed if params.closes else np.zeros(command.size)
+    closed = exchange.asked.closed if params.closes else np.zeros(command.size)
     after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (draws, row), params.truth)
     rows.thrust[row] = thrust
     return FlightState(after, state.pilot, command, onset, delivered)

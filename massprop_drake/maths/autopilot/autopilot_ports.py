@@ -121,19 +121,26 @@ class Burning(NamedTuple):
 
 @kernel
 def select_or_fire(
-    remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, holder: Any
+    remaining: Array,
+    packed_request: Array,
+    refused_request: Array,
+    reconfiguration: Array,
+    mass_reciprocal: float,
+    holder: Any,
 ) -> Array:
-    """Returns 1 where jets must be selected anew, else 0, then `fire_sample`'s output, valid with 0.
+    """Decides on a new jet selection (1, else 0), then computes the burst's sample as `fire_sample`, valid with 0.
 
     Args:
         remaining, mass_reciprocal, holder: as in `fire_sample`.
-        asked: packed as `REQUEST`.
-        refused: see `must_select`.
-        told: by the detector, packed as `RECONFIGURATION`.
+        packed_request: packed as `REQUEST`.
+        refused_request: see `must_select`.
+        reconfiguration: by the detector, packed as `RECONFIGURATION`.
     """
-    wanted, declared = read_bundle(asked, holder.value.request), told[_DECLARED] != 0.0
+    request_fields, declared = read_bundle(packed_request, holder.value.request), reconfiguration[_DECLARED] != 0.0
     row = np.empty(2 * remaining.size + 4)
-    row[0] = must_select(remaining, wanted, refused, has_nonzero(told[_KNOWN_WRENCH]), declared)
+    row[0] = must_select(
+        remaining, request_fields, refused_request, has_nonzero(reconfiguration[_KNOWN_WRENCH]), declared
+    )
     row[1:] = fire_sample(remaining, mass_reciprocal, holder)
     return row
 

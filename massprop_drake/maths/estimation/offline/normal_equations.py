@@ -138,13 +138,13 @@ class ComponentBatch(NamedTuple):
     begins: NDArray[np.int_]  # where each begins
     rows: NDArray[np.int_]  # (r,)
 
-    def each(self, values: Sequence[float] | Array) -> Array:
+    def repeat_by_row(self, values: Sequence[float] | Array) -> Array:
         """Repeats a value per component, shape (..., c), for each of its rows, shape (..., r)."""
         return np.repeat(values, self.counts, axis=-1)
 
     def subtract_component_means(self, values: Array) -> Array:
         """Subtracts, in place, the mean over each component's rows, shape (..., r)."""
-        values -= self.each(np.add.reduceat(values, self.begins, axis=-1) / self.counts)
+        values -= self.repeat_by_row(np.add.reduceat(values, self.begins, axis=-1) / self.counts)
         return values
 
     def whiten_rows(self, values: Array, whiteners: Sequence[Whitener]) -> Array:
@@ -202,8 +202,8 @@ def reading_derivatives(
 
 
 def _apply_gains_and_biases(
-    x: Array,
-    place: NDArray[np.int_],
+    derivatives: Array,
+    row_of: NDArray[np.int_],
     batch: ComponentBatch,
     effects: TurningEffects,
     unknowns: Array,
@@ -213,13 +213,13 @@ def _apply_gains_and_biases(
     of_gains, of_biases = zip(*(_gain_and_bias_slices(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
     if unknowns[gains].any():
-        x *= batch.each(1.0 + unknowns[gains])
+        derivatives *= batch.repeat_by_row(1.0 + unknowns[gains])
     for part, begin, gain, bias in zip(batch.parts, batch.begins.tolist(), gains, of_biases, strict=True):
         rows = slice(begin, begin + part.rows.size)
-        if place[gain] >= 0:
-            x[place[gain], rows] = part.shown[part.rows]
-        if part.package >= model.gyros and place[bias.start] >= 0:
-            x[place[bias.start + part.axis], rows] = effects.since_s[part.rows]
+        if row_of[gain] >= 0:
+            derivatives[row_of[gain], rows] = part.shown[part.rows]
+        if part.package >= model.gyros and row_of[bias.start] >= 0:
+            derivatives[row_of[bias.start + part.axis], rows] = effects.since_s[part.rows]
 
 
 def stretch_equations(
@@ -256,7 +256,7 @@ def equations_about(
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[ComponentBatch, Array, Array]] = []
     for batch in component_batches(sensor_components(motion, effects, unknowns, model, cache), model.gyros):
-        scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
+        scale = batch.repeat_by_row(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = reading_derivatives(derivatives, batch, effects, unknowns, model) * scale
         if has_accumulating_noise(model):
@@ -377,7 +377,7 @@ def _sum_residuals(
     packages = [part.package for part in batch.parts]
     np.add.at(total.by_package, packages, np.column_stack((misfits, batch.counts - 1.0, along)))
     if packages[0] < model.gyros:
-        quick = is_fast[batch.rows] > batch.each(model.variances[packages])
+        quick = is_fast[batch.rows] > batch.repeat_by_row(model.variances[packages])
         total.quick[:] += squares[quick].sum(), quick.sum()
         total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 

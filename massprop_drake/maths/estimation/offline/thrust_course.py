@@ -249,5 +249,5 @@ def interpolate_missing(rate: Array, is_read: NDArray[np.bool_], rows: Array) ->
 
 
 def centered_counts(count: int) -> Array:
-    """Returns row numbers relative to the middle of the rows, shape (number,)."""
+    """Returns row numbers relative to the middle of the rows, shape (count,)."""
     return np.arange(0.5 * (1.0 - count), 0.5 * count)

@@ -86,7 +86,7 @@ def _subtract_means(rows: Array) -> Array:
 
 
 def _fit_residuals(parts: Sequence[Array], n_outputs: int) -> Array:
-    """Computes residuals of the last ``n_outputs`` columns regressed on the others, shape (n, outputs)."""
+    """Computes residuals of the last ``n_outputs`` columns regressed on the others, (n, n_outputs)."""
     if not parts:
         return np.zeros((0, n_outputs))
     together = np.vstack(parts)

@@ -168,31 +168,31 @@ def _merge_close_parts(parts: list[Tried], params: PoseParams) -> list[Tried]:
     return result
 
 
-def _can_merge(part: Tried, other: Tried, params: PoseParams) -> bool:
+def _can_merge(first: Tried, second: Tried, params: PoseParams) -> bool:
     """Tests whether one filter can hold both delays, as if equally likely, without losing either.
 
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
     """
     places = _delay_indices(params)
-    if not np.array_equal(part.known, other.known):
+    if not np.array_equal(first.known, second.known):
         return False
-    apart = (part.bank.mean[0] - other.bank.mean[0])[params.free[places]]
-    own = [each.bank.covariance[0][places, places] for each in (part, other)]
+    apart = (first.bank.mean[0] - second.bank.mean[0])[params.free[places]]
+    own = [each.bank.covariance[0][places, places] for each in (first, second)]
     wider = np.maximum(*own)
-    share = float(np.exp(log_weight(other) - np.logaddexp(log_weight(part), log_weight(other))))
+    share = float(np.exp(log_weight(second) - np.logaddexp(log_weight(first), log_weight(second))))
     both = (1.0 - share) * own[0] + share * own[1] + share * (1.0 - share) * apart**2
     holds = (wider + 0.25 * apart**2 <= params.delays.reach_s**2) & (both >= _KEPT * wider)
     return bool(holds.all())
 
 
-def _merge_pair(part: Tried, other: Tried, params: PoseParams) -> Tried:
+def _merge_pair(first: Tried, second: Tried, params: PoseParams) -> Tried:
     """Merges the hypotheses of two delays one by one by moments; the likelier delay's counters stay."""
-    total, share = add_weights(part.total + part.likelihood, other.total + other.likelihood)
-    likelier = part if log_weight(part) >= log_weight(other) else other
+    total, share = add_weights(first.total + first.likelihood, second.total + second.likelihood)
+    likelier = first if log_weight(first) >= log_weight(second) else second
     return likelier._replace(
-        bank=merge_banks(part.bank, other.bank, share, params),
+        bank=merge_banks(first.bank, second.bank, share, params),
         likelihood=total - total[0],
-        onset_s=np.where(share > 0.5, other.onset_s, part.onset_s),
+        onset_s=np.where(share > 0.5, second.onset_s, first.onset_s),
         total=float(total[0]),
     )
