@@ -46,7 +46,7 @@ from massprop_drake.maths.linear_algebra import Array, normals
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation
 from massprop_drake.maths.vehicle.engine_thrust import NO_ENGINES, EngineParams
 from massprop_drake.maths.vehicle.mounting import mounting_errors
-from massprop_drake.maths.vehicle.on_times import level_onsets, most_pieces, pulse_shares
+from massprop_drake.maths.vehicle.on_times import level_onsets, max_pieces, pulse_shares
 from massprop_drake.maths.vehicle.reaction_jets import draw_thrust_factors
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
@@ -378,7 +378,7 @@ def scheduled_jet_commands(scenario: Scenario) -> tuple[Array, Array | None]:
         else:
             first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
             table[first:last, jet] = 1.0
-    return table, onset_s if most_pieces(table, onset_s, period) > 1 else None
+    return table, onset_s if max_pieces(table, onset_s, period) > 1 else None
 
 
 def sample_count(scenario: Scenario) -> int:

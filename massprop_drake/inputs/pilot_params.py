@@ -22,13 +22,13 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.gimbal_control import GimbalControl
 from massprop_drake.maths.autopilot.jet_selection import jet_forces
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
-from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycle_pulses
+from massprop_drake.maths.autopilot.pulses import Pulses, max_edges, valve_pulses, whole_cycle_pulses
 from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, torque_shares
 from massprop_drake.maths.flight import FlightParams, PilotParams
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
-from massprop_drake.maths.vehicle.on_times import PLACES, most_pieces
+from massprop_drake.maths.vehicle.on_times import PLACES, max_pieces
 from massprop_drake.maths.vehicle.vehicle_cycle import VehicleParams, pack_truth
 
 
@@ -162,9 +162,9 @@ def engine_commands(scenario: Scenario) -> Array:
 def max_pieces_per_sample(scenario: Scenario) -> int:
     """Returns the largest number of pieces into which jet switching splits a sample; 1: no jet switches within one."""
     if not scenario.open_loop:
-        return 1 + most_edges(pulses(scenario))
+        return 1 + max_edges(pulses(scenario))
     table, onset_s = scheduled_jet_commands(scenario)
-    return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
+    return 1 if onset_s is None else max_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
 
 
 def closes_manifolds(scenario: Scenario) -> bool:

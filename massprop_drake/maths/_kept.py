@@ -73,11 +73,11 @@ def _require_whole(content: bytes) -> None:
         raise ValueError("not what was written")
 
 
-def _log_once(kind: str, words: str) -> None:
+def _log_once(kind: str, message: str) -> None:
     """Logs a warning, once per kind of message in a process."""
     if kind not in _SAID:
         _SAID.add(kind)
-        _LOG.warning("%s", words)
+        _LOG.warning("%s", message)
 
 
 def check_cache_files(dispatcher: Any) -> Any:

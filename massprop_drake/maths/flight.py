@@ -142,25 +142,22 @@ class Desk(NamedTuple):
     asked: ThesisAsked
 
 
-def empty_desk(n_jets: int, asked: ThesisAsked) -> Desk:
+def empty_desk(n_jets: int, detector_requests: ThesisAsked) -> Desk:
     """Makes the zeroed arrays by which the compiled flight and Python exchange requests and estimates.
 
     Args:
-        n_jets: number of jets.
-        asked: what the detector asks for.
+        detector_requests: what the detector asks for.
     """
     remaining, out_of_use, owed = np.zeros((3, n_jets))
     counts, refused, wrench, estimate, deviation = (np.zeros(size) for size in (4, 4, 6, 10, 10))
-    return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, asked)
+    return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, detector_requests)
 
 
 def empty_rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
     """Allocates the zeroed log arrays of a flight, a row per sample.
 
     Args:
-        count: of rows.
         sizes: numbers of jets and of packages.
-        params: see `FlightParams`.
     """
     jets, packages = sizes
     used = (packages, params.gyros.size, params.accelerometers.size)
@@ -197,14 +194,14 @@ def initial_state(vehicle: VehicleState) -> FlightState:
 
 
 @kernel
-def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+def fly(holder: Any, block: Any, progress: NDArray[np.int_], params: Any) -> int:
     """Simulates until the next readings, or until Python must act; returns `ON`, `SELECT` or `JUMP`.
 
     Args:
         holder: of `FlightState`.
         block: holder of a `FlightBlock`; it ends with the last row's sample, and the next one's readings are the first
             thing of the next block.
-        reached: row, phase and number of the sample, shape (3,) or longer.
+        progress: row, phase and number of the sample, shape (3,) or longer.
         params: holder of `FlightParams`.
 
     Raises:
@@ -212,48 +209,48 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
         OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in a sample.
     """
-    return _fly_unwrapped(holder, block.value, reached, params.value)
+    return _fly_unwrapped(holder, block.value, progress, params.value)
 
 
 @kernel
-def _fly_unwrapped(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
+def _fly_unwrapped(holder: Any, block: FlightBlock, progress: NDArray[np.int_], params: FlightParams) -> int:
     """Simulates as `fly` does, block and parameters taken out of their holders."""
     state = holder.value
-    rows, coming, desk = block.rows, block.coming, block.desk
-    row = reached[ROW]
-    if reached[PHASE] == PILOTING:
-        reached[PHASE] = JUMPING
-        if given.flies:
-            state, selects = _pilot_sample(state, row, rows, desk, given)
+    rows, draws, exchange = block.rows, block.coming, block.desk
+    row = progress[ROW]
+    if progress[PHASE] == PILOTING:
+        progress[PHASE] = JUMPING
+        if params.flies:
+            state, selects = _pilot_sample(state, row, rows, exchange, params)
             if selects:
                 holder.value = state
                 return SELECT
-    if reached[PHASE] == JUMPING:
-        reached[PHASE] = STEPPING
-        if coming.jumps[row]:
+    if progress[PHASE] == JUMPING:
+        progress[PHASE] = STEPPING
+        if draws.jumps[row]:
             holder.value = state
             return JUMP
-    if reached[PHASE] == STEPPING:
-        state = _step_sample(state, (row, reached[SAMPLE]), (rows, coming), desk, given)
+    if progress[PHASE] == STEPPING:
+        state = _step_sample(state, (row, progress[SAMPLE]), (rows, draws), exchange, params)
         row += 1
-        reached[ROW], reached[PHASE] = row, SENSING
-        reached[SAMPLE] += 1
+        progress[ROW], progress[PHASE] = row, SENSING
+        progress[SAMPLE] += 1
     if row < rows.told.shape[0]:
-        state = _sense_sample(state, row, rows, coming, given)
-        reached[PHASE] = PILOTING
+        state = _sense_sample(state, row, rows, draws, params)
+        progress[PHASE] = PILOTING
     holder.value = state
     return ON
 
 
 @kernel
-def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+def fly_and_estimate(holder: Any, estimation_holder: Any, block: Any, progress: NDArray[np.int_], params: Any) -> int:
     """Simulates and estimates sample by sample until a row or until Python must act; returns as `fly`.
 
     Args:
         holder: of `FlightState`.
-        known: holder of the state of estimation.
+        estimation_holder: holder of the state of estimation.
         block: holder of the rows of both, a `FlightBlock` and a `whole.ThesisBlock`, see `Together`.
-        reached: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
+        progress: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
         params: holder of `FlightParams` and `whole.WholeParams`.
 
     Raises:
@@ -261,20 +258,20 @@ def fly_and_estimate(holder: Any, known: Any, block: Any, reached: NDArray[np.in
         OutOfMassError, OutOfPropellantError, SpunUpError: as `fly`.
     """
     rows, given = block.value, params.value
-    while reached[ROW] < reached[UNTIL]:
-        if reached[PHASE] == PILOTING:
-            known.value = whole.run_cycle(known.value, rows.known, reached[ROW], given.known)
-        stop = _fly_unwrapped(holder, rows.flight, reached, given.flight)
+    while progress[ROW] < progress[UNTIL]:
+        if progress[PHASE] == PILOTING:
+            estimation_holder.value = whole.run_cycle(estimation_holder.value, rows.known, progress[ROW], given.known)
+        stop = _fly_unwrapped(holder, rows.flight, progress, given.flight)
         if stop != ON:
             return stop
     return ON
 
 
 @kernel
-def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
+def _sense_sample(state: FlightState, row: int, rows: FlightRows, draws: Ahead, params: FlightParams) -> FlightState:
     """Logs a sample's readings, raw and without saturated ones; returns the state, memories updated."""
     vehicle, truth = state.vehicle, params.truth
-    readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
+    readings, memories = vehicle_cycle.sense(vehicle, row, draws, truth)
     rows.body_state[row] = vehicle.body
     rows.structure[row] = vehicle.structure
     rows.propellant[row] = vehicle.fill
@@ -301,10 +298,10 @@ def _sense_sample(state: FlightState, row: int, rows: FlightRows, coming: Ahead,
 
 @kernel
 def _pilot_sample(
-    state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
+    state: FlightState, row: int, rows: FlightRows, exchange: Desk, params: FlightParams
 ) -> tuple[FlightState, bool]:
     """Logs the autopilot's request at a sample; returns the state, and whether jets must be selected."""
-    pilot, asked = params.pilot, desk.asked
+    pilot, asked = params.pilot, exchange.asked
     rate = rows.readings[row, params.gyros[0]]
     request, error, memory = run_autopilot(
         state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings
@@ -312,39 +309,43 @@ def _pilot_sample(
     changes = (request.rate_change, request.velocity_change, request.time_limit_s, float(request.urgency.value))
     fill(rows.request[row], changes)
     rows.attitude_error[row] = error
-    rows.selection_counts[row] = desk.counts
-    rows.out_of_use[row] = desk.out_of_use
-    desk.wrench[:] = 0.0
+    rows.selection_counts[row] = exchange.counts
+    rows.out_of_use[row] = exchange.out_of_use
+    exchange.wrench[:] = 0.0
     if has_nonzero(asked.force):
-        desk.wrench[:] = asked.force @ pilot.unit_wrenches
+        exchange.wrench[:] = asked.force @ pilot.unit_wrenches
     declared = asked.declared[0] != 0.0
     if declared:
-        desk.remaining[:] = 0.0
-    selects = must_select(desk.remaining, request, desk.refused, has_nonzero(desk.wrench), declared)
+        exchange.remaining[:] = 0.0
+    selects = must_select(exchange.remaining, request, exchange.refused, has_nonzero(exchange.wrench), declared)
     return FlightState(state.vehicle, memory, state.command, state.onset, state.delivered), selects
 
 
 @kernel
 def _step_sample(
-    state: FlightState, at: tuple[int, int], given: tuple[FlightRows, Ahead], desk: Desk, params: FlightParams
+    state: FlightState,
+    row_and_sample: tuple[int, int],
+    rows_and_draws: tuple[FlightRows, Ahead],
+    exchange: Desk,
+    params: FlightParams,
 ) -> FlightState:
-    """Fires the jets and advances the vehicle to the next sample; ``at``: the row, and the sample's number."""
-    row, sample = at
-    rows, coming = given
+    """Fires the jets and advances the vehicle to the next sample; logs the sample in its row."""
+    row, sample = row_and_sample
+    rows, draws = rows_and_draws
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered
     if params.flies:
-        command = coming_pulse(desk.remaining, pilot.pulses)
+        command = coming_pulse(exchange.remaining, pilot.pulses)
         rows.command[row] = command
         rows.onset[row] = pulse_onsets(command, pilot.pulses, pilot.settings.period_s)
         reciprocal = pilot.mass_reciprocal
-        if pilot.adapts and is_converged(desk.deviation, desk.estimate, pilot.limits):
-            reciprocal = desk.estimate[MASS_RECIPROCAL]
+        if pilot.adapts and is_converged(exchange.deviation, exchange.estimate, pilot.limits):
+            reciprocal = exchange.estimate[MASS_RECIPROCAL]
         delivered = delivered_velocity(command, pilot.forces, reciprocal, pilot.settings.period_s)
-        desk.remaining[:] = remaining_after_pulse(desk.remaining, command)
+        exchange.remaining[:] = remaining_after_pulse(exchange.remaining, command)
     else:
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()
-    closed = desk.asked.closed if params.closes else np.zeros(command.size)
-    after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (coming, row), params.truth)
+    closed = exchange.asked.closed if params.closes else np.zeros(command.size)
+    after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (draws, row), params.truth)
     rows.thrust[row] = thrust
     return FlightState(after, state.pilot, command, onset, delivered)

@@ -62,11 +62,11 @@ def kernel(function: F) -> F:
     return function
 
 
-def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
+def idiom(compiled_form: Callable[..., Any]) -> Callable[[F], F]:
     """Makes a decorator that registers a function's other form for numba, which compiled code uses instead.
 
     Args:
-        meaning: that form, with the same arguments.
+        compiled_form: that form, with the same arguments.
     """
 
     def register(function: F) -> F:
@@ -74,7 +74,9 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
         _IDIOMS.append(
             (
                 function,
-                lambda extending: extending.overload(function, jit_options=_BARE)(_overload_for_all_types(meaning)),
+                lambda extending: extending.overload(function, jit_options=_BARE)(
+                    _overload_for_all_types(compiled_form)
+                ),
             )
         )
         return function
@@ -118,19 +120,19 @@ def rows3(matrix: Array) -> Any:
     return matrix.tolist()
 
 
-def _take_elements(vector, places):  # type: ignore[no-untyped-def] # compiled alone
+def _take_elements(vector, indices):  # type: ignore[no-untyped-def] # compiled alone
     """Compiled form of `take_elements`."""
-    result = np.empty(places.shape)
-    flat, index = result.ravel(), places.ravel()
+    result = np.empty(indices.shape)
+    flat, index = result.ravel(), indices.ravel()
     for place in range(index.size):
         flat[place] = vector[index[place]]
-    return flat.reshape(places.shape)
+    return flat.reshape(indices.shape)
 
 
 @idiom(_take_elements)
-def take_elements(vector: Array, places: NDArray[np.int_]) -> Array:
+def take_elements(vector: Array, indices: NDArray[np.int_]) -> Array:
     """Returns the elements of a vector at a table of indices, in the table's shape."""
-    return vector[places]
+    return vector[indices]
 
 
 def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
@@ -149,23 +151,23 @@ def _element(values: Any, index: int) -> Any:
     return values[index] if np.ndim(values) else values
 
 
-def _select_where(condition, one, other):  # type: ignore[no-untyped-def] # compiled alone
+def _select_where(condition, if_true, if_false):  # type: ignore[no-untyped-def] # compiled alone
     """Compiled form of `select_where`."""
     result = np.empty(condition.size)
     for index in range(condition.size):
-        result[index] = _element(one, index) if condition[index] else _element(other, index)
+        result[index] = _element(if_true, index) if condition[index] else _element(if_false, index)
     return result
 
 
 @idiom(_select_where)
-def select_where(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
-    """Selects elements of ``one`` where a condition holds, of ``other`` elsewhere; compiles faster than numba's.
+def select_where(condition: NDArray[np.bool_], if_true: Any, if_false: Any) -> Array:
+    """Selects elements of ``if_true`` where a condition holds, of ``if_false`` elsewhere; compiles faster than numba's.
 
     Args:
         condition: in compiled code of shape (n,).
-        one, other: shape (n,), or numbers.
+        if_true, if_false: shape (n,), or numbers.
     """
-    return np.where(condition, one, other)
+    return np.where(condition, if_true, if_false)
 
 
 def _real(number):  # type: ignore[no-untyped-def] # compiled alone
@@ -340,19 +342,21 @@ def _writable_cache_folder() -> Path | None:
         return None
 
 
-def _make_timer(event: Any, kept: str) -> Any:
-    """Makes the listener that times compilation and logs its first start; `kept`: appended to that message."""
+def _make_timer(event: Any, message_end: str) -> Any:
+    """Makes the listener that times compilation and logs its first start; `message_end`: appended to that message."""
 
     class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
+        """Listener that times compilations."""
+
         said = False
 
-        def on_start(self, what: Any) -> None:
+        def on_start(self, compilation: Any) -> None:
             """Starts timing; logs, at the first compilation of this package's kernels, that it takes a minute."""
-            home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
+            home = compilation.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
             if home.startswith("massprop_drake.") and not self.said:
-                _LOG.warning("kernels are being compiled, which takes about a minute, once%s", kept)
+                _LOG.warning("kernels are being compiled, which takes about a minute, once%s", message_end)
                 self.said = True
-            super().on_start(what)
+            super().on_start(compilation)
 
     return Timer()
 
@@ -410,11 +414,11 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
         if rank == 0:
             lines += [f"    row[begin] = {value}", "    begin += 1"]
             continue
-        places = ", ".join("ijk"[:rank])
+        indices = ", ".join("ijk"[:rank])
         for depth in range(rank):
             lines.append(f"{'    ' * (depth + 1)}for {'ijk'[depth]} in range({value}.shape[{depth}]):")
         indent = "    " * (rank + 1)
-        lines += [f"{indent}row[begin] = {value}[{places}]", f"{indent}begin += 1"]
+        lines += [f"{indent}row[begin] = {value}[{indices}]", f"{indent}begin += 1"]
     made: dict[str, Any] = {}
     exec("\n".join(lines), made)
     return made["filled"]
@@ -436,12 +440,13 @@ def _read_bundle(vector, like):  # type: ignore[no-untyped-def] # of types
     return made["taken"]
 
 
-def _overload_for_all_types(meaning: Callable[..., Any]) -> Callable[..., Any]:
+def _overload_for_all_types(compiled_form: Callable[..., Any]) -> Callable[..., Any]:
     """Wraps a function as numba's `overload` wants it: the same for all argument types, names unchanged."""
 
-    @wraps(meaning)
+    @wraps(compiled_form)
     def of_types(*_kinds: Any, **_named: Any) -> Callable[..., Any]:
-        return meaning
+        """Returns the compiled form, whatever the argument types."""
+        return compiled_form
 
     return of_types
 

@@ -23,13 +23,13 @@ class NotPositiveDefiniteError(ArithmeticError):
 
     Args:
         matrix: the matrix that failed.
-        what: which matrix it is.
+        name: which matrix it is.
         time_s: when it happened, once a system that knows the time passes the error on.
     """
 
-    def __init__(self, matrix: Array, what: str = "matrix", time_s: float | None = None):
+    def __init__(self, matrix: Array, name: str = "matrix", time_s: float | None = None):
         self.matrix = np.array(matrix)
-        self.what = what
+        self.what = name
         self.time_s = time_s
         super().__init__(f"{self.headline}:\n{self.matrix}")
 
@@ -39,10 +39,10 @@ class NotPositiveDefiniteError(ArithmeticError):
         when = "" if self.time_s is None else f" at t = {moment(self.time_s)} s"
         return f"{self.what} is not positive definite{when}"
 
-    def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:
+    def at(self, time_s: float, system: str) -> NotPositiveDefiniteError:
         """Returns the same error with time and system added where these are unknown yet."""
         return (
-            self if self.time_s is not None else NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
+            self if self.time_s is not None else NotPositiveDefiniteError(self.matrix, f"{system}: {self.what}", time_s)
         )
 
 
@@ -70,18 +70,18 @@ def cross_products(left: Array, right: Array) -> Array:
     return result
 
 
-def normals(along: Array, near: Array | None = None) -> Array:
+def normals(directions: Array, preferred: Array | None = None) -> Array:
     """Computes two unit vectors normal to each direction, and to one another, shape (n, 2, 3).
 
     Args:
-        along: unit vectors, shape (n, 3).
-        near: what the first is as near to as it can be, shape (n, 3); None: the axis that is most across.
+        directions: unit vectors, shape (n, 3).
+        preferred: vectors to which the first is closest, shape (n, 3); None: the axis that is most across.
     """
-    if near is None:
-        near = np.eye(3)[np.argmin(np.abs(along), axis=1)]
-    first = near - np.sum(near * along, axis=1, keepdims=True) * along
+    if preferred is None:
+        preferred = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    first = preferred - np.sum(preferred * directions, axis=1, keepdims=True) * directions
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack((first, np.cross(along, first)), axis=1)
+    return np.stack((first, np.cross(directions, first)), axis=1)
 
 
 @kernel
@@ -121,12 +121,12 @@ def deviations(covariance: Array) -> Array:
 
 
 @kernel
-def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
+def inverse_positive_definite(matrix: Array, name: str = "matrix") -> Array:
     """Computes the inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
 
     Args:
         matrix: shape (3, 3); only the lower triangle is read.
-        what: the matrix's name, for the error.
+        name: the matrix's name, for the error.
 
     Raises:
         NotPositiveDefiniteError: when a pivot is not positive (or not a number).
@@ -134,18 +134,18 @@ def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     (a, _, _), (b, c, _), (d, e, f) = rows3(matrix)
     # L: lower Cholesky factor with rows (l00), (l10, l11), (l20, l21, l22)
     if not a > 0.0:
-        raise NotPositiveDefiniteError(matrix, what)
+        raise NotPositiveDefiniteError(matrix, name)
     l00 = math.sqrt(a)
     l10 = b / l00
     pivot = c - l10 * l10
     if not pivot > 0.0:
-        raise NotPositiveDefiniteError(matrix, what)
+        raise NotPositiveDefiniteError(matrix, name)
     l11 = math.sqrt(pivot)
     l20 = d / l00
     l21 = (e - l20 * l10) / l11
     pivot = f - l20 * l20 - l21 * l21
     if not pivot > 0.0:
-        raise NotPositiveDefiniteError(matrix, what)
+        raise NotPositiveDefiniteError(matrix, name)
     l22 = math.sqrt(pivot)
     # M: the inverse of L; the inverse of the matrix is then transpose(M) M
     m00, m11, m22 = 1.0 / l00, 1.0 / l11, 1.0 / l22

@@ -70,9 +70,9 @@ def attach_body(body: MassProperties, mass: float, position: Array, inertia: Arr
     total = body.mass + mass
     center = (body.mass * body.center_of_mass + mass * position) / total
 
-    def offset(of_mass: Any, at: Array) -> Array:
+    def offset(of_mass: Any, point: Array) -> Array:
         """Computes the parallel-axis inertia of a mass at a place about the new center of mass."""
-        return np.asarray(of_mass * parallel_axis(at - center))
+        return np.asarray(of_mass * parallel_axis(point - center))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
     return MassProperties(total, center, symmetrized(moved))
@@ -277,11 +277,11 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 
 @kernel
-def join_ten_parameters(of_rotation: Array, of_mass: float) -> Array:
+def join_ten_parameters(rotational: Array, mass_reciprocal: float) -> Array:
     """Joins nine values of the rotational parameters and one of 1/mass to a vector, shape (10,)."""
     result = np.empty(N_ROTATION + 1)
-    result[:N_ROTATION] = of_rotation
-    result[MASS_RECIPROCAL] = of_mass
+    result[:N_ROTATION] = rotational
+    result[MASS_RECIPROCAL] = mass_reciprocal
     return result
 
 

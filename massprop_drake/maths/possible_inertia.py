@@ -68,16 +68,16 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
     return np.concatenate((six + change, estimate[6:] + follows))
 
 
-def _nearest(six: Array, whitener: Array) -> Array | None:
+def _nearest(elements: Array, whitener: Array) -> Array | None:
     """Computes six elements of the nearest possible inverse inertia; None: the search does not converge."""
-    inertia = symmetrized(inverse(symmetric_matrix(six)))
+    inertia = symmetrized(inverse(symmetric_matrix(elements)))
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     inside = np.maximum(moments, _INSIDE * np.trace(inertia))
     second = six_elements(symmetrized((axes * inside) @ axes.T))
 
     def residual(moments: Array) -> Array:
         """Computes the whitened difference of the inverse inertia of second moments from the estimate, (6,)."""
-        result: Array = whitener @ (_inverse_from_moments(moments) - six)
+        result: Array = whitener @ (_inverse_from_moments(moments) - elements)
         return result
 
     for _ in range(_STEPS):

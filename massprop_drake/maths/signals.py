@@ -162,9 +162,9 @@ def wheel_signal(name: str) -> Signal:
     return Signal(name, f"speed of {name} as it is read", "rad/s", ("speed",))
 
 
-def engine_signal(name: str, *, turns: bool) -> Signal:
+def engine_signal(name: str, *, has_gimbal: bool) -> Signal:
     """Returns the signal description of an engine's measured level and, with a gimbal, its angles."""
-    angles, unit = (("gimbal_1", "gimbal_2"), "- (1); rad (2)") if turns else ((), "-")
+    angles, unit = (("gimbal_1", "gimbal_2"), "- (1); rad (2)") if has_gimbal else ((), "-")
     return Signal(name, f"{name} as it is read", unit, ("level", *angles))
 
 

@@ -65,7 +65,7 @@ class MappedTable(Table):
         return self._recording.sha256
 
 
-def row_places(record: Mapped) -> Places:
+def row_positions(record: Mapped) -> Places:
     """Returns indices of a channel's samples that become rows: all, or of a faster channel one a sample period.
 
     Raises:
@@ -128,7 +128,7 @@ def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> 
     _require_gyro_and_axes(record, gyro)
     if own_times:
         return _make_table_at_own_times(record)
-    places = row_places(record)
+    places = row_positions(record)
     time_s = record.rows.time_s[places]
     vehicle, notes = record.vehicle, list(record.notes)
     names, parts = ["time_s"], [time_s[:, None]]
@@ -424,7 +424,7 @@ def preview_rows(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
         designation, of those that are open; None where not known).
     """
     at_any_time = record.vehicle.needs_pose_filter or is_oversampled(record)  # each sample is a row then
-    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_places(record)]
+    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_positions(record)]
     shown = time_s[:most]
     fractions = _open_fractions(record, time_s)[:most]
     at = {

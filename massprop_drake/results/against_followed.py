@@ -89,7 +89,7 @@ def explain_differences(
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    movable = setting.movable_places(params.filter_setup(scenario), made.parts)
+    movable = setting.movable_indices(params.filter_setup(scenario), made.parts)
     with np.errstate(all="ignore"):
         return against.find_causes(
             lambda at: pose_hindsight.record_equations(record, vehicle._replace(at=at), movable, made),

@@ -140,7 +140,7 @@ def _analyze_readings(
         start, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
         known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(made) else None
-        bound = flight_bound.least_deviation(parts, fit.at, start, drift, without_shifts(made), known)
+        bound = flight_bound.cramer_rao_deviation(parts, fit.at, start, drift, without_shifts(made), known)
     return BatchAnalysis(bound, tuple(diagnoses))
 
 

@@ -157,7 +157,7 @@ class RunContent:
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         packages |= {wheel.name: wheel_signal(wheel.name) for wheel in vehicle.wheels}
-        packages |= {one.name: engine_signal(one.name, turns=one.gimbal is not None) for one in vehicle.engines}
+        packages |= {one.name: engine_signal(one.name, has_gimbal=one.gimbal is not None) for one in vehicle.engines}
         packages[PROPELLANT] = propellant_signal(tuple(tank.name for tank in vehicle.tanks))
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         if isinstance(plant := self.scenario.plant, MultibodyBlock):

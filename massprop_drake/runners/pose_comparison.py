@@ -191,7 +191,7 @@ def _simulate_readings(
 ) -> dict[str, Array]:
     """Maps sensors to readings simulated from commands, a row per sample, NaN before the simulation has begun."""
     scenario, n_rows = record.scenario, pose_record.time_s.size
-    movable = setting.movable_places(params.filter_setup(scenario), pose_params.parts)
+    movable = setting.movable_indices(params.filter_setup(scenario), pose_params.parts)
     known = pose_hindsight.known_vehicle_params(vehicle, movable, pose_params)
     first = next((row for row in range(n_rows) if can_initialize(pose_record.readings[row], known)), n_rows)
     first = int(np.searchsorted(pose_record.time_s, pose_record.time_s[min(first, n_rows - 1)] + SETTLING_S))

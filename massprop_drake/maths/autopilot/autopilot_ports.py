@@ -53,16 +53,16 @@ class Reference(NamedTuple):
 
 
 @kernel
-def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array:
+def attitude(memory: Array, rate: Array, controllers: Array, holder: Any) -> Array:
     """Computes the attitude error, rad, and the attitude memory after a sample, in one vector.
 
     Args:
         memory: packed as `ATTITUDE_MEMORY`.
         rate: reading of the gyro, rad/s, shape (3,).
         controllers: packed as `HAND_CONTROLLERS`.
-        held: holder of `Reference`.
+        holder: holder of `Reference`.
     """
-    given = held.value
+    given = holder.value
     before = read_bundle(memory, given.memory)
     step = attitude_step(before, rate, controllers[_ROTATION], given.period_s, given.capture_rate)
     row = np.empty(3 + memory.size)
@@ -83,7 +83,7 @@ class Control(NamedTuple):
 
 
 @kernel
-def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, held: Any) -> Array:
+def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, holder: Any) -> Array:
     """Computes the autopilot's request to jet selection, and its memory after a sample, in one vector.
 
     Args:
@@ -91,9 +91,9 @@ def request(memory: Array, controllers: Array, error: Array, rate: Array, delive
         controllers: packed as `HAND_CONTROLLERS`.
         error: of the attitude, rad, shape (3,).
         rate, delivered: see `Sensed`.
-        held: holder of `Control`.
+        holder: holder of `Control`.
     """
-    given = held.value
+    given = holder.value
     sensed = Sensed(controllers[_ROTATION], controllers[_TRANSLATION], error, rate, delivered)
     asked, after = phase_space_request(sensed, read_bundle(memory, given.memory), given.settings)
     row = np.empty(_REQUEST + memory.size)
@@ -121,33 +121,40 @@ class Burning(NamedTuple):
 
 @kernel
 def select_or_fire(
-    remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any
+    remaining: Array,
+    packed_request: Array,
+    refused_request: Array,
+    reconfiguration: Array,
+    mass_reciprocal: float,
+    holder: Any,
 ) -> Array:
-    """Returns 1 where jets must be selected anew, else 0, then `fire_sample`'s output, valid with 0.
+    """Decides on a new jet selection (1, else 0), then computes the burst's sample as `fire_sample`, valid with 0.
 
     Args:
-        remaining, mass_reciprocal, held: as in `fire_sample`.
-        asked: packed as `REQUEST`.
-        refused: see `must_select`.
-        told: by the detector, packed as `RECONFIGURATION`.
+        remaining, mass_reciprocal, holder: as in `fire_sample`.
+        packed_request: packed as `REQUEST`.
+        refused_request: see `must_select`.
+        reconfiguration: by the detector, packed as `RECONFIGURATION`.
     """
-    wanted, declared = read_bundle(asked, held.value.request), told[_DECLARED] != 0.0
+    request_fields, declared = read_bundle(packed_request, holder.value.request), reconfiguration[_DECLARED] != 0.0
     row = np.empty(2 * remaining.size + 4)
-    row[0] = must_select(remaining, wanted, refused, has_nonzero(told[_KNOWN_WRENCH]), declared)
-    row[1:] = fire_sample(remaining, mass_reciprocal, held)
+    row[0] = must_select(
+        remaining, request_fields, refused_request, has_nonzero(reconfiguration[_KNOWN_WRENCH]), declared
+    )
+    row[1:] = fire_sample(remaining, mass_reciprocal, holder)
     return row
 
 
 @kernel
-def fire_sample(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
+def fire_sample(remaining: Array, mass_reciprocal: float, holder: Any) -> Array:
     """Computes a burst's sample, shape (2 n_jets + 3,): cycles left, jet command, and its velocity change.
 
     Args:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
         mass_reciprocal: 1/slug or 1/kg.
-        held: holder of `Burning`.
+        holder: holder of `Burning`.
     """
-    given = held.value
+    given = holder.value
     command = coming_pulse(remaining, given.pulses)
     delivered = delivered_velocity(command, given.forces, mass_reciprocal, given.period_s)
     row = np.empty(2 * remaining.size + 3)

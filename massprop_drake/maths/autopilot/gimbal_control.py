@@ -35,7 +35,6 @@ def gimbal_jacobian(levels: Array, control: GimbalControl) -> Array:
 
     Args:
         levels: of the engines, shape (n,).
-        control: see `GimbalControl`.
     """
     columns, body = list[Array](), control.body
     for which, level in enumerate(levels.tolist()):
@@ -52,7 +51,6 @@ def steer_gimbals(scheduled: Array, rate: Array, turned: Array, control: GimbalC
         scheduled: level and two angles of each, rad, shape (n, 3).
         rate: measured, rad/s, shape (3,).
         turned: integral of the rate since any engine burns, rad, shape (3,).
-        control: see `GimbalControl`.
     """
     levels = scheduled[:, 0]
     if control.bandwidth == 0.0 or not levels.any():

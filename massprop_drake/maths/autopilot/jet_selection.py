@@ -44,18 +44,17 @@ def least_cycles(minimum_s: Array, period_s: float) -> Array:
     return cycles
 
 
-def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
-    """Rounds on-times to the nearest whole cycles, those above zero to at least ``least``, shape (n_jets,).
+def burst_cycles(on_times_s: Array, period_s: float, minimum: Array) -> Array:
+    """Rounds on-times to the nearest whole cycles, those above zero to at least ``minimum``, shape (n_jets,).
 
     An on-time of at least half a cycle but below the jet's minimum is raised to it.
 
     Args:
         on_times_s: zero or positive, s, shape (n_jets,).
-        period_s: control period, s.
-        least: see `least_cycles`, shape (n_jets,).
+        minimum: see `least_cycles`, shape (n_jets,).
     """
     cycles = np.floor(on_times_s / period_s + 0.5)
-    return np.where(cycles > 0.0, np.maximum(cycles, least), 0.0)
+    return np.where(cycles > 0.0, np.maximum(cycles, minimum), 0.0)
 
 
 def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -> float:
@@ -77,27 +76,29 @@ def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -
 
 
 @kernel
-def must_select(remaining: Array, request: Request, refused: Array, acts: bool, declared: bool) -> bool:
+def must_select(
+    remaining: Array, request: Request, refused_request: Array, has_known_force: bool, has_new_failure: bool
+) -> bool:
     """Tests whether jet selection must run at a sample: urgent request, failure, or idle jets and a new request.
 
     Args:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
         request: of the controller.
-        refused: rate change of the last request if it rounded to no firing at all, and by how much it must change to
+        refused_request: rate change of the last request if it rounded to no firing, and by how much it must change to
             be asked again, rad/s, shape (4,).
-        acts: whether a known force acts, which is to be undone.
-        declared: whether a failure was declared in this cycle.
+        has_known_force: whether a known force acts, which is to be undone.
+        has_new_failure: whether a failure was declared in this cycle.
     """
-    if declared or request.urgency == Urgency.AT_ONCE:
+    if has_new_failure or request.urgency == Urgency.AT_ONCE:
         return True
     if has_nonzero(remaining):
         return False
-    if acts:
+    if has_known_force:
         return True
     if request.urgency != Urgency.WHEN_IDLE:
         return False
-    x, y, z = numbers(np.abs(request.rate_change - refused[:3]), 3)
-    return max(x, y, z) >= refused[3]
+    x, y, z = numbers(np.abs(request.rate_change - refused_request[:3]), 3)
+    return max(x, y, z) >= refused_request[3]
 
 
 @kernel
@@ -108,7 +109,6 @@ def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, pe
         command: share of the sample for which each jet fires, shape (n_jets,).
         forces: of the jets, shape (3, n_jets).
         mass_reciprocal: 1/slug or 1/kg.
-        period_s: sample period, s.
     """
     if not has_nonzero(command):
         return np.zeros(3)

@@ -127,7 +127,6 @@ def attitude_step(
         memory: of the sample before.
         rate: reading that ends the sample, rad/s, shape (3,).
         rotation_command: rotational hand controller, -1, 0 or 1 per axis, shape (3,).
-        period_s: sample period, s.
         capture_rate: rate below which an axis in detent starts to hold, rad/s.
     """
     attitude, reference, holding, previous_rate = memory.attitude, memory.reference, memory.holding, memory.rate
@@ -149,9 +148,9 @@ def attitude_step(
 
 
 @kernel
-def _holds_attitude(command: float, held: float, rate: float, capture_rate: float) -> float:
+def _holds_attitude(command: float, was_holding: float, rate: float, capture_rate: float) -> float:
     """Returns 1 where an axis holds attitude (in detent, and holding already or slow enough), else 0."""
-    return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
+    return 1.0 if command == 0.0 and (was_holding != 0.0 or abs(rate) < capture_rate) else 0.0
 
 
 @kernel
@@ -236,7 +235,6 @@ def phase_space_request(
     Args:
         sensed: at the sample.
         memory: of the sample before.
-        params: see `PhaseSpaceParams`.
     """
     translation_command, period_s = sensed.translation_command, params.period_s
     rate_error = commanded_rate(sensed.rotation_command, sensed.attitude_error, params) - sensed.rate
@@ -285,7 +283,6 @@ def run_autopilot(
         rate: reading of the gyro, rad/s, shape (3,).
         controllers: see `hand_controller_rows`, shape (6,).
         delivered: see `Sensed`, shape (3,).
-        params: see `PhaseSpaceParams`.
     """
     rotation, translation = controllers[:3], controllers[3:]
     turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)

@@ -41,19 +41,18 @@ def whole_cycle_pulses(n_jets: int) -> Pulses:
     return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
 
 
-def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: float, accumulates: bool) -> Pulses:
+def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, pulse_place: float, accumulates: bool) -> Pulses:
     """Makes the `Pulses` of valves that open and close within a control cycle.
 
     Args:
         minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
         quanta_s: step of each clock, zero: none, s, shape (n_jets,).
-        period_s: control period, s.
-        place, accumulates: see `Pulses`.
+        pulse_place, accumulates: see `Pulses`.
     """
     steps_s = np.where(quanta_s > 0.0, quanta_s, 1.0)
     raised_s = np.where(quanta_s > 0.0, np.ceil(minimum_s / steps_s - _SAME) * steps_s, minimum_s)
     least = np.maximum(raised_s / period_s, np.maximum(quanta_s / period_s, _SHORTEST))
-    return Pulses(True, place, quanta_s / period_s, least, accumulates)
+    return Pulses(True, pulse_place, quanta_s / period_s, least, accumulates)
 
 
 def round_to_clock(on_times: Array, pulses: Pulses) -> Array:
@@ -109,9 +108,9 @@ def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
 
 
 @kernel
-def remaining_after_pulse(remaining: Array, flown: Array) -> Array:
+def remaining_after_pulse(remaining: Array, flown_on_times: Array) -> Array:
     """Subtracts flown from remaining on-times, cycles, shape (n_jets,); rounding errors count as zero."""
-    left = remaining - flown
+    left = remaining - flown_on_times
     return np.where(left < _SAME, 0.0, left)
 
 
@@ -123,7 +122,7 @@ def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
     return pulses.place * period_s * (1.0 - shares)
 
 
-def most_edges(pulses: Pulses) -> int:
+def max_edges(pulses: Pulses) -> int:
     """Returns the largest number of times within a cycle at which jets can open or close."""
     if not pulses.within:
         return 0

@@ -62,18 +62,17 @@ def torque_shares(axes: Array) -> Array:
     return inverse
 
 
-def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: WheelControlParams) -> Array:
+def wheel_torques(rotation_inputs: tuple[Array, Array, Array], speeds: Array, params: WheelControlParams) -> Array:
     """Computes each motor's torque on its wheel by rate feedback, limited, ft-lbf or N-m, shape (n,).
 
     Torques beyond what a motor gives are made smaller together, so that their direction stays. A wheel at its largest
     speed is made no faster.
 
     Args:
-        turning: hand controllers of rotation, -1, 0 or 1, error of attitude, rad, and rate, rad/s, shape (3,) each.
+        rotation_inputs: hand controllers, -1, 0 or 1, error of attitude, rad, and rate, rad/s, shape (3,) each.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
-    rotation, error, rate = turning
+    rotation, error, rate = rotation_inputs
     asked = params.rate_gain * (commanded_rate(rotation, error, params.settings) - rate)
     momentum = params.inertia @ rate + _momentum(speeds, params)
     torques = params.shares @ (-params.inertia @ asked - np.cross(rate, momentum))
@@ -83,32 +82,30 @@ def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: Wh
     return np.clip(torques, span * (-params.fastest - speeds), span * (params.fastest - speeds))
 
 
-def must_unload(unloading: bool, speeds: Array, params: WheelControlParams) -> bool:
+def must_unload(is_unloading: bool, speeds: Array, params: WheelControlParams) -> bool:
     """Tests whether jets must unload the wheels' momentum, with hysteresis.
 
     They begin when a wheel is too fast. They end when no wheel would be, were momentum shared as well as can be: what
     wheels turn against each other no jet takes off.
 
     Args:
-        unloading: whether they did until now.
+        is_unloading: whether they did until now.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
     shared = params.shares @ _momentum(speeds, params) / params.inertias
     needed, used = (float((np.abs(each) / params.fastest).max()) for each in (shared, speeds))
-    return needed > params.unload_below and (unloading or used > params.unload_above)
+    return needed > params.unload_below and (is_unloading or used > params.unload_above)
 
 
-def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelControlParams) -> Array:
+def rate_for_jets(rate: Array, is_unloading: bool, speeds: Array, params: WheelControlParams) -> Array:
     """Computes the rate that jets control to zero, biased by excess wheel momentum while unloading, rad/s.
 
     Args:
         rate: as it is read, rad/s, shape (3,).
-        unloading: whether jets unload.
+        is_unloading: whether jets unload.
         speeds: of the wheels as they are read, rad/s, shape (n,).
-        params: see `WheelControlParams`.
     """
-    if not unloading:
+    if not is_unloading:
         return rate
     excess = np.linalg.solve(params.inertia, _momentum(speeds, params))
     largest = float(np.abs(excess).max())

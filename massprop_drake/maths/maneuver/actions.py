@@ -81,7 +81,6 @@ def candidate_actions(
 
     Args:
         sets: of jets that fire together, integers.
-        craft: see `Craft`.
         lengths: in samples.
     """
     found = []
@@ -119,36 +118,35 @@ class FlownAction(NamedTuple):
 
 
 def fly_action(
-    before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, known: Known | None = None
+    start: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, prior: Known | None = None
 ) -> FlownAction:
     """Propagates vehicle motion and parameter information through an action; returns them and largest excursions.
 
     Args:
-        before: the course, and the number of its samples.
+        start: the course, and the number of its samples.
         action: that follows.
-        craft: see `Craft`.
-        known: before the course, see `information.advance_course`.
+        prior: before the course, see `information.advance_course`.
     """
-    flown = FlownAction(*before, 0.0, 0.0, 0.0)
+    flown = FlownAction(*start, 0.0, 0.0, 0.0)
     for sample in range(action.length):
-        flown = fly_action_sample(flown, action, craft, known, fires=sample < action.samples)
+        flown = fly_action_sample(flown, action, craft, prior, fires=sample < action.samples)
     return flown
 
 
 def fly_action_sample(
-    before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
+    previous: FlownAction, action: FiringAction, craft: Craft, prior: Known | None = None, *, fires: bool
 ) -> FlownAction:
     """Propagates motion and information by one sample of an action, firing or coasting; see `fly_action`."""
-    places, row = craft.params.places, before.row + 1
+    places, row = craft.params.places, previous.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:
         command[list(action.jets)], torques[:] = 1.0, action.torques
     step = Step(command, torques, craft.period_s, row % craft.every != 0)
-    course = advance_course(before.course, step, craft.params, known)
+    course = advance_course(previous.course, step, craft.params, prior)
     return FlownAction(
         course,
         row,
-        max(before.rate, float(np.linalg.norm(course.joint.mean[RATE]))),
-        max(before.angle, 2.0 * math.acos(min(abs(float(course.attitude[0])), 1.0))),
-        max(before.displacement, float(np.linalg.norm(course.position))),
+        max(previous.rate, float(np.linalg.norm(course.joint.mean[RATE]))),
+        max(previous.angle, 2.0 * math.acos(min(abs(float(course.attitude[0])), 1.0))),
+        max(previous.displacement, float(np.linalg.norm(course.position))),
     )

@@ -91,24 +91,22 @@ class Reached(NamedTuple):
         return float(np.log(np.maximum(self.ratios, 1.0)).sum())
 
 
-def compare_with_aims(shown: Array, known: Known, aims: Aims) -> Reached:
+def compare_with_aims(information: Array, prior: Known, aims: Aims) -> Reached:
     """Computes 1-sigmas and failure separations from a course's information, and their ratios to the aims.
 
     Args:
-        shown: G with forces, see `information.FollowedCourse`, shape (k, k).
-        known: see `Known`.
-        aims: see `Aims`.
+        information: G with forces, see `information.FollowedCourse`, shape (k, k).
     """
-    of, first = known.of, aims.combinations.shape[1]
-    total = known.information + shown[np.ix_(of, of)]
+    of, first = prior.of, aims.combinations.shape[1]
+    total = prior.information + information[np.ix_(of, of)]
     root, size = scaled_root(total)
     half = np.linalg.solve(root, (aims.combinations[:, of] * size).T)
     deviations = np.sqrt(np.sum(half * half, axis=0))
     ratios = [deviations / aims.deviations]
     deltas = np.zeros(0)
     if aims.pairs.size > 0:
-        by_forces = np.linalg.solve(root, size.reshape(-1, 1) * shown[of][:, first:])
-        left = shown[first:, first:] - by_forces.T @ by_forces
+        by_forces = np.linalg.solve(root, size.reshape(-1, 1) * information[of][:, first:])
+        left = information[first:, first:] - by_forces.T @ by_forces
         own, other = aims.pairs.T
         another = expected_llr_other_jet(left[own, own], left[own, other], left[other, other], aims.forces)
         nothing = expected_llr_no_failure(left[own, own], aims.forces, aims.most)
@@ -119,33 +117,35 @@ def compare_with_aims(shown: Array, known: Known, aims: Aims) -> Reached:
     return Reached(deviations, deltas, np.concatenate(ratios))
 
 
-def expected_llr_other_jet(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
+def expected_llr_other_jet(own_info: Array, cross_info: Array, other_info: Array, force: Array | float) -> Array:
     """Computes the expected log likelihood ratio of a jet's failure to the best-fitting other jet's, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
 
     Args:
-        own, cross, other: S_jj, S_jk and S_kk, of shapes that fit.
+        own_info, cross_info, other_info: S_jj, S_jk and S_kk, of shapes that fit.
         force: f, lbf or N.
     """
-    return 0.5 * force**2 * (own - np.maximum(cross, 0.0) ** 2 / np.maximum(other, _TINY))
+    return 0.5 * force**2 * (own_info - np.maximum(cross_info, 0.0) ** 2 / np.maximum(other_info, _TINY))
 
 
-def expected_llr_no_failure(own: Array, force: Array | float, most: Array | float) -> Array:
+def expected_llr_no_failure(information: Array, force: Array | float, largest_force: Array | float) -> Array:
     """Computes the expected log likelihood ratio of a failure of unknown force to no failure, nats."""
-    return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
+    return 0.5 * force**2 * information - 0.5 * np.log1p(largest_force**2 * np.maximum(information, 0.0))
 
 
-def expected_llr_jumps(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
+def expected_llr_jumps(information: Array, failures: np.ndarray, force: Array, variances: Array) -> Array:
     """Computes log likelihood ratios of mass-property jumps to no fault, where jets fail, nats, shape (p,).
 
     Args:
-        left: S, jumps last, in units of the largest, shape (f, f).
-        own: failures, integers, shape (p,).
+        information: S, jumps last, in units of the largest, shape (f, f).
+        failures: failures, integers, shape (p,).
         force: f of each, lbf or N, shape (p,).
         variances: see `hypotheses.jump_variances`.
     """
     jumps = slice(-variances.shape[1], None)
-    leads = maximize_likelihood(left[jumps, jumps], (force * left[jumps, own]).T, variances[:, None])[0]
+    leads = maximize_likelihood(
+        information[jumps, jumps], (force * information[jumps, failures]).T, variances[:, None]
+    )[0]
     found: Array = np.logaddexp.reduce(leads, axis=0)
     return found

@@ -89,7 +89,6 @@ def initial_course(properties: Array, rate: Array, speeds: Array, params: JointP
         properties: the ten parameters, shape (10,).
         rate: rad/s, shape (3,).
         speeds: of the wheels, rad/s, shape (n_wheels,).
-        params: see `JointParams`.
     """
     places, known = params.places, n_known(params)
     before = initial_joint_state(params)
@@ -120,15 +119,13 @@ def begin_failures(course: FollowedCourse, params: JointParams) -> FollowedCours
 
 
 def advance_course(
-    course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None
+    course: FollowedCourse, step: Step, params: JointParams, prior: Known | None = None
 ) -> FollowedCourse:
     """Advances motion, information and covariance of a course by one interval of commands.
 
     Args:
         course: up to then.
-        step: see `Step`.
-        params: see `JointParams`.
-        before_it: knowledge before the course. With it, products of errors that are left by then are noise: a filter
+        prior: knowledge before the course. With it, products of errors that are left by then are noise: a filter
             that knows neither inverse inertia nor center of mass learns less from a firing than information says.
     """
     places, before = params.places, course.joint
@@ -136,8 +133,8 @@ def advance_course(
     frame = turned_on(course.attitude, before.mean[RATE], step.period_s)
     sample = _zero_sample(before, step, (course.attitude, frame), (course.speeds, speeds), params)
     doubt = None
-    if before_it is not None and (step.command.any() or step.torques.any()):
-        doubt = _covariance_root(course, before_it, params)
+    if prior is not None and (step.command.any() or step.torques.any()):
+        doubt = _covariance_root(course, prior, params)
     end = bound.predict_interval_end(before, sample, None, params, doubt)
     weighed = ~step.missing, _reading_variances(before, end, params)
     after, done = bound.update_bound(before, end, sample.time_s, weighed, params)
@@ -159,10 +156,10 @@ def advance_course(
     )
 
 
-def _covariance_root(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
+def _covariance_root(course: FollowedCourse, prior: Known, params: JointParams) -> Array:
     """Computes a root of the state's covariance, motion and parameters independent, shape (size, size)."""
-    of, root = before_it.of, np.zeros_like(course.joint.root)
-    lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
+    of, root = prior.of, np.zeros_like(course.joint.root)
+    lower, size = scaled_root(prior.information + course.shown[np.ix_(of, of)])
     half = np.linalg.inv(lower).T * size.reshape(-1, 1)
     rows = np.where(of < N_PROPERTIES, of, of + params.places.thrust - N_PROPERTIES)
     others = np.setdiff1d(np.arange(len(root)), rows)
@@ -172,10 +169,10 @@ def _covariance_root(course: FollowedCourse, before_it: Known, params: JointPara
     return root
 
 
-def _reading_variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
+def _reading_variances(previous: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
     """Computes readings' variances, shape (m,); a rounded one without noise informs only when it changes."""
-    moved = predict_outputs(end.mean, before.reference, end.spin, params)[0]
-    moved -= predict_outputs(before.mean, before.reference, before.spin, params)[0]
+    moved = predict_outputs(end.mean, previous.reference, end.spin, params)[0]
+    moved -= predict_outputs(previous.mean, previous.reference, previous.spin, params)[0]
     changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))
     return params.variances / np.clip(changes, _SELDOM, 1.0)
 
@@ -211,7 +208,6 @@ def prior_information(state: JointState, params: JointParams) -> tuple[Array, np
 
     Args:
         state: of the joint filter; one before its first sample, too.
-        params: see `JointParams`.
     """
     places, errors = params.places, state.root[params.places.thrust : params.places.force].copy()
     if places.n_scale > 0:

@@ -63,7 +63,6 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
-        settings: see `FiringTest`.
     """
     of_jets = probability[: settings.craft.params.places.jets]
     likely = np.flatnonzero(of_jets > _LIKELY)
@@ -78,7 +77,6 @@ def misses_target(covariance: Array, settings: FiringTest) -> bool:
 
     Args:
         covariance: of the ten estimates, shape (10, 10).
-        settings: see `FiringTest`.
     """
     for combination, deviation in zip(settings.targets.combinations, settings.targets.deviations, strict=True):
         of = np.flatnonzero(combination)
@@ -92,7 +90,7 @@ def design_commands(
     sets: Sequence[tuple[int, ...]],
     estimate: tuple[Array, Array],
     rate: Array,
-    among: tuple[int, ...],
+    suspect_jets: tuple[int, ...],
     settings: FiringTest,
 ) -> Array:
     """Designs a test firing's commands, shape (n_samples, n_jets); no rows: no firing helps.
@@ -101,13 +99,12 @@ def design_commands(
         sets: of jets that fire together.
         estimate: the ten parameters, shape (10,), and their covariance, shape (10, 10), NaN where not estimated.
         rate: rad/s, shape (3,).
-        among: suspects; none: targets are reached.
-        settings: see `FiringTest`.
+        suspect_jets: suspects; none: targets are reached.
     """
     n = settings.craft.params.places.jets
     mean = np.where(np.isnan(estimate[0]), settings.craft.properties, estimate[0])
     craft = settings.craft._replace(properties=mean, rate=rate, torques=np.zeros_like(settings.craft.torques))
-    aims = _separation_aims(among, settings) if among else settings.targets
+    aims = _separation_aims(suspect_jets, settings) if suspect_jets else settings.targets
     narrow = aims._replace(deviations=aims.deviations / (1.0 + settings.margin))
     known = _known_from_estimates(estimate[1], craft)
     task = Task(craft, known, narrow, settings.limits, settings.cost, settings.margin)
@@ -122,14 +119,14 @@ def design_commands(
     return np.vstack(rows) if rows else np.zeros((0, n))
 
 
-def _separation_aims(among: tuple[int, ...], settings: FiringTest) -> Aims:
+def _separation_aims(suspect_jets: tuple[int, ...], settings: FiringTest) -> Aims:
     """Makes the aims that tell suspect jets from each other and from no failure, by leak and by loss of thrust."""
     n = settings.craft.params.places.jets
     pairs = [
         (one + kind, other + kind if other >= 0 else -1)
         for kind in (0, n)
-        for one in among
-        for other in (*among, -1)
+        for one in suspect_jets
+        for other in (*suspect_jets, -1)
         if one != other
     ]
     first = np.array(pairs)[:, 0] % n

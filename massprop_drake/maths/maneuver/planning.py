@@ -155,45 +155,46 @@ def characterize_actions(actions: Sequence[FiringAction], task: Task) -> Choice:
     Those of the same jets are followed together: a longer one goes on where a shorter one ends.
     """
     first = begin_plan(task)
-    before, kept, shown = first.flown[-1], list[FiringAction](), list[Array]()
+    before, kept, information = first.flown[-1], list[FiringAction](), list[Array]()
     together, of = dict[tuple[int, int], FlownAction](), FiringAction((), (), 0, 0, 0.0)
     for action in actions:
         if (action.jets, action.torques) != (of.jets, of.torques):
             together, of = {(0, 0): before._replace(rate=0.0, angle=0.0, displacement=0.0)}, action
-        flown = _fly_reusing(together, (action.samples, action.coast), action, task.craft)
+        flown = _fly_cached(together, (action.samples, action.coast), action, task.craft)
         if _is_affordable(first, action, task) and _keeps_limits(flown, task.limits):
             kept.append(action)
-            shown.append(flown.course.shown - before.course.shown)
-    return kept, shown
+            information.append(flown.course.shown - before.course.shown)
+    return kept, information
 
 
-def _fly_reusing(
-    known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
+def _fly_cached(
+    cache: dict[tuple[int, int], FlownAction], lengths: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
-    """Flies ``at`` numbers of firing and coasting samples of an action; keeps and reuses shorter ones."""
-    if at not in known:
-        firing, coasting_for = at
+    """Flies ``lengths`` numbers of firing and coasting samples of an action; keeps and reuses shorter ones."""
+    if lengths not in cache:
+        firing, coasting_for = lengths
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
-        known[at] = fly_action_sample(_fly_reusing(known, fewer, action, craft), action, craft, fires=not coasting_for)
-    return known[at]
+        cache[lengths] = fly_action_sample(
+            _fly_cached(cache, fewer, action, craft), action, craft, fires=not coasting_for
+        )
+    return cache[lengths]
 
 
-def extend_plan(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
+def extend_plan(plan: Plan, candidates: Choice, cost_exponent: float, task: Task) -> Plan:
     """Appends the most informative actions per cost to a plan until its aims are reached or none adds.
 
     Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
 
     Args:
         plan: to begin with.
-        choice: actions to choose from, and what each shows from rest, shape (k, k) each.
-        thrift: power of the cost by which a gain is divided.
-        task: see `Task`.
+        candidates: actions to choose from, and what each shows from rest, shape (k, k) each.
+        cost_exponent: power of the cost by which a gain is divided.
     """
-    actions, shown = choice
-    prices = [_action_cost(action, task) ** thrift for action in actions]
+    actions, information = candidates
+    prices = [_action_cost(action, task) ** cost_exponent for action in actions]
     while plan.reached[-1].shortfall > 0.0:
         missing, so_far = plan.reached[-1].shortfall, plan.flown[-1].course.shown
-        added = [missing - compare_with_aims(so_far + more, task.known, task.aims).shortfall for more in shown]
+        added = [missing - compare_with_aims(so_far + more, task.known, task.aims).shortfall for more in information]
         longest, most, tried = None, 0.0, 0
         for place in np.argsort(-np.array(added) / prices, kind="stable").tolist():
             longer = add_action(plan, actions[place], task)
@@ -211,10 +212,10 @@ def extend_plan(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
     return plan
 
 
-def rebuild_plan(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
-    """Builds a plan from actions, the first ``upto`` taken from another plan; None: a limit is exceeded."""
-    made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
-    for action in actions[upto:]:
+def rebuild_plan(actions: Sequence[FiringAction], n_shared: int, plan: Plan, task: Task) -> Plan | None:
+    """Builds a plan from actions, the first ``n_shared`` taken from another plan; None: a limit is exceeded."""
+    made: Plan | None = Plan(plan.actions[:n_shared], plan.flown[:n_shared], plan.reached[:n_shared])
+    for action in actions[n_shared:]:
         if made is None:
             return None
         made = add_action(made, action, task)
@@ -236,9 +237,9 @@ def trim_plan(plan: Plan, task: Task) -> Plan:
     return plan
 
 
-def _shorter_variants(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
+def _shorter_variants(actions: tuple[FiringAction, ...], index: int) -> list[tuple[FiringAction, ...]]:
     """Lists variants of an action sequence: one action removed, halved, or its coast cut to a sample."""
-    before, one, after = actions[:place], actions[place], actions[place + 1 :]
+    before, one, after = actions[:index], actions[index], actions[index + 1 :]
     found = [before + after]
     if one.samples > 1:
         half = one.samples // 2
@@ -261,47 +262,44 @@ class SearchResult(NamedTuple):
     trace: Plan
 
 
-def search_best_plan(choice: Choice, task: Task) -> SearchResult:
+def search_best_plan(candidates: Choice, task: Task) -> SearchResult:
     """Searches plans with several weights of cost; returns the cheapest that reaches the aims, or nearest.
 
     Args:
-        choice: see `extend_plan`.
-        task: see `Task`.
+        candidates: see `extend_plan`.
     """
     first, found = begin_plan(task), list[SearchResult]()
     for thrift in _THRIFT:
-        longest = extend_plan(first, choice, thrift, task)
+        longest = extend_plan(first, candidates, thrift, task)
         found.append(
             SearchResult(trim_plan(longest, task) if longest.reached[-1].shortfall == 0.0 else longest, longest)
         )
     return min(found, key=lambda each: (each.plan.reached[-1].shortfall, plan_cost(each.plan, task)))
 
 
-def aims_floor(shown: Sequence[Array], task: Task) -> Reached:
+def aims_floor(information: Sequence[Array], task: Task) -> Reached:
     """Computes the best precision that any firing can reach, every action repeated without end.
 
     Args:
-        shown: what each action shows, shape (k, k) each.
-        task: see `Task`.
+        information: what each action shows, shape (k, k) each.
     """
-    return compare_with_aims(_unlimited_information(shown), task.known, task.aims)
+    return compare_with_aims(_unlimited_information(information), task.known, task.aims)
 
 
-def unobservable_direction(shown: Sequence[Array], task: Task, row: int) -> Array:
+def unobservable_direction(information: Sequence[Array], task: Task, row: int) -> Array:
     """Computes the parameter error that dominates a wanted combination after all firings, (n_known,).
 
     Args:
-        shown: what each action shows, shape (k, k) each.
-        task: see `Task`.
+        information: what each action shows, shape (k, k) each.
         row: of the combination.
     """
     of, combination = task.known.of, task.aims.combinations[row]
-    total = task.known.information + _unlimited_information(shown)[np.ix_(of, of)]
+    total = task.known.information + _unlimited_information(information)[np.ix_(of, of)]
     direction = np.zeros(combination.size)
     direction[of] = np.linalg.solve(total, combination[of])
     return direction
 
 
-def _unlimited_information(shown: Sequence[Array]) -> Array:
+def _unlimited_information(information: Sequence[Array]) -> Array:
     """Computes the information of all actions, each repeated without end, shape (k, k)."""
-    return _FOREVER * np.sum(shown, axis=0)
+    return _FOREVER * np.sum(information, axis=0)

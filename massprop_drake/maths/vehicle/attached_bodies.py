@@ -36,10 +36,10 @@ class BodyPlaces(NamedTuple):
     origins: Array
 
 
-def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
+def composite_body(bodies: Bodies, poses: BodyPlaces) -> MassProperties:
     """Computes mass, center of mass and inertia of all bodies together, in the frame of their poses."""
-    turned = places.rotations
-    centers = places.origins + np.einsum("nij,nj->ni", turned, bodies.centers)
+    turned = poses.rotations
+    centers = poses.origins + np.einsum("nij,nj->ni", turned, bodies.centers)
     mass = float(bodies.masses.sum())
     center = bodies.masses @ centers / mass
     arms = centers - center
@@ -48,16 +48,16 @@ def composite_body(bodies: Bodies, places: BodyPlaces) -> MassProperties:
     return MassProperties(mass, center, symmetrized((inertias + bodies.masses[:, None, None] * offsets).sum(axis=0)))
 
 
-def center_velocity(bodies: Bodies, places: BodyPlaces, rates: Array, velocities: Array) -> Array:
+def center_velocity(bodies: Bodies, poses: BodyPlaces, rates: Array, velocities: Array) -> Array:
     """Computes the velocity of all bodies' common center of mass, in the frame of their poses, shape (3,).
 
     Args:
         bodies: that move.
-        places: of them.
+        poses: of them.
         rates: angular velocity of each body, rad/s, shape (n, 3).
         velocities: of the origin of each body's frame, shape (n, 3).
     """
-    arms = np.einsum("nij,nj->ni", places.rotations, bodies.centers)
+    arms = np.einsum("nij,nj->ni", poses.rotations, bodies.centers)
     moved: Array = bodies.masses @ (velocities + np.cross(rates, arms)) / bodies.masses.sum()
     return moved
 

@@ -59,22 +59,21 @@ class OutOfPropellantError(ArithmeticError):
 
 
 @kernel
-def structure_after_draining(structure: Array, mass: float, fill: Array, used: Array, tanks: Tanks) -> Array:
+def structure_after_draining(structure: Array, mass: float, propellant: Array, drawn: Array, tanks: Tanks) -> Array:
     """Computes the vehicle's inertia (six) and center of mass after propellant use, shape (9,).
 
     Args:
         structure: the same before, packed as `rigid_body.STRUCTURE`.
         mass: of the vehicle before, slug or kg.
-        fill: propellant in each tank before, slug or kg, shape (n,).
-        used: of it that is used, slug or kg, shape (n,); negative: it is put in.
-        tanks: see `Tanks`.
+        propellant: propellant in each tank before, slug or kg, shape (n,).
+        drawn: of it that is used, slug or kg, shape (n,); negative: it is put in.
     """
     inertia, center = symmetric_matrix(structure[:6]), structure[6:9].copy()
-    for tank in range(used.shape[0]):
-        q, column = used[tank], tanks.columns[tank]
+    for tank in range(drawn.shape[0]):
+        q, column = drawn[tank], tanks.columns[tank]
         if q == 0.0:
             continue
-        arm = tanks.outlets[tank] + column * (fill[tank] - 0.5 * q) - center
+        arm = tanks.outlets[tank] + column * (propellant[tank] - 0.5 * q) - center
         left = mass - q
         slab = (q * q / 12.0) * parallel_axis(column)
         inertia = inertia - (q * mass / left) * parallel_axis(arm)
@@ -89,18 +88,18 @@ def structure_after_draining(structure: Array, mass: float, fill: Array, used: A
 
 
 @kernel
-def drain_tanks(fill: Array, used: Array) -> Array:
+def drain_tanks(propellant: Array, drawn: Array) -> Array:
     """Computes propellant left in each tank after use, slug or kg, shape (n,); raises when there is too little.
 
     Args:
-        fill: before, slug or kg, shape (n,).
-        used: likewise.
+        propellant: before, slug or kg, shape (n,).
+        drawn: likewise.
 
     Raises:
         OutOfPropellantError: when there is not so much.
     """
-    left = fill - used
-    for tank in range(fill.shape[0]):
+    left = propellant - drawn
+    for tank in range(propellant.shape[0]):
         if left[tank] < 0.0:
             raise OutOfPropellantError(tank)
     return left

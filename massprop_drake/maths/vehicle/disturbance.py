@@ -50,7 +50,6 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
     Args:
         deviation: in this sample, shape (6,).
         noise: independent standard normal numbers, shape (6,).
-        model: see `DisturbanceModel`.
     """
     return model.kept * deviation + math.sqrt(1.0 - model.kept**2) * model.std * noise
 
@@ -67,17 +66,16 @@ def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
-def add_wrench(wrench: Array, other: Array, pieces: int = 1) -> Array:
+def add_wrench(wrench: Array, added: Array, pieces: int = 1) -> Array:
     """Adds a wrench that is constant over a sample to another wrench, or to a wrench profile.
 
     Args:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
             of several pieces, see `reaction_jets.profile_by_pieces`.
-        other: torque about the vehicle origin, force, and what else follows these, shape (k,).
-        pieces: of the profile.
+        added: torque about the vehicle origin, force, and what else follows these, shape (k,).
         pieces: of the profile.
     """
     total = wrench.copy()
     first = 0 if pieces == 1 else 1  # a piece begins with its length
-    total.reshape(pieces, -1)[:, first : first + other.shape[0]] += other
+    total.reshape(pieces, -1)[:, first : first + added.shape[0]] += added
     return total

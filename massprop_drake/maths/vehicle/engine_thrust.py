@@ -80,42 +80,40 @@ def channel_mask(engines: EngineParams) -> np.ndarray:
     return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
 
 
-def reading_std(at: Array, engines: EngineParams) -> Array:
+def reading_std(settings: Array, engines: EngineParams) -> Array:
     """Computes 1-sigmas of engine readings (level, two angles), shape (n, 3); zero for a shut engine's level.
 
     Args:
-        at: levels and angles, shape (n, 3).
-        engines: see `EngineParams`.
+        settings: levels and angles, shape (n, 3).
     """
     std = engines.read_std.copy()
-    std[:, 0] *= np.abs(at[:, 0])
+    std[:, 0] *= np.abs(settings[:, 0])
     return std
 
 
-def follow_command(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
+def follow_command(settings: Array, command: Array, duration_s: float, engines: EngineParams) -> tuple[Array, Array]:
     """Computes engine levels and angles after following a command for a time, with lag and rate limits.
 
     Args:
-        now: at the start, shape (n, 3).
-        told: command, shape (n, 3).
-        during_s: how long, s.
-        engines: see `EngineParams`.
+        settings: at the start, shape (n, 3).
+        command: command, shape (n, 3).
+        duration_s: how long, s.
 
     Returns:
         As they are then, and their mean until then, shape (n, 3) each.
     """
-    off, rates, constants_s = told - now, engines.rates, engines.constants_s
+    off, rates, constants_s = command - settings, engines.rates, engines.constants_s
     limited_s = np.maximum(np.abs(off) / rates - constants_s, 0.0)  # until the lag alone is slower
-    at_rate_s = np.minimum(limited_s, during_s)
-    there = now + np.sign(off) * rates * at_rate_s
-    rest_s, lagged = during_s - at_rate_s, constants_s > 0.0
+    at_rate_s = np.minimum(limited_s, duration_s)
+    there = settings + np.sign(off) * rates * at_rate_s
+    rest_s, lagged = duration_s - at_rate_s, constants_s > 0.0
     constants_s = np.where(lagged, constants_s, 1.0)
     arrived = np.where(at_rate_s < limited_s, 1.0, 0.0)  # what has no lag is where it is told to be, once it is there
     left = np.where(lagged, np.exp(-rest_s / constants_s), arrived)
     left_s = np.where(lagged, constants_s * (1.0 - left), 0.0)
-    at_rate = 0.5 * (now + there) * at_rate_s
-    mean = (at_rate + told * rest_s - (told - there) * left_s) / during_s if during_s > 0.0 else now
-    return np.asarray(told - (told - there) * left), np.asarray(mean)
+    at_rate = 0.5 * (settings + there) * at_rate_s
+    mean = (at_rate + command * rest_s - (command - there) * left_s) / duration_s if duration_s > 0.0 else settings
+    return np.asarray(command - (command - there) * left), np.asarray(mean)
 
 
 class Thrust(NamedTuple):
@@ -135,26 +133,25 @@ class Thrust(NamedTuple):
 
 
 @kernel
-def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrust:
+def thrust(engine: int, settings: Array, errors: Array, engines: EngineParams) -> Thrust:
     """Computes an engine's force, its direction and place, and derivatives of the direction by gimbal angles.
 
     Args:
-        which: index of the engine.
-        at: its levels and angles, rad, shape (m, 3).
+        engine: index of the engine.
+        settings: its levels and angles, rad, shape (m, 3).
         errors: its six, see the module, shape (6,).
-        engines: see `EngineParams`.
     """
-    first, second, normals = engines.axes[which, 0], engines.axes[which, 1], engines.normals[which]
-    one, two, level = at[:, 1] + errors[2], at[:, 2] + errors[3], at[:, 0]
-    straight = np.ones((at.shape[0], 1)) * engines.directions[which]
+    first, second, normals = engines.axes[engine, 0], engines.axes[engine, 1], engines.normals[engine]
+    one, two, level = settings[:, 1] + errors[2], settings[:, 2] + errors[3], settings[:, 0]
+    straight = np.ones((settings.shape[0], 1)) * engines.directions[engine]
     along = rotate_about(first, one, rotate_about(second, two, straight))
-    by_angles = np.empty((2, at.shape[0], 3))
+    by_angles = np.empty((2, settings.shape[0], 3))
     by_angles[0] = along @ skew(first).T
-    turned = rotate_about(first, one, np.ones((at.shape[0], 1)) * second)
-    for k in range(at.shape[0]):
+    turned = rotate_about(first, one, np.ones((settings.shape[0], 1)) * second)
+    for k in range(settings.shape[0]):
         by_angles[1, k] = cross(turned[k], along[k])
-    force = engines.thrusts[which] * level * (1.0 + errors[0] * (1.0 - level) + errors[1] * level)
-    place = engines.positions[which] + errors[4] * normals[0] + errors[5] * normals[1]
+    force = engines.thrusts[engine] * level * (1.0 + errors[0] * (1.0 - level) + errors[1] * level)
+    place = engines.positions[engine] + errors[4] * normals[0] + errors[5] * normals[1]
     return Thrust(place, along, force, by_angles)
 
 
@@ -167,6 +164,6 @@ def rotate_about(axis: Array, angles: Array, vectors: Array) -> Array:
 
 
 @kernel
-def wrenches_of(place: Array, forces: Array) -> Array:
+def wrenches_of(position: Array, forces: Array) -> Array:
     """Computes torques about the vehicle origin, and forces, of forces at a place, shape (m, 6)."""
-    return np.hstack((forces @ skew(place).T, forces))
+    return np.hstack((forces @ skew(position).T, forces))

@@ -32,17 +32,16 @@ class JointReference(NamedTuple):
     acceleration: float
 
 
-def joint_reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
+def joint_reference(initial_position: float, moves: Sequence[Move], time_s: float) -> JointReference:
     r"""Computes a joint's prescribed position, rate and acceleration at a time, from minimum-jerk moves.
 
     **Source**: Flash and Hogan, 1985.
 
     Args:
-        start: position before the first move.
+        initial_position: position before the first move.
         moves: in the order of time, without overlap.
-        time_s: s.
     """
-    position = start
+    position = initial_position
     for move in moves:
         if time_s < move.start_s:
             break
@@ -58,37 +57,37 @@ def joint_reference(start: float, moves: Sequence[Move], time_s: float) -> Joint
     return JointReference(position, 0.0, 0.0)
 
 
-def peak_rate(way: float, span_s: float) -> float:
+def peak_rate(distance: float, duration_s: float) -> float:
     """Computes the largest rate of a minimum-jerk move, in its middle, rad/s, ft/s or m/s.
 
     Args:
-        way: from position to position, rad, ft or m.
-        span_s: from start to end, s.
+        distance: from position to position, rad, ft or m.
+        duration_s: from start to end, s.
     """
-    return 1.875 * abs(way) / span_s
+    return 1.875 * abs(distance) / duration_s
 
 
 def drive_forces(
-    wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
+    references: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
 ) -> Array:
     """Computes joint forces of critically damped PD drives with feedforward, shape (n,).
 
     Args:
-        wanted: of each driven joint, see `joint_reference`.
+        references: of each driven joint, see `joint_reference`.
         positions, rates: of them, shape (n,).
         inertia: which they move, see `driven_inertia`, shape (n, n).
         frequency_hz: natural frequency of the closed loop, Hz.
     """
-    w, (told, told_rates, told_accelerations) = 2.0 * math.pi * frequency_hz, np.array(wanted).T
+    w, (told, told_rates, told_accelerations) = 2.0 * math.pi * frequency_hz, np.array(references).T
     forces: Array = inertia @ (told_accelerations + 2.0 * w * (told_rates - rates) + w * w * (told - positions))
     return forces
 
 
-def driven_inertia(mass_matrix: Array, places: Sequence[int]) -> Array:
+def driven_inertia(mass_matrix: Array, indices: Sequence[int]) -> Array:
     """Computes the inertia matrix that joint drives move, all else free: (S M^-1 S^T)^-1, shape (n, n).
 
     Args:
         mass_matrix: M, of all generalized velocities.
-        places: of the driven joints among these, which S picks.
+        indices: of the driven joints among these, which S picks.
     """
-    return np.linalg.inv(np.linalg.inv(mass_matrix)[np.ix_(places, places)])
+    return np.linalg.inv(np.linalg.inv(mass_matrix)[np.ix_(indices, indices)])

@@ -56,19 +56,18 @@ def mounting_errors(wrenches: Array, positions: Array, sigmas: Array) -> Mountin
 
 
 @kernel
-def displace_wrenches(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
+def displace_wrenches(wrenches: Array, errors: Array, mounting: Mounting) -> Array:
     """Adds mounting errors to jet wrenches, to first order, shape (n_jets, 6).
 
     Args:
         wrenches: as stated, shape (n_jets, 6).
         errors: in units of their 1-sigmas, shape (n,).
-        errors_of: see `Mounting`.
     """
     if errors.shape[0] == 0:
         return wrenches
     result = wrenches.copy()
     for place in range(errors.shape[0]):
-        result[errors_of.jets[place]] += errors[place] * errors_of.wrenches[place]
+        result[mounting.jets[place]] += errors[place] * mounting.wrenches[place]
     return result
 
 

@@ -27,9 +27,9 @@ Place = Literal["start", "center", "end"]
 PLACES: dict[Place, float] = {"start": 0.0, "center": 0.5, "end": 1.0}  # share of what is left that lies before
 
 
-def onsets(fractions: Array, place: Place, period_s: float) -> Array:
-    """Computes when jets open in a sample, s: at its start, about its middle, or until its end, shape as given."""
-    return PLACES[place] * period_s * (1.0 - fractions)
+def onsets(fractions: Array, pulse_place: Place, period_s: float) -> Array:
+    """Computes the times at which pulses begin within a sample, s: at its start, about its middle, or up to its end."""
+    return PLACES[pulse_place] * period_s * (1.0 - fractions)
 
 
 @kernel
@@ -38,18 +38,17 @@ def level_onsets(shape: int | tuple[int, ...]) -> Array:
     return np.full(shape, np.nan)
 
 
-def command_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
+def command_onsets(command: Array, stated_s: Array | None, pulse_place: Place | None, period_s: float) -> Array:
     """Returns when each jet opens in a sample, s, (n_jets,): as given, else as the place of pulses implies.
 
     Args:
         command: fraction of each jet, shape (n_jets,).
-        told_s: its onsets; None: they are not told.
-        place: where on-times lie then; None: commands are levels.
-        period_s: length of a sample.
+        stated_s: its onsets; None: they are not told.
+        pulse_place: where on-times lie then; None: commands are levels.
     """
-    if told_s is not None:
-        return told_s
-    return level_onsets(command.size) if place is None else onsets(command, place, period_s)
+    if stated_s is not None:
+        return stated_s
+    return level_onsets(command.size) if pulse_place is None else onsets(command, pulse_place, period_s)
 
 
 def pulse_samples(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
@@ -62,7 +61,6 @@ def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> I
 
     Args:
         start_s, end_s: of the pulse.
-        period_s: length of a sample.
         count: number of samples that there are.
     """
     first, end_sample = pulse_samples(start_s, end_s, period_s)
@@ -72,16 +70,16 @@ def pulse_shares(start_s: float, end_s: float, period_s: float, count: int) -> I
         yield sample, begin * period_s, end - begin
 
 
-def rest_of_sample(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
-    """Computes commands and onsets of what is left of each sample after a time, shape (n, n_jets) each.
+def rest_of_sample(command: Array, onset_s: Array, elapsed_s: Array, period_s: float) -> tuple[Array, Array]:
+    """Computes commands and onsets over the rest of each sample after a time, shape (n, n_jets) each.
 
     Args:
         command: f, NaN where not known, shape (n, n_jets).
         onset_s: a, NaN: the command is a level, shape (n, n_jets).
-        since_s: how long ago each sample began, shape (n,).
+        elapsed_s: how long ago each sample began, shape (n,).
         period_s: T.
     """
-    since = since_s[:, None]
+    since = elapsed_s[:, None]
     timed = is_pulse(command, onset_s)
     opens = np.where(timed, np.maximum(onset_s - since, 0.0), 0.0)
     closes = np.where(timed, onset_s + command * period_s - since, 0.0)
@@ -138,7 +136,7 @@ def split_sample(command: Array, onset_s: Array, period_s: float, span_s: tuple[
     return lengths, levels
 
 
-def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
+def max_pieces(command: Array, onset_s: Array, period_s: float) -> int:
     """Returns the most pieces that switching jets split any sample of a table into; rows (n, n_jets) each."""
     rows = np.flatnonzero(is_pulse(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s

@@ -28,9 +28,7 @@ def draw_thrust_factors(seed: Seed, spread: Any, count: int) -> Array:
     """Draws each jet's ratio of true to nominal thrust by a seed, shape (count,); ones without spread.
 
     Args:
-        seed: of the run.
         spread: 1-sigma, relative.
-        count: number of jets.
 
     Raises:
         ValueError: when the spread is symbolic.
@@ -88,7 +86,6 @@ def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetT
 
     Args:
         wrenches, time_constants_s: see `JetThrusts`.
-        period_s: sample period, s.
     """
     forces = np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1))
     distinct_s = np.array(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}), dtype=float)
@@ -97,35 +94,34 @@ def make_jets(wrenches: Array, time_constants_s: Array, period_s: float) -> JetT
 
 
 @kernel
-def level_now(level: Array, held_target: Array, jets: JetThrusts) -> Array:
+def next_level(level: Array, target: Array, jets: JetThrusts) -> Array:
     """Computes thrust levels (1: full) a sample later, under the target held over it, shape (n_jets,)."""
-    return level_after(level, held_target, jets.lag.remaining)
+    return level_after(level, target, jets.lag.remaining)
 
 
 @kernel
-def mean_force(level: Array, coming: Array, jets: JetThrusts) -> Array:
+def mean_force(level: Array, target: Array, jets: JetThrusts) -> Array:
     """Computes the mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
 
     Args:
         level: now, which does not matter where no jet lags, shape (n_jets,).
-        coming: target of that sample, shape (n_jets,).
-        jets: see `JetThrusts`.
+        target: target of that sample, shape (n_jets,).
     """
     if jets.lag.instantaneous:
-        return jets.forces * coming
-    return jets.forces * mean_level(level, coming, jets.lag.mean)
+        return jets.forces * target
+    return jets.forces * mean_level(level, target, jets.lag.mean)
 
 
 @kernel
-def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
+def wrench_profile(level: Array, target: Array, jets: JetThrusts) -> Array:
     """Computes the coming sample's wrench profile: steady wrench, then the decaying part per time constant.
 
     Arguments as `mean_force`; shape (1 + n_classes, 7).
     """
-    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]), dtype=coming.dtype)
-    profile[0] = np.dot(coming, jets.wrenches)
+    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]), dtype=target.dtype)
+    profile[0] = np.dot(target, jets.wrenches)
     if jets.class_constants_s.size:
-        difference = level - coming
+        difference = level - target
         for index in range(jets.class_constants_s.size):
             profile[1 + index] = difference @ jets.class_wrenches[index]
     return profile
@@ -137,9 +133,7 @@ def propellant_used(force: Array, period_s: float, feeds: Array, jets: JetThrust
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
-        period_s: sample period, s.
         feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets).
-        jets: see `JetThrusts`.
     """
     return feeds @ (force / jets.forces * jets.wrenches[:, _FLOW]) * period_s
 
@@ -165,21 +159,21 @@ class LevelCourse(NamedTuple):
 @kernel
 def level_course(
     level: Array,
-    told: tuple[Array, Array, Array],
-    when: tuple[float, float],
-    failing: tuple[FailureTable, NDArray[np.bool_]],
+    commands: tuple[Array, Array, Array],
+    timing_s: tuple[float, float],
+    faults: tuple[FailureTable, NDArray[np.bool_]],
     time_constants_s: Array,
 ) -> LevelCourse:
     """Computes thrust levels (1: full) over a sample, in pieces of constant target, failures included.
 
     Args:
         level: at its beginning, shape (n_jets,).
-        told: command and onset, see `on_times`, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
-        when: it begins, and its length, s.
-        failing: failures, and which of them strike, see `true_failures.draw_strikes`.
+        commands: command and onset, see `on_times`, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
+        timing_s: when the sample begins, and its length, s.
+        faults: failures, and which of them strike, see `true_failures.draw_strikes`.
         time_constants_s: of each jet, s, shape (n_jets,).
     """
-    (command, onset_s, closed), (since_s, period_s), (failures, strikes) = told, when, failing
+    (command, onset_s, closed), (since_s, period_s), (failures, strikes) = commands, timing_s, faults
     lengths, targets = split_sample(command, onset_s, period_s, (0.0, period_s))
     begins, mean = np.empty_like(targets), np.zeros_like(level)
     for piece in range(lengths.size):
@@ -204,22 +198,21 @@ def profile_size(n_lags: int, pieces: int = 1) -> int:
     return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
 
 
-def profile_by_pieces(course: LevelCourse, jets: JetThrusts, pieces: int) -> Array:
+def profile_by_pieces(levels: LevelCourse, jets: JetThrusts, pieces: int) -> Array:
     """Packs length and wrench profile of each piece of a sample in which jets switch, shape (pieces, any).
 
     Args:
-        course: of the levels.
-        jets: see `JetThrusts`.
+        levels: of the levels.
         pieces: the largest number that there can be; further ones have no length.
 
     Raises:
         ValueError: when there are more.
     """
-    count = course.lengths_s.size
+    count = levels.lengths_s.size
     if count > pieces:
         raise ValueError(f"jets open and close at {count - 1} times in a sample, where {pieces - 1} were foreseen")
     profile = np.zeros((pieces, profile_size(jets.class_constants_s.size, pieces) // pieces))
-    profile[:count, 0] = course.lengths_s
+    profile[:count, 0] = levels.lengths_s
     for piece in range(count):
-        profile[piece, 1:] = wrench_profile(course.begins[piece], course.targets[piece], jets).ravel()
+        profile[piece, 1:] = wrench_profile(levels.begins[piece], levels.targets[piece], jets).ravel()
     return profile

@@ -103,15 +103,15 @@ class OutOfMassError(ArithmeticError):
 
 
 @kernel
-def require_mass(left: float, wanted: float) -> None:
+def require_mass(mass: float, used_mass: float) -> None:
     """Raises OutOfMassError when jets would use up all mass of the vehicle.
 
     Args:
-        left: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
-        wanted: mass to be used, slug or kg.
+        mass: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
+        used_mass: mass to be used, slug or kg.
     """
-    if not left > wanted:
-        raise OutOfMassError(max(left, 0.0), wanted)
+    if not mass > used_mass:
+        raise OutOfMassError(max(mass, 0.0), used_mass)
 
 
 _Decay = tuple[Array, float]  # a wrench that dies away, shape (7,), and its time constant, s
@@ -148,16 +148,16 @@ def motion_constants(properties: MassProperties) -> Body:
 
 
 @kernel
-def add_wheel_momentum(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
+def add_wheel_momentum(body: Body, wheels: Array, elapsed_s: float = 0.0) -> Body:
     """Returns the constants of a body's motion with its wheels' angular momentum and torque put in.
 
     Args:
         body: without them.
         wheels: h at some time and its derivative, shape (6,).
-        since_s: time since then, s.
+        elapsed_s: time since then, s.
     """
     hx, hy, hz, dx, dy, dz = numbers(wheels, 6)
-    momentum = hx + since_s * dx, hy + since_s * dy, hz + since_s * dz
+    momentum = hx + elapsed_s * dx, hy + elapsed_s * dy, hz + elapsed_s * dz
     return Body(body.inertia, body.inverse, body.center, momentum, (dx, dy, dz))
 
 
@@ -216,7 +216,6 @@ def apply_jumps(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tupl
     """Applies mass-property jumps in a row at one sample; returns state, (23,), and packed structure.
 
     Args:
-        state: shape (23,).
         structure: packed as `STRUCTURE`.
         jumps: one after the other.
     """
@@ -253,7 +252,6 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
     """Computes the time derivative of the body state under a wrench about the vehicle origin, shape (23,).
 
     Args:
-        state: shape (23,).
         wrench: torque about the vehicle origin, force, mass flow, body axes, shape (7,).
         body: constants of the motion.
     """
@@ -261,10 +259,10 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
 
 
 @kernel
-def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_s: float) -> Array:
-    """Computes the body state's derivative without decaying thrust; ``since_s``: since wheels' momentum was set.
+def _derivative(state: Array, wrench: Array, transient_impulse: Array, body: Body, elapsed_s: float) -> Array:
+    """Computes the body state's derivative without decaying thrust; ``elapsed_s``: since wheels' momentum was set.
 
-    ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
+    ``transient_impulse`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
     given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
     velocity and origin velocity is known in closed form; what is integrated here is the rest:
 
@@ -284,8 +282,8 @@ def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_
     # specific force
     ax, ay, az = fx / mass, fy / mass, fz / mass
     tx = ty = tz = 0.0  # what the transient part takes from the derivative of the velocity, body axes
-    if gathered.size:
-        ex, ey, ez, gx, gy, gz, lost, transient_flow = numbers(gathered, 8)
+    if transient_impulse.size:
+        ex, ey, ez, gx, gy, gz, lost, transient_flow = numbers(transient_impulse, 8)
         mass -= lost
         ax, ay, az = fx / mass, fy / mass, fz / mass
         ex, ey, ez = ex - (cy * gz - cz * gy), ey - (cz * gx - cx * gz), ez - (cx * gy - cy * gx)
@@ -304,9 +302,9 @@ def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_
     px, py, pz = body.momentum
     dx, dy, dz = body.momentum_rate
     mx, my, mz = mx - dx, my - dy, mz - dz
-    hx = ixx * wx + ixy * wy + ixz * wz + (px + since_s * dx)
-    hy = ixy * wx + iyy * wy + iyz * wz + (py + since_s * dy)
-    hz = ixz * wx + iyz * wy + izz * wz + (pz + since_s * dz)
+    hx = ixx * wx + ixy * wy + ixz * wz + (px + elapsed_s * dx)
+    hy = ixy * wx + iyy * wy + iyz * wz + (py + elapsed_s * dy)
+    hz = ixz * wx + iyz * wy + izz * wz + (pz + elapsed_s * dz)
     nx, ny, nz = mx - (wy * hz - wz * hy), my - (wz * hx - wx * hz), mz - (wx * hy - wy * hx)
     ox = jxx * nx + jxy * ny + jxz * nz
     oy = jxy * nx + jyy * ny + jyz * nz
@@ -402,12 +400,12 @@ def step(
 
 
 @kernel
-def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duration_s: float, body: Body) -> float:
+def _longest_substep(state: Array, steady: Array, decays: list[_Decay], duration_s: float, body: Body) -> float:
     """Computes the longest substep, s, in which the body turns by no more than a small angle."""
     wrench = steady
-    if len(lagging) > 0:
+    if len(decays) > 0:
         wrench = np.abs(steady)
-        for row, _ in lagging:
+        for row, _ in decays:
             wrench = wrench + np.abs(row)
     mx, my, mz, fx, fy, fz, _ = numbers(np.abs(wrench), 7)
     cx, cy, cz = abs(body.center[0]), abs(body.center[1]), abs(body.center[2])
@@ -421,9 +419,9 @@ def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duratio
 
 
 @kernel
-def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tuple[float, float], body: Body) -> Array:
-    """Computes the body state after a Runge-Kutta substep; ``during_s``: start within the step, and length, s."""
-    since, length = during_s
+def _substep(state: Array, steady: Array, amplitudes: list[_Decay], timing_s: tuple[float, float], body: Body) -> Array:
+    """Computes the body state after a Runge-Kutta substep; ``timing_s``: start within the step, and length, s."""
+    since, length = timing_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
         start, middle, end = (
@@ -432,10 +430,10 @@ def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tu
             _decayed_impulse(amplitudes, length),
         )
     half = 0.5 * length
-    k1 = _derivative(state, target, start, body, since)
-    k2 = _derivative(state + half * k1, target, middle, body, since + half)
-    k3 = _derivative(state + half * k2, target, middle, body, since + half)
-    k4 = _derivative(state + length * k3, target, end, body, since + length)
+    k1 = _derivative(state, steady, start, body, since)
+    k2 = _derivative(state + half * k1, steady, middle, body, since + half)
+    k3 = _derivative(state + half * k2, steady, middle, body, since + half)
+    k4 = _derivative(state + length * k3, steady, end, body, since + length)
     state = state + (length / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
     if end.size:
         _add_transient(state, end[:N_WRENCH], body)
@@ -453,12 +451,12 @@ def _decayed_impulse(amplitudes: list[_Decay], elapsed_s: float) -> Array:
 
 
 @kernel
-def _add_transient(state: Array, gathered: Array, body: Body) -> None:
-    """Adds to the state, in place, what decaying thrust changes in closed form; see `_derivative`."""
+def _add_transient(state: Array, transient_impulse: Array, body: Body) -> None:
+    """Adds the closed-form effect of decaying thrust to the state, in place; see `_derivative`."""
     center = np.array(body.center)
-    rate_change = symmetric_matrix(np.array(body.inverse)) @ torque_about_center(gathered, center)
-    state[MASS] -= gathered[6]
-    velocity_change = gathered[3:6] / state[MASS]
+    rate_change = symmetric_matrix(np.array(body.inverse)) @ torque_about_center(transient_impulse, center)
+    state[MASS] -= transient_impulse[6]
+    velocity_change = transient_impulse[3:6] / state[MASS]
     rotation = rotation_matrix(state[QUATERNION] / np.linalg.norm(state[QUATERNION]))
     state[RATE] += rate_change
     state[VELOCITY] += rotation @ velocity_change
@@ -472,7 +470,6 @@ def change_properties(state: Array, before: MassProperties, after: MassPropertie
     mass has that structure's motion where it lies, so what leaves takes its momentum along.
 
     Args:
-        state: shape (23,).
         before, after: mass properties.
     """
     moved = rotation_matrix(state[QUATERNION])
@@ -489,7 +486,6 @@ def center_shift_increment(state: Array, rate: Array, shift: Array) -> Array:
     """Computes the body state's change as the center of mass shifts, structure moving on, shape (23,).
 
     Args:
-        state: shape (23,).
         rate: mean while it moves, rad/s, body axes, shape (3,).
         shift: of the center of mass, vehicle frame, ft or m, shape (3,).
     """

@@ -69,27 +69,26 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
 
     Args:
         bandwidth_hz: corner frequency, Hz; None: unlimited.
-        period_s: sample period, s.
     """
     return 0.0 if bandwidth_hz is None else math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
 
 
 @kernel
-def low_pass(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
+def low_pass(value: Array, memory: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
     """Computes a first-order low-pass's output for a signal linear between samples; returns it, and its memory.
 
     Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
 
     Args:
         value: of the signal now, shape (3,).
-        before: the memory, shape (3,): the answer now, had the signal gone to zero since the last sample.
+        memory: the memory, shape (3,): the answer now, had the signal gone to zero since the last sample.
         started: whether there was a sample before; if not, the signal is taken to have been steady.
         smoothing: share of the old value that is kept over one period, exp(-w T); 0: unlimited.
     """
     if smoothing == 0.0:
         return value, np.zeros(3)
     mean = (smoothing - 1.0) / math.log(smoothing)  # of the share that is kept, over the period
-    answer = before + (1.0 - mean) * value if started else value
+    answer = memory + (1.0 - mean) * value if started else value
     return answer, smoothing * answer + (mean - smoothing) * value
 
 
@@ -241,8 +240,6 @@ def add_drawn_phases(model: SensorModel, draws: Draws, seed: Seed) -> SensorMode
 
     Args:
         model: with the phases before the draw.
-        draws: see `Draws`.
-        seed: of the run.
     """
     phase, shaking = model.phase, model.vibration
     if draws.marks:
@@ -273,7 +270,6 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
         memory: started (1, 0 or 1), memory of the low-pass (3), bias's random walk (3), accumulated bias (3),
             then the readings of the last ``delay`` samples, oldest first, shape (memory_size,).
         noise: standard normal: white (3), random walk (3), shape (6,).
-        model: see `SensorModel`.
         time_s: of the sample, s; matters to vibration alone.
     """
     return read_with_memory(signal, memory, noise, vibration_at(model, time_s), model.errors)
@@ -286,16 +282,16 @@ def vibration_at(model: SensorModel, time_s: float) -> Array:
 
 @kernel
 def read_with_memory(
-    signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
+    signal: Array, memory: Array, noise: Array, vibration: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
-    """Computes a reading, (3,), and memory for the next; ``shaking``: vibration in it, shape (3,) or empty."""
+    """Computes a reading, (3,), and memory for the next; ``vibration``: vibration in it, shape (3,) or empty."""
     started = memory[0] != 0.0
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()
     after[0] = 1.0
     value, after[1:4] = low_pass(value, memory[1:4], started, errors.smoothing)
-    if shaking.size:
-        value = value + shaking
+    if vibration.size:
+        value = value + vibration
     walk = memory[4:7]
     if errors.integrates:
         value = value + memory[7:10]
@@ -315,11 +311,11 @@ def read_with_memory(
 
 
 @kernel
-def read_without_memory(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) -> Array:
-    """Computes a reading, (3,), of a package without memory; ``shaking``: vibration in it, (3,) or empty."""
+def read_without_memory(signal: Array, noise: Array, vibration: Array, errors: PackageErrors) -> Array:
+    """Computes a reading, (3,), of a package without memory; ``vibration``: vibration in it, (3,) or empty."""
     value = (1.0 + errors.scale_factor) * signal
-    if shaking.size:
-        value = value + shaking
+    if vibration.size:
+        value = value + vibration
     value = value + errors.bias
     if errors.noise_std > 0.0:
         value = value + errors.noise_std * noise[:3]

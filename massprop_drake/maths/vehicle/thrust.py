@@ -40,7 +40,6 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
 
     Args:
         time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).
-        period_s: the sample period, s.
     """
     ratio = np.zeros(time_constants_s.shape, dtype=np.result_type(time_constants_s, np.asarray(period_s)))
     lagged = time_constants_s > 0.0

@@ -49,14 +49,13 @@ def is_due(time_s: float, model: PoseModel) -> bool:
     return due > before
 
 
-def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
+def read_pose(body: Array, center_of_mass: Array, noise: Array, model: PoseModel) -> Array:
     """Measures a tracked point's position and a quaternion to the fixed frame, NaN: not measured, shape (7,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).
-        center: center of mass in the vehicle frame, shape (3,).
+        center_of_mass: center of mass in the vehicle frame, shape (3,).
         noise: independent standard normal numbers, shape (8,).
-        model: see `PoseModel`.
     """
     late_s = model.time_std_s * value_of(noise[6])
     poor = POOR if 0.5 * math.erfc(-value_of(noise[7]) / math.sqrt(2.0)) < model.outliers else 1.0
@@ -65,7 +64,7 @@ def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
         turned = turned / np.sqrt(np.dot(turned, turned))
     else:
         turned = attitude.propagate_attitude(turned, body[RATE], late_s)
-    arm = attitude.rotation_matrix(turned) @ (model.point - center)
+    arm = attitude.rotation_matrix(turned) @ (model.point - center_of_mass)
     reading = np.full(7, np.nan, dtype=body.dtype)
     plane = np.array([1.0, 1.0, 0.0]) if model.planar else np.ones(3)
     if math.isfinite(model.position_std):
@@ -78,16 +77,16 @@ def read_pose(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
     return reading
 
 
-def read_velocity(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
+def read_velocity(body: Array, center_of_mass: Array, noise: Array, position: Array, noise_std: float) -> Array:
     """Measures the velocity of a body-fixed point in the fixed frame, with noise, shape (3,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).
-        center: center of mass in the vehicle frame, shape (3,).
+        center_of_mass: center of mass in the vehicle frame, shape (3,).
         noise: independent standard normal numbers, shape (3,).
         position: of the point, vehicle frame, shape (3,).
         noise_std: of each component.
     """
-    swing = attitude.rotation_matrix(body[QUATERNION]) @ cross(body[RATE], position - center)
+    swing = attitude.rotation_matrix(body[QUATERNION]) @ cross(body[RATE], position - center_of_mass)
     moves: Array = body[VELOCITY] + swing + noise_std * noise
     return moves

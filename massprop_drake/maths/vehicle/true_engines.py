@@ -61,11 +61,11 @@ def draw_engine_errors(model: EnginesModel, seed: Seed) -> Array:
     return np.asarray(model.errors + model.spread * normal_sample(seed, "engines", 0, model.errors.size))
 
 
-def limit_to_stops(told: Array, engines: EngineParams) -> Array:
+def limit_to_stops(command: Array, engines: EngineParams) -> Array:
     """Clips engine commands to the range of throttle and gimbal, shape (n, 3)."""
     least = -engines.stops
     least[:, 0] = 0.0
-    return np.asarray(np.clip(told, least, engines.stops))
+    return np.asarray(np.clip(command, least, engines.stops))
 
 
 def _is_active(failure: EngineFailure, time_s: float) -> bool:
@@ -73,68 +73,66 @@ def _is_active(failure: EngineFailure, time_s: float) -> bool:
     return failure.start_s - _DIGITS_S <= time_s < failure.end_s - _DIGITS_S
 
 
-def effective_command(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
+def effective_command(settings: Array, command: Array, time_s: float, model: EnginesModel) -> Array:
     """Returns the command that engines follow under failures, (n, 3): a stuck channel keeps its value.
 
     Args:
-        now: levels and angles, shape (n, 3).
-        told: command, likewise.
+        settings: levels and angles, shape (n, 3).
+        command: command, likewise.
         time_s: of the sample from which on it holds.
-        model: see `EnginesModel`.
     """
-    result = limit_to_stops(told, model.engines)
+    result = limit_to_stops(command, model.engines)
     for failure in model.failures:
         if failure.channel != OUT and _is_active(failure, time_s):
-            result[failure.engine, failure.channel] = now[failure.engine, failure.channel]
+            result[failure.engine, failure.channel] = settings[failure.engine, failure.channel]
     return result
 
 
-def engines_wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
+def engines_wrench(settings: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
     """Computes mean torque about the vehicle origin, force and propellant flow of all engines, shape (7,).
 
     Args:
-        at: levels and angles at some instants, shape (m, n, 3).
+        settings: levels and angles at some instants, shape (m, n, 3).
         errors: see `draw_engine_errors`.
         time_s: of the sample that has begun.
-        model: see `EnginesModel`.
     """
     total, engines = np.zeros(7), model.engines
     out = {one.engine for one in model.failures if one.channel == OUT and _is_active(one, time_s)}
     for which in range(engines.thrusts.size):
         if which not in out:
-            given = thrust(which, at[:, which], errors[N_ERRORS * which : N_ERRORS * (which + 1)], engines)
+            given = thrust(which, settings[:, which], errors[N_ERRORS * which : N_ERRORS * (which + 1)], engines)
             total[:6] += wrenches_of(given.place, given.force[:, None] * given.along).mean(axis=0)
-            total[6] += np.interp(at[:, which, 0], engines.levels, engines.flows[which]).mean()
+            total[6] += np.interp(settings[:, which, 0], engines.levels, engines.flows[which]).mean()
     return total
 
 
-def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, float], model: EnginesModel) -> Array:
+def mean_wrench(
+    settings: Array, command: Array, errors: Array, timing_s: tuple[float, float], model: EnginesModel
+) -> Array:
     """Computes the engines' mean wrench and flow over an interval in which they follow a command, shape (7,).
 
     Args:
-        now: levels and angles at its start, shape (n, 3).
-        told: what they follow, see `effective_command`.
+        settings: levels and angles at its start, shape (n, 3).
+        command: what they follow, see `effective_command`.
         errors: see `draw_engine_errors`.
-        during: its start and its length, s.
-        model: see `EnginesModel`.
+        timing_s: its start and its length, s.
     """
-    since_s, duration_s = during
+    since_s, duration_s = timing_s
     parts = (np.arange(_PARTS) + 0.5) / _PARTS * duration_s
-    at = np.stack([follow_command(now, told, float(part), model.engines)[0] for part in parts])
+    at = np.stack([follow_command(settings, command, float(part), model.engines)[0] for part in parts])
     return engines_wrench(at, errors, since_s, model)
 
 
-def read_engines(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
+def read_engines(settings: Array, command: Array, noise: Any, engines: EngineParams) -> Array:
     """Measures levels and gimbal angles, shape (n, 3); a channel without a sensor reads its command.
 
     Args:
-        now: as they are, shape (n, 3).
-        told: command from now on.
+        settings: as they are, shape (n, 3).
+        command: command from now on.
         noise: standard normal, shape (n, 3).
-        engines: see `EngineParams`.
     """
-    shown = now + reading_std(now, engines) * noise
-    return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, limit_to_stops(told, engines))
+    shown = settings + reading_std(settings, engines) * noise
+    return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, limit_to_stops(command, engines))
 
 
 def reshape_by_engine(vector: Array) -> Array:

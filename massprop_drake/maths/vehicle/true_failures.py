@@ -94,7 +94,6 @@ def delivered_levels(command: Array, sample: int, period_s: float, failures: tup
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
         sample: number of the sample, which begins at sample x period.
-        period_s: sample period, s.
         failures: one after the other; a jet may have several.
         seed: of the run, for intermittent failures.
     """
@@ -125,9 +124,7 @@ def apply_failures(
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
         begins_s: when the sample does, s.
-        period_s: sample period, s.
         strikes: see `draw_strikes`, shape (n,).
-        failures: see `FailureTable`.
     """
     level = np.copy(command)
     for index in range(failures.jets.size):
@@ -142,16 +139,16 @@ def apply_failures(
 
 
 @kernel
-def _failed_level(told: float, kind: int, amount: float, strikes: bool, late_s: float) -> float:
-    """Computes a failed jet's thrust level, 1: full, under a command; ``late_s``: time since the failure began."""
+def _failed_level(command: float, kind: int, amount: float, strikes: bool, elapsed_s: float) -> float:
+    """Computes a failed jet's thrust level, 1: full, under a command; ``elapsed_s``: time since the failure began."""
     if kind == FailureKind.STUCK_ON:
         return 1.0
     if kind == FailureKind.STUCK_OFF:
         return 0.0
     if kind == FailureKind.DEGRADED:
-        return told * amount
+        return command * amount
     if kind == FailureKind.LEAK:
-        return told + amount
+        return command + amount
     if kind == FailureKind.INTERMITTENT:
-        return amount if strikes else told
-    return told * max(0.0, 1.0 + amount * late_s)
+        return amount if strikes else command
+    return command * max(0.0, 1.0 + amount * elapsed_s)

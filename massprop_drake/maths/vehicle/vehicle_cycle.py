@@ -199,13 +199,11 @@ class Ahead(NamedTuple):
     jumps: NDArray[np.bool_]
 
 
-def draw_ahead(first: int, count: int, params: VehicleParams) -> Ahead:
+def draw_ahead(first_sample: int, count: int, params: VehicleParams) -> Ahead:
     """Draws noise, vibration, disturbance and intermittent failures of coming samples, a row per sample.
 
     Args:
-        first: sample.
-        count: of samples.
-        params: see `VehicleParams`.
+        first_sample: sample.
     """
     packages, failures = params.packages, params.failures
     made = Ahead(
@@ -213,17 +211,17 @@ def draw_ahead(first: int, count: int, params: VehicleParams) -> Ahead:
         np.zeros((count, len(packages), 3)),
         np.zeros((count, 6)),
         np.zeros((count, len(failures)), dtype=np.bool_),
-        np.array([first + row in params.jumps for row in range(count)], dtype=np.bool_),
+        np.array([first_sample + row in params.jumps for row in range(count)], dtype=np.bool_),
     )
     for index, package in enumerate(packages):
         for row in range(count if package.model.noisy else 0):
-            made.noise[row, index] = normal_sample(params.seed, package.name, first + row, 6)
+            made.noise[row, index] = normal_sample(params.seed, package.name, first_sample + row, 6)
         for row in range(count if package.model.vibration is not None else 0):
-            made.shaking[row, index] = vibration_at(package.model, (first + row) * params.period_s)
+            made.shaking[row, index] = vibration_at(package.model, (first_sample + row) * params.period_s)
     for row in range(count if params.disturbance is not None else 0):
-        made.push[row] = normal_sample(params.seed, _DISTURBANCE, first + row, 6)
+        made.push[row] = normal_sample(params.seed, _DISTURBANCE, first_sample + row, 6)
     for row in range(count if failures else 0):
-        made.strikes[row] = true_failures.draw_strikes(failures, first + row, params.period_s, params.seed)
+        made.strikes[row] = true_failures.draw_strikes(failures, first_sample + row, params.period_s, params.seed)
     return made
 
 
@@ -268,14 +266,12 @@ def initial_state(params: VehicleParams) -> VehicleState:
 
 
 @kernel
-def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[Array, Array]:
+def sense(state: VehicleState, row: int, draws: Ahead, params: Truth) -> tuple[Array, Array]:
     """Computes readings of all packages, shape (n_packages, 3), and the packages' memories after them.
 
     Args:
         state: at the sample.
-        row: of the sample in `coming`.
-        coming: see `Ahead`.
-        params: see `Truth`.
+        row: of the sample in `draws`.
     """
     packages, memories = params.packages, state.memories
     signals = _signals(state.body, packages)
@@ -290,8 +286,8 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
             reading = quantize(signal, packages.quanta[index], packages.phases[index])
             readings[index] = limit_to_range(reading, packages.limits[index])
             continue
-        errors, noise = _package_errors(index, params), coming.noise[row, index]
-        shaking = coming.shaking[row, index, : 3 * int(packages.shakes[index])]
+        errors, noise = _package_errors(index, params), draws.noise[row, index]
+        shaking = draws.shaking[row, index, : 3 * int(packages.shakes[index])]
         if packages.remembers[index]:
             size = _MEMORY + 3 * packages.delays[index]
             readings[index], memories[index, :size] = read_with_memory(
@@ -334,36 +330,35 @@ def _package_errors(index: int, params: Truth) -> PackageErrors:
 
 @kernel
 def step(
-    state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
+    state: VehicleState, commands: tuple[Array, Array, Array], sample: int, draw_row: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
     """Advances the vehicle by a sample; returns its state, memories unchanged, and each jet's mean force.
 
     Args:
         state: at the sample.
-        told: fraction commanded over it, 0 to 1, onset, see `on_times`, and 1 for each jet whose manifold is closed,
-            shape (n_jets,) each.
+        commands: fraction commanded, 0 to 1, onset, see `on_times`, and 1 for each jet whose manifold is closed, shape
+            (n_jets,) each.
         sample: its number.
-        luck: what is to come, and which row of it is the sample's.
-        params: see `Truth`.
+        draw_row: what is to come, and which row of it is the sample's.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
         OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
-    jets, (coming, row) = params.jets, luck
-    command, onset_s, closed = told
+    jets, (coming, row) = params.jets, draw_row
+    command, onset_s, closed = commands
     if has_pulse(command, onset_s):
-        return _step_by_pieces(state, told, sample, luck, params)
+        return _step_by_pieces(state, commands, sample, draw_row, params)
     target = command
     if params.failures.jets.size:
         target = true_failures.apply_failures(
             command, sample * params.period_s, params.period_s, coming.strikes[row], params.failures
         )
     target = target * (1.0 - closed)
-    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     profile = reaction_jets.wrench_profile(level, target, jets)
-    deviation, push = _step_disturbance(state, luck, params)
+    deviation, push = _step_disturbance(state, draw_row, params)
     if params.pushed:
         profile[0, :6] += push
     force = reaction_jets.mean_force(level, target, jets)
@@ -381,7 +376,6 @@ def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple
     Args:
         state: before it.
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
-        params: see `Truth`.
     """
     if state.fill.size == 0:
         return state.structure, state.fill, state.constants
@@ -392,18 +386,17 @@ def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple
 
 
 @kernel
-def _finish_step(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
+def _finish_step(body: Array, structure: Array, previous: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
     """Applies center-of-mass shift and rounding after a step; returns body, structure and motion constants.
 
     Args:
         body: as the step leaves it.
         structure: after it.
-        before: the vehicle before it.
-        params: see `Truth`.
+        previous: the vehicle before it.
     """
-    constants = before.constants
-    if before.fill.size > 0:
-        rate, shift = 0.5 * (before.body[RATE] + body[RATE]), structure[_CENTER] - before.structure[_CENTER]
+    constants = previous.constants
+    if previous.fill.size > 0:
+        rate, shift = 0.5 * (previous.body[RATE] + body[RATE]), structure[_CENTER] - previous.structure[_CENTER]
         body = body + rigid_body.center_shift_increment(body, rate, shift)
         structure = round_as_stored(structure, params.structure)
         constants = rigid_body.constants_kernel(structure)
@@ -413,14 +406,14 @@ def _finish_step(body: Array, structure: Array, before: VehicleState, params: Tr
 
 @kernel
 def _step_by_pieces(
-    state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
+    state: VehicleState, commands: tuple[Array, Array, Array], sample: int, draw_row: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
     """Advances the vehicle as `step`, over a sample within which jets open or close, piece by piece."""
-    jets, (coming, row) = params.jets, luck
-    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    jets, (coming, row) = params.jets, draw_row
+    level = state.level if jets.lag.instantaneous else reaction_jets.next_level(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
-    over = reaction_jets.level_course(level, told, when, failing, jets.time_constants_s)
-    deviation, push = _step_disturbance(state, luck, params)
+    over = reaction_jets.level_course(level, commands, when, failing, jets.time_constants_s)
+    deviation, push = _step_disturbance(state, draw_row, params)
     force = jets.forces * over.mean
     structure, fill, constants = _drain_by_firings(state, force, params)
     body = state.body
@@ -435,11 +428,11 @@ def _step_by_pieces(
 
 
 @kernel
-def _step_disturbance(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
+def _step_disturbance(state: VehicleState, draw_row: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
     """Computes the disturbance's next deviation, and its wrench about the vehicle origin, shape (6,) each."""
     if not params.pushed:
         return state.deviation, np.zeros(6)
-    coming, row = luck
+    coming, row = draw_row
     deviation = next_deviation(state.deviation, coming.push[row], params.push)
     return deviation, move_to_origin(params.push.mean + deviation, state.structure[_CENTER])
 

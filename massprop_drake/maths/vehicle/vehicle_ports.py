@@ -50,41 +50,41 @@ def _signal(body: Array, sensing: Sensing) -> Array:
 
 
 @kernel
-def exact_reading(body: Array, held: Any) -> Array:
+def exact_reading(body: Array, holder: Any) -> Array:
     """Computes the reading of a package that only quantizes and limits, shape (3,).
 
     Args:
         body: see `rigid_body`, shape (23,).
-        held: holder of `Sensing`.
+        holder: holder of `Sensing`.
     """
-    sensing = held.value
+    sensing = holder.value
     errors = sensing.errors
     return limit_to_range(quantize(_signal(body, sensing), errors.quantum, errors.phase), errors.limit)
 
 
 @kernel
-def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
+def reading(body: Array, noise: Array, vibration: Array, holder: Any) -> Array:
     """Computes the reading of a package without memory, shape (3,), from the body state.
 
     Args:
-        body, held: as in `exact_reading`.
+        body, holder: as in `exact_reading`.
         noise: standard normal, shape (6,).
-        shaking: vibration in the reading, shape (3,), or empty.
+        vibration: vibration in the reading, shape (3,), or empty.
     """
-    sensing = held.value
-    return read_without_memory(_signal(body, sensing), noise, shaking, sensing.errors)
+    sensing = holder.value
+    return read_without_memory(_signal(body, sensing), noise, vibration, sensing.errors)
 
 
 @kernel
-def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array, held: Any) -> Array:
+def remembered_reading(body: Array, memory: Array, noise: Array, vibration: Array, holder: Any) -> Array:
     """Computes a reading (3) of a package with memory, then that memory, in one vector; see `reading`.
 
     Args:
         memory: see `sensing.sense`.
     """
-    sensing = held.value
+    sensing = holder.value
     row = np.empty(3 + memory.size, dtype=memory.dtype)
-    row[:3], row[3:] = read_with_memory(_signal(body, sensing), memory, noise, shaking, sensing.errors)
+    row[:3], row[3:] = read_with_memory(_signal(body, sensing), memory, noise, vibration, sensing.errors)
     return row
 
 
@@ -103,7 +103,7 @@ class Jets(NamedTuple):
 
 
 @kernel
-def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArray[np.bool_], held: Any) -> Array:
+def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArray[np.bool_], holder: Any) -> Array:
     """Computes each jet's target level over a sample, failures and closed manifolds applied, shape (n_jets,).
 
     Args:
@@ -111,25 +111,25 @@ def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArr
         closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); empty: none can be.
         begins_s: when the sample does, s.
         strikes: see `true_failures.draw_strikes`.
-        held: holder of `Jets`.
+        holder: holder of `Jets`.
     """
-    jets = held.value
+    jets = holder.value
     level = true_failures.apply_failures(command, begins_s, jets.period_s, strikes, jets.failures)
     return level * (1.0 - closed) if closed.size else level
 
 
 @kernel
-def forces_and_profile(level: Array, coming: Array, held: Any) -> Array:
+def forces_and_profile(level: Array, target: Array, holder: Any) -> Array:
     """Computes each jet's mean force, then the wrench profile row by row, in one vector.
 
     Args:
-        level, coming: levels now, and what they tend to, shape (n_jets,) each.
-        held: holder of `Jets`.
+        level, target: levels now, and what they tend to, shape (n_jets,) each.
+        holder: holder of `Jets`.
     """
-    thrusters = held.value.thrusters
-    profile = reaction_jets.wrench_profile(level, coming, thrusters)
-    row = np.empty(level.size + profile.size, dtype=coming.dtype)
-    fill(row, (reaction_jets.mean_force(level, coming, thrusters), profile))
+    thrusters = holder.value.thrusters
+    profile = reaction_jets.wrench_profile(level, target, thrusters)
+    row = np.empty(level.size + profile.size, dtype=target.dtype)
+    fill(row, (reaction_jets.mean_force(level, target, thrusters), profile))
     return row
 
 
@@ -148,7 +148,7 @@ class Motion(NamedTuple):
 
 
 @kernel
-def step_body(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
+def step_body(body: Array, profile: Array, wheels: Array, constants: Any, holder: Any) -> Array:
     """Computes the body state after a sample under a wrench profile and wheels, shape (23,).
 
     Args:
@@ -156,12 +156,12 @@ def step_body(body: Array, profile: Array, wheels: Array, constants: Any, held: 
         profile: of the wrench, row by row; of a step of pieces, of each its length and this.
         wheels: their angular momentum and its derivative, see `rigid_body.add_wheel_momentum`, shape (6,); empty: none.
         constants: holder of `rigid_body.Body`.
-        held: holder of `Motion`.
+        holder: holder of `Motion`.
 
     Raises:
         OutOfMassError, SpunUpError: see `rigid_body.step`.
     """
-    motion, moved = held.value, constants.value
+    motion, moved = holder.value, constants.value
     if wheels.size > 0:
         moved = rigid_body.add_wheel_momentum(moved, wheels, 0.0)
     if motion.pieces == 1:

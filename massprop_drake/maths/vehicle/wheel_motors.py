@@ -54,8 +54,6 @@ def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, 
         torque: that is asked of each, ft-lbf or N-m, shape (n,).
         inertias: of the wheels, shape (n,).
         speeds: as the sample begins, rad/s, shape (n,).
-        model: see `WheelsModel`.
-        period_s: length of the sample.
     """
     most = np.clip(torque, -model.most, model.most) / inertias
     return np.clip(most, (-model.fastest - speeds) / period_s, (model.fastest - speeds) / period_s)
@@ -67,14 +65,13 @@ def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsMode
     return np.concatenate((speeds @ arms, accelerations @ arms))
 
 
-def read_speed(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
+def read_speed(speed: Any, noise: Any, wheel: int, model: WheelsModel) -> Any:
     """Measures the speed of one wheel as its tachometer does, with noise and quantum.
 
     Args:
         speed: rad/s.
         noise: standard normal.
-        place: of the wheel.
-        model: see `WheelsModel`.
+        wheel: of the wheel.
     """
-    shown, step = speed + model.noise_std[place] * noise, model.quanta[place]
+    shown, step = speed + model.noise_std[wheel] * noise, model.quanta[wheel]
     return shown if step == 0.0 else step * np.floor(shown / step + 0.5)

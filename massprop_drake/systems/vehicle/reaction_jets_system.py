@@ -15,8 +15,8 @@ from massprop_drake.maths.vehicle.reaction_jets import (
     LevelCourse,
     draw_thrust_factors,
     level_course,
-    level_now,
     make_jets,
+    next_level,
     profile_by_pieces,
     profile_size,
     propellant_used,
@@ -264,7 +264,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._pieces > 1:
                 return self._held_course(context).end
             jets, _ = self._jets.get(context)
-            return level_now(state_of(context)[:-1], self._held_target(context), jets)
+            return next_level(state_of(context)[:-1], self._held_target(context), jets)
 
         def _compute(self, context: Any) -> Any:
             """Computes the jets' mean forces, then the wrench profile, over the coming sample, as one vector."""

@@ -10,7 +10,7 @@ from massprop_drake.maths.autopilot.pulses import (
     Pulses,
     burst_pulses,
     coming_pulse,
-    most_edges,
+    max_edges,
     pulse_onsets,
     remaining_after_pulse,
     round_to_clock,
@@ -55,9 +55,9 @@ def test_a_long_on_time_is_flown_as_full_cycles_and_the_rest_or_in_equal_shares(
 def test_onsets_lie_where_the_vehicle_says_and_edges_are_foreseen() -> None:
     for place, expected, edges in ((0.0, 0.0, 1), (0.5, 0.03, 2), (1.0, 0.06, 1)):
         assert_allclose(pulse_onsets(np.array([0.4]), valves(place), PERIOD), expected, atol=1e-15)
-        assert most_edges(valves(place)) == edges
+        assert max_edges(valves(place)) == edges
     assert np.isnan(pulse_onsets(np.array([1.0]), whole_cycle_pulses(1), PERIOD)).all()
-    assert most_edges(whole_cycle_pulses(3)) == 0
+    assert max_edges(whole_cycle_pulses(3)) == 0
 
 
 def test_what_is_too_short_is_dropped_or_adds_up_until_it_can_be_flown() -> None:

@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
-from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
+from massprop_drake.maths.estimation.offline.flight_bound import cramer_rao_deviation
 from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
 from massprop_drake.maths.estimation.offline.normal_equations import stretch_equations
 from massprop_drake.maths.estimation.offline.record_kernels import select_informative as informative
@@ -168,7 +168,7 @@ def least_of(stretches: tuple[Stretch, ...], tank_fraction: float = 0.0) -> Arra
     """The least 1-sigma in hindsight, at the truth."""
     model, _ = known()
     drift = propellant_drift(TRUTH, 1.0, tank_fraction, PARAMS.arm)
-    return least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
+    return cramer_rao_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
 
 
 @pytest.mark.parametrize(("tank_fraction", "times"), [(0.0, 1.0), (3.0, 1.15), (100.0, 5.0)])
@@ -204,7 +204,7 @@ def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() 
     drift = propellant_drift(TRUTH, 1.0, 300.0, PARAMS.arm)
     (model, _), later = known(), cut(blind, 40)
     start = np.diag(model.sigma[:10] ** 2 - drift * used_after[40])
-    expected = least_deviation([later], model.prior, start, drift, model)
+    expected = cramer_rao_deviation([later], model.prior, start, drift, model)
     np.testing.assert_allclose(least_of((blind,), 300.0), expected, rtol=5e-3)
 
 

@@ -46,24 +46,22 @@ def moments_about(wrenches: Array, center: Array) -> Array:
     return wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
 
 
-def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
-    """Computes moments of angular impulse within intervals, by which rates bend, coupling included, (3, 3, m - 1).
+def impulse_moments(
+    impulses: ImpulseSums, rate: Array, wheel_momentum: Array, period_s: Lengths, unknowns: Array
+) -> Array:
+    """Computes moments of angular impulse within intervals, gyroscopic coupling included, shape (3, 3, m - 1).
 
     Args:
-        sums: see `ImpulseSums`.
         rate: at the rows, shape (3, m).
-        held: angular momentum of the wheels, likewise.
+        wheel_momentum: angular momentum of the wheels, likewise.
         period_s: length of an interval.
-        at: all unknowns, shape (n,).
-
-    Returns:
-        Of shape (3, 3, m - 1).
+        unknowns: all unknowns, shape (n,).
     """
-    momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate + held
-    own = np.diff(cross_products(rate.T, momentum.T).T) * (period_s / 12.0)
-    bows = moments_about(sums.bow, at[CENTER])
-    bows[0] += own
-    bows[2] += PARABOLA * own
+    momentum = np.linalg.inv(unknowns[:6][ELEMENT]) @ rate + wheel_momentum
+    coupled = np.diff(cross_products(rate.T, momentum.T).T) * (period_s / 12.0)
+    bows = moments_about(impulses.bow, unknowns[CENTER])
+    bows[0] += coupled
+    bows[2] += PARABOLA * coupled
     return bows
 
 
@@ -91,9 +89,9 @@ def _coupling_derivatives(elements: Array, inverse: Array, coupling: _Coupling) 
     """Computes derivatives of the coupling matrices by changes of the inverse inertia, shape (e, 3, 3)."""
     inertia = np.linalg.inv(inverse)
     straight = CROSS @ (-inertia @ elements @ inertia)[:, None]
-    ways = elements[:, None]
-    bent = straight.transpose(0, 1, 3, 2) @ inverse + coupling.straight.transpose(0, 2, 1) @ ways
-    return _Coupling(straight, bent, ways @ CROSS)
+    directions = elements[:, None]
+    bent = straight.transpose(0, 1, 3, 2) @ inverse + coupling.straight.transpose(0, 2, 1) @ directions
+    return _Coupling(straight, bent, directions @ CROSS)
 
 
 # Sums since the beginning, of which the rate and its derivatives are made: the angular impulse, less coupling; products
@@ -115,29 +113,29 @@ class GainedRate(NamedTuple):
     rate: Array
 
 
-def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Lengths, at: Array) -> GainedRate:
-    """Computes the change of rate since a stretch began; rates and bends in its coupling terms are arguments."""
-    inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
+def gained_rate(impulses: ImpulseSums, means: MeanRates, bows: Array, period_s: Lengths, unknowns: Array) -> GainedRate:
+    """Computes the change of rate since a stretch began, coupling terms from given rates and impulse moments."""
+    inverse, n = unknowns[:6][ELEMENT], means.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))
     each = result[:, 1:]
-    each[_PULLED] = moments_about(sums.impulse, at[CENTER])
+    each[_PULLED] = moments_about(impulses.impulse, unknowns[CENTER])
     products = each[_PRODUCTS].reshape(3, 3, 3, n)
-    products[0] = moving.square
-    products[1] = moving.middle[:, None] * bows[0] + moving.gained[:, None] * bows[1]
+    products[0] = means.square
+    products[1] = means.middle[:, None] * bows[0] + means.gained[:, None] * bows[1]
     products[2] = bows[2][:, None] * bows[2]
     force, by_force = each[_SHIFTING][:3], each[_SHIFTING][3:].reshape(2, 3, 3, n)
-    force[:] = sums.impulse[3:]
-    by_force[0] = moving.middle[:, None] * sums.bow[0, 3:] + moving.gained[:, None] * sums.bow[1, 3:]
-    by_force[1] = bows[2][:, None] * sums.bow[2, 3:]
-    each[_BIASING][:3], each[_BIASING][3:] = moving.middle, bows[0]
+    force[:] = impulses.impulse[3:]
+    by_force[0] = means.middle[:, None] * impulses.bow[0, 3:] + means.gained[:, None] * impulses.bow[1, 3:]
+    by_force[1] = bows[2][:, None] * impulses.bow[2, 3:]
+    each[_BIASING][:3], each[_BIASING][3:] = means.middle, bows[0]
     if isinstance(period_s, np.ndarray):
         for part in (each[_PRODUCTS], each[_SHIFTING][3:], each[_BIASING]):
             part[:] = part * period_s
     np.cumsum(result, axis=-1, out=result)
-    if sums.late is not None:
-        result[_PULLED] += moments_about(sums.late, at[CENTER])
-        result[_SHIFTING][:3] += sums.late[3:]
+    if impulses.late is not None:
+        result[_PULLED] += moments_about(impulses.late, unknowns[CENTER])
+        result[_SHIFTING][:3] += impulses.late[3:]
     result[_PULLED] -= common_length(period_s) * (_flatten_coupling(coupling) @ result[_PRODUCTS])
     return GainedRate(result, coupling, inverse @ result[_PULLED])
 
@@ -147,7 +145,7 @@ def _flatten_coupling(coupling: _Coupling) -> Array:
     return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
 
 
-def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[Array, Array]:
+def rate_derivatives(rate_terms: GainedRate, period_s: Lengths, unknowns: Array) -> tuple[Array, Array]:
     """Computes derivatives of the change of rate by inverse inertia, center of mass and gyro biases.
 
     What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
@@ -155,9 +153,9 @@ def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[
     Returns:
         By elements 0 to 8, shape (9, 3, m), and by gyro biases, shape (3, 3, m).
     """
-    inverse, (straight, bent, bowed), sums = at[:6][ELEMENT], gained.coupling, gained.sums
+    inverse, (straight, bent, bowed), sums = unknowns[:6][ELEMENT], rate_terms.coupling, rate_terms.sums
     coupled = -common_length(period_s) * inverse
-    of_element = _flatten_coupling(_coupling_derivatives(_ELEMENTS, inverse, gained.coupling))
+    of_element = _flatten_coupling(_coupling_derivatives(_ELEMENTS, inverse, rate_terms.coupling))
     by_elements = np.concatenate((_ELEMENTS, coupled @ of_element), axis=-1)
     both, ways = bowed + bowed.transpose(0, 2, 1), CROSS[:, None]
     by_bows = [(part @ ways).reshape(3, 3, 9) for part in (bent, both)]
@@ -171,21 +169,21 @@ def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[
     return moved, (by_bias.reshape(9, 6) @ sums[_BIASING]).reshape(3, 3, m)
 
 
-def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Lengths) -> Array:
+def turning_products(rate: Array, means: MeanRates, moments: Array, period_s: Lengths) -> Array:
     """Computes [(w - w_0) x] + integral of [w x]^2, by which lever arms enter velocities, shape (3, 3, m)."""
-    crossed = moving.middle[:, None] * bowed[0] + moving.gained[:, None] * bowed[1]
-    square = np.zeros((3, 3, whole.shape[1]))
-    each = moving.square + crossed + crossed.transpose(1, 0, 2) + bowed[2][:, None] * bowed[2]
+    crossed = means.middle[:, None] * moments[0] + means.gained[:, None] * moments[1]
+    square = np.zeros((3, 3, rate.shape[1]))
+    each = means.square + crossed + crossed.transpose(1, 0, 2) + moments[2][:, None] * moments[2]
     np.cumsum(each * period_s, axis=-1, out=square[..., 1:])
-    turning = square - (CROSS.reshape(9, 3) @ (whole - whole[:, :1])).reshape(square.shape)
+    turning = square - (CROSS.reshape(9, 3) @ (rate - rate[:, :1])).reshape(square.shape)
     turning[range(3), range(3)] -= np.trace(square)
     return np.asarray(turning)
 
 
-def cumulative_sums(gained: Array) -> Array:
+def cumulative_sums(changes: Array) -> Array:
     """Sums changes over intervals, (..., m - 1), from the first row to each row, shape (..., m)."""
-    sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
-    np.cumsum(gained, axis=-1, out=sums[..., 1:])
+    sums = np.zeros((*changes.shape[:-1], changes.shape[-1] + 1))
+    np.cumsum(changes, axis=-1, out=sums[..., 1:])
     return sums
 
 
@@ -194,27 +192,27 @@ def cross_product_matrices(vectors: Array) -> Array:
     return np.asarray(np.tensordot(CROSS, vectors, ((1,), (0,))))
 
 
-def add_rate_coupling(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
+def add_rate_coupling(uncoupled: Array, rate: Array, wheel_momentum: Array, lengths_s: Array, unknowns: Array) -> Array:
     """Solves D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D for changes D of the rate, (3, c, m).
 
     Args:
-        straight: G, the changes with the rates in coupling held, shape (3, c, m).
+        uncoupled: G, the changes with the rates in coupling held, shape (3, c, m).
         rate: w, shape (3, m).
-        held: h, angular momentum of the wheels, shape (3, m).
+        wheel_momentum: h, angular momentum of the wheels, shape (3, m).
         lengths_s: of the intervals, shape (m - 1,).
-        at: all unknowns, for the inverse inertia.
+        unknowns: all unknowns, for the inverse inertia.
     """
-    inverse = at[:6][ELEMENT]
+    inverse = unknowns[:6][ELEMENT]
     inertia, half = np.linalg.inv(inverse), 0.5 * lengths_s[:, None, None]
-    crossed = cross_product_matrices(inertia @ rate + held) - np.einsum(
+    crossed = cross_product_matrices(inertia @ rate + wheel_momentum) - np.einsum(
         "ijm,jk->ikm", cross_product_matrices(rate), inertia
     )
     coupling = np.einsum("ij,jkm->mik", inverse, crossed)
     onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
-    before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(straight), -1, 0)
-    result, now = np.empty((straight.shape[2], *straight.shape[:2])), straight[:, :, 0]
+    before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(uncoupled), -1, 0)
+    result, now = np.empty((uncoupled.shape[2], *uncoupled.shape[:2])), uncoupled[:, :, 0]
     result[0] = now
-    for row in range(straight.shape[2] - 1):
+    for row in range(uncoupled.shape[2] - 1):
         now = before[row] @ now + gained[row]
         result[row + 1] = now
     return np.ascontiguousarray(np.moveaxis(result, 0, -1))

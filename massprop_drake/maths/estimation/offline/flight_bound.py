@@ -15,9 +15,9 @@ from massprop_drake.maths.estimation.offline.expected_motion import stretch_moti
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, relevant_unknowns
 from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
 from massprop_drake.maths.estimation.offline.normal_equations import (
-    batches_of,
-    components_of,
+    component_batches,
     reading_derivatives,
+    sensor_components,
     stretch_equations,
     sum_equations,
 )
@@ -27,7 +27,7 @@ _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and
 _ALIKE = 0.03  # by which a bound may change with shorter parts
 
 
-class _Shown(NamedTuple):
+class _PartInformation(NamedTuple):
     """Information of parts of a stretch on the u estimated unknowns, on ticks, and on initial values of components.
 
     Each of c components reads what the unknowns have made it gain since its first reading, and what it was then.
@@ -44,20 +44,22 @@ class _Shown(NamedTuple):
     variances: Array
 
 
-def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
+def _part_information(
+    stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array, model: FlightModel
+) -> _PartInformation:
     """Computes the information of each part of a stretch between cuts, shape (p + 1,), for unit noise."""
-    (expected, at), wanted = stretch_motion(stretch, at, model), relevant_unknowns(model)
-    fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
-    components = list(components_of(expected, fixed, at, model))
-    known = np.flatnonzero(wanted[design.kept])
+    (motion, unknowns), estimated = stretch_motion(stretch, unknowns, model), relevant_unknowns(model)
+    effects, design = turning_effects(motion, unknowns, model), motion_derivatives(motion, unknowns, model, estimated)
+    components = list(sensor_components(motion, effects, unknowns, model))
+    known = np.flatnonzero(estimated[design.kept])
     taken = np.concatenate((known, np.arange(design.kept.size, design.by_rate.shape[0])))
-    u, n_ticks = int(wanted.sum()), design.by_rate.shape[0] - design.kept.size
-    places = np.concatenate((np.cumsum(wanted)[design.kept[known]] - 1, np.arange(u, u + n_ticks)))
+    u, n_ticks = int(estimated.sum()), design.by_rate.shape[0] - design.kept.size
+    places = np.concatenate((np.cumsum(estimated)[design.kept[known]] - 1, np.arange(u, u + n_ticks)))
     information = np.zeros((cuts.size - 1, *2 * (u + n_ticks + len(components),)))
     gained, number = np.zeros((cuts.size, len(components), N_PROPERTIES)), 0
     with_cuts = (one._replace(rows=np.concatenate((one.rows, cuts))) for one in components)
-    for batch in batches_of(with_cuts, model.gyros):
-        derivatives = reading_derivatives(design, batch, fixed, at, model)[taken]
+    for batch in component_batches(with_cuts, model.gyros):
+        derivatives = reading_derivatives(design, batch, effects, unknowns, model)[taken]
         for one, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
             x = derivatives[:, begin : begin + one.rows.size] / math.sqrt(model.variances[one.package])
             x -= x[:, :1]
@@ -71,23 +73,23 @@ def _part_information(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model
                 part[places, own] = part[own, places] = within.sum(axis=1)
                 part[own, own] = last - first
             number += 1
-    return _Shown(information, gained, np.concatenate((design.own, np.ones(len(components)))))
+    return _PartInformation(information, gained, np.concatenate((design.own, np.ones(len(components)))))
 
 
-def _cut_rows(used: Array, rows: int) -> NDArray[np.int_]:
+def _cut_rows(propellant: Array, rows_per_part: int) -> NDArray[np.int_]:
     """Returns rows that cut a stretch into parts of similar propellant use and duration, shape (p + 1,)."""
-    last = used.shape[0] - 1
-    if used[-1] <= 0.0 or rows >= last:
+    last = propellant.shape[0] - 1
+    if propellant[-1] <= 0.0 or rows_per_part >= last:
         return np.array([0, last])
-    share = used / used[-1] + np.arange(last + 1) / last
-    inner = np.searchsorted(share, np.linspace(0.0, 2.0, -(-last // rows) + 1)[1:-1])
+    share = propellant / propellant[-1] + np.arange(last + 1) / last
+    inner = np.searchsorted(share, np.linspace(0.0, 2.0, -(-last // rows_per_part) + 1)[1:-1])
     return np.unique(np.concatenate(([0], inner, [last])))
 
 
-def least_deviation(
+def cramer_rao_deviation(
     stretches: Sequence[Stretch],
-    at: Array,
-    start: Array,
+    unknowns: Array,
+    initial_covariance: Array,
     drift: Array,
     model: FlightModel,
     information: Array | None = None,
@@ -99,24 +101,24 @@ def least_deviation(
 
     Args:
         stretches: of the flight, in order.
-        at: all unknowns, about which it is taken, shape (n,); see `possible`.
-        start: covariance of the ten at the start, shape (10, 10).
+        unknowns: all unknowns, about which it is taken, shape (n,); see `possible`.
+        initial_covariance: covariance of the ten at the start, shape (10, 10).
         drift: variances that are added to the ten for each unit of propellant, shape (10,).
         model: for what else is reckoned with.
         information: A of all stretches together, where it is known, shape (n, n); else it is found.
     """
-    wanted = relevant_unknowns(model)
-    root = np.diag(model.sigma[wanted])
-    root[:N_PROPERTIES, :N_PROPERTIES] = _covariance_root(start)
+    estimated = relevant_unknowns(model)
+    root = np.diag(model.sigma[estimated])
+    root[:N_PROPERTIES, :N_PROPERTIES] = _covariance_root(initial_covariance)
     if not drift.any():
         if information is None:
             information = sum_equations(
-                [stretch_equations(one, at, model, wanted) for one in stretches], model
+                [stretch_equations(one, unknowns, model, estimated) for one in stretches], model
             ).information
-        return _deviation(_add_information(root, information[np.ix_(wanted, wanted)]))
+        return _deviation(_add_information(root, information[np.ix_(estimated, estimated)]))
     before = np.zeros(N_PROPERTIES)
     for rows in _ROWS:
-        found = _deviation(_root_after_flight(root, stretches, at, drift, model, rows))
+        found = _deviation(_root_after_flight(root, stretches, unknowns, drift, model, rows))
         if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
             break
         before = found
@@ -129,15 +131,15 @@ def _deviation(root: Array) -> Array:
 
 
 def _root_after_flight(
-    root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: FlightModel, rows: int
+    root: Array, stretches: Sequence[Stretch], unknowns: Array, drift: Array, model: FlightModel, rows_per_part: int
 ) -> Array:
     """Computes a root of the unknowns' covariance after a flight, stretches cut into parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
-        cuts = _cut_rows(used, rows)
+        cuts = _cut_rows(used, rows_per_part)
         root = _add_drift(root, drift * (used_after - stretch.used_after[0]))
-        root = _root_after_stretch(root, _part_information(stretch, cuts, at, model), drift, np.diff(used[cuts]))
+        root = _root_after_stretch(root, _part_information(stretch, cuts, unknowns, model), drift, np.diff(used[cuts]))
         used_after = stretch.used_after[-1]
     return root
 
@@ -151,18 +153,18 @@ def _add_information(root: Array, information: Array) -> Array:
     return root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
 
 
-def _root_after_stretch(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
+def _root_after_stretch(initial_root: Array, parts: _PartInformation, drift: Array, propellant: Array) -> Array:
     """Updates a root of the unknowns' covariance by a stretch: information and drift, part by part."""
-    u, size = before.shape[0], shown.information.shape[1]
+    u, size = initial_root.shape[0], parts.information.shape[1]
     root = np.zeros((size, size))
-    root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
-    halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
-    for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
+    root[:u, :u], root[range(u, size), range(u, size)] = initial_root, np.sqrt(parts.variances)
+    halves = 0.5 * np.concatenate(([0.0], propellant, [0.0]))
+    for part, gained, more in zip(parts.information, parts.gained, halves[:-2] + halves[1:-1], strict=False):
         root = _add_information(_add_drift(root, drift * more, gained), part)
     return _add_drift(root[:u], drift * halves[-2])
 
 
-def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
+def _add_drift(root: Array, drift: Array, gains: Array | None = None) -> Array:
     """Adds variances of drift of the ten parameters to a root of a covariance; returns a square root matrix.
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
@@ -170,8 +172,8 @@ def _add_drift(root: Array, drift: Array, gained: Array | None = None) -> Array:
     """
     ways = np.zeros((root.shape[0], N_PROPERTIES))
     ways[:N_PROPERTIES] = np.diag(np.sqrt(drift))
-    if gained is not None:
-        ways[root.shape[0] - gained.shape[0] :] = -gained * np.sqrt(drift)
+    if gains is not None:
+        ways[root.shape[0] - gains.shape[0] :] = -gains * np.sqrt(drift)
     together = np.hstack((root, ways[:, drift > 0.0]))
     if together.shape[0] == together.shape[1]:
         return together

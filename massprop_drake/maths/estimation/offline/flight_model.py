@@ -140,12 +140,14 @@ def columns(model: FlightModel) -> Columns:
 
 
 @cache
-def _place_unknowns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_others: tuple[int, ...]) -> Columns:
+def _place_unknowns(
+    n_parameters: int, n_gyros: int, counts: tuple[int, int, int], other_counts: tuple[int, ...]
+) -> Columns:
     """Computes the slice of each group of unknowns from the numbers of jets, sensors and other parts."""
-    (n_jets, n_accelerometers, n_wheels), (n_engines, n_mounts, n_parts, n_tanks) = counts, of_others
+    (n_jets, n_accelerometers, n_wheels), (n_engines, n_mounts, n_parts, n_tanks) = counts, other_counts
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
     others = n_wheels, N_ERRORS * n_engines, n_mounts, ERRORS * n_parts, n_tanks, n_tanks, MASS
-    n_lags = n_unknown - (N_PROPERTIES + n_jets + 12 + of_gyros + 2 * of_accelerometers + sum(others))
+    n_lags = n_parameters - (N_PROPERTIES + n_jets + 12 + of_gyros + 2 * of_accelerometers + sum(others))
     sizes = (N_PROPERTIES, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, *others)
     ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
@@ -156,6 +158,6 @@ def relevant_unknowns(model: FlightModel) -> NDArray[np.bool_]:
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < N_PROPERTIES)
 
 
-def is_physical(at: Array) -> bool:
+def is_physical(unknowns: Array) -> bool:
     """Tests whether a point of the fit has a positive definite inverse inertia and a positive mass."""
-    return is_positive_definite(at[:6][ELEMENT]) and bool(at[MASS] > 0.0)
+    return is_positive_definite(unknowns[:6][ELEMENT]) and bool(unknowns[MASS] > 0.0)

@@ -33,19 +33,19 @@ class Flag(StrEnum):
     FIXED = "fixed"  # it is known, or plays no part, and is not estimated
 
 
-def predict_best_firing(covariance: Array, rows: Array, noise: Array) -> tuple[NDArray[np.int_], Array]:
+def predict_best_firing(covariance: Array, jacobians: Array, noise: Array) -> tuple[NDArray[np.int_], Array]:
     """Predicts for each parameter the jet whose one-second firing leaves the least 1-sigma, and its share.
 
     Args:
         covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).
-        rows: H of each jet, shape (n_jets, k, 10).
+        jacobians: H of each jet, shape (n_jets, k, 10).
         noise: R, shape (k, k).
 
     Returns:
         Index of the jet, and share of the 1-sigma that would be left, NaN where there is none to reduce, shape (10,).
     """
     known = np.flatnonzero(covariance.diagonal() > 0.0)  # NaN is not
-    p, h = covariance[np.ix_(known, known)], rows[:, :, known]
+    p, h = covariance[np.ix_(known, known)], jacobians[:, :, known]
     gained = h @ p
     reduction = np.einsum("jki,jki->ji", gained, np.linalg.solve(gained @ h.transpose(0, 2, 1) + noise, gained))
     share = np.clip(1.0 - reduction / p.diagonal(), 0.0, 1.0)
@@ -73,17 +73,19 @@ def requested_deviation(estimate: Array, limits: Array) -> Array:
     return result
 
 
-def classify_parameters(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
+def classify_parameters(
+    initial_deviation: Array, deviation: Array, limit: Array, unobservable: NDArray[np.bool_]
+) -> list[Flag]:
     """Returns the status of each parameter by its 1-sigma before and after a flight.
 
     Args:
-        start: 1-sigma before any measurement, shape (10,).
+        initial_deviation: 1-sigma before any measurement, shape (10,).
         deviation: 1-sigma now, NaN where not observed, shape (10,).
         limit: 1-sigma that is asked, see `requested_deviation`, shape (10,).
-        hidden: which parameters jets and sensors cannot show, shape (10,).
+        unobservable: which parameters jets and sensors cannot show, shape (10,).
     """
     found = []
-    for before, now, enough, unseen in zip(start, deviation, limit, hidden, strict=True):
+    for before, now, enough, unseen in zip(initial_deviation, deviation, limit, unobservable, strict=True):
         if unseen or np.isnan(now):
             found.append(Flag.NOT_OBSERVABLE)
         elif now > _TOLD * before:

@@ -85,22 +85,22 @@ class Confined(NamedTuple):
 # ----------------------------------------------------------------------------------------- programs
 
 
-def _scale_unknowns(given: Constraints) -> tuple[Constraints, Array]:
+def _scale_unknowns(constraints: Constraints) -> tuple[Constraints, Array]:
     """Scales unknowns, x = root z, to nearly orthogonal constraints on z; returns these, and the root."""
-    if not np.isfinite(given.matrix).all() or np.isnan(given.low).any() or np.isnan(given.high).any():
+    if not np.isfinite(constraints.matrix).all() or np.isnan(constraints.low).any() or np.isnan(constraints.high).any():
         raise ArithmeticError("the motion cannot be computed about the estimate")
-    factor = np.linalg.qr(given.matrix, mode="r")
-    root = np.linalg.inv(factor) * np.sqrt(given.matrix.shape[0])
-    return given._replace(matrix=given.matrix @ root), root
+    factor = np.linalg.qr(constraints.matrix, mode="r")
+    root = np.linalg.inv(factor) * np.sqrt(constraints.matrix.shape[0])
+    return constraints._replace(matrix=constraints.matrix @ root), root
 
 
 class _RowSearch:
     """Solver of programs with few constraints, which adds those that its solutions violate: a workspace."""
 
-    def __init__(self, given: Constraints, solve: Solve):
-        self._given, self._solve = given, solve
-        outmost = (extreme(given.matrix, axis=0) for extreme in (np.argmin, np.argmax))
-        self._active = np.unique(np.concatenate((np.arange(given.always), *outmost)))
+    def __init__(self, constraints: Constraints, solver: Solve):
+        self._given, self._solve = constraints, solver
+        outmost = (extreme(constraints.matrix, axis=0) for extreme in (np.argmin, np.argmax))
+        self._active = np.unique(np.concatenate((np.arange(constraints.always), *outmost)))
 
     def lowest(self, cost: Array) -> Array | None:
         """Returns the point of least linear cost within all constraints, shape (n,); None: there is none."""
@@ -121,12 +121,11 @@ class _RowSearch:
             self._active = np.concatenate((rows, worst))
 
 
-def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
+def deepest_point(constraints: Constraints, solver: Solve) -> tuple[Array, float]:
     """Finds the point farthest from all constraints' edges, and its distance; negative: they contradict.
 
     Args:
-        given: of r constraints on n unknowns; the first `always` are kept in any case.
-        solve: see `Solve`.
+        constraints: of r constraints on n unknowns; the first `always` are kept in any case.
 
     Returns:
         Point, shape (n,), and distance, in the constraints' unit.
@@ -134,7 +133,7 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
     Raises:
         ArithmeticError: when the solver fails, or a constraint is no number.
     """
-    (matrix, low, high, always), root = _scale_unknowns(given)
+    (matrix, low, high, always), root = _scale_unknowns(constraints)
     n, ones = matrix.shape[1], np.ones((matrix.shape[0] - always, 1))
     kept, edges = np.hstack((matrix[:always], np.zeros((always, 1)))), matrix[always:]
     without = np.full(ones.shape[0], np.inf)
@@ -144,26 +143,24 @@ def deepest_point(given: Constraints, solve: Solve) -> tuple[Array, float]:
         np.concatenate((high[:always], [_FAR], without, high[always:])),
         always + 1,
     )
-    found = _RowSearch(widened, solve).lowest(-np.eye(n + 1)[n])
+    found = _RowSearch(widened, solver).lowest(-np.eye(n + 1)[n])
     if found is None:
         raise ArithmeticError("the solver finds no point that is closest to all readings")
     return root @ found[:n], float(found[n])
 
 
-def extreme_points(given: Constraints, count: int, solve: Solve) -> Array | None:
+def extreme_points(constraints: Constraints, count: int, solver: Solve) -> Array | None:
     """Finds for each of the first ``count`` unknowns the points where it is least and largest.
 
     Args:
-        given: see `deepest_point`.
-        count: of unknowns.
-        solve: see `Solve`.
+        constraints: see `deepest_point`.
 
     Returns:
         Points, shape (count, 2, n); None where no point meets all constraints.
     """
-    scaled, root = _scale_unknowns(given)
-    search = _RowSearch(scaled, solve)
-    found = np.empty((count, 2, given.matrix.shape[1]))
+    scaled, root = _scale_unknowns(constraints)
+    search = _RowSearch(scaled, solver)
+    found = np.empty((count, 2, constraints.matrix.shape[1]))
     for unknown in range(count):
         for side, sign in enumerate((1.0, -1.0)):
             point = search.lowest(sign * root[unknown])
@@ -226,43 +223,47 @@ class _Outputs(NamedTuple):
     rate: Array
 
 
-def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
+def _error_free_readings(
+    stretch: Stretch, unknowns: Array, initial_rate: Array, biases: Array, model: FlightModel
+) -> _Outputs:
     """Computes error-free readings over a stretch and derivatives; a NaN initial rate is fitted to gyros.
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
     """
-    gyros, m, wanted = model.gyros, stretch.time_s.size, flight_model.relevant_unknowns(model)
+    gyros, m, estimated = model.gyros, stretch.time_s.size, flight_model.relevant_unknowns(model)
     of_gyros = flight_model.columns(model).gyro_bias
-    at = np.where(np.isin(np.arange(at.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, at)
-    read, offset, course = np.zeros_like(stretch.readings), rate, np.zeros((3, m))
+    unknowns = np.where(np.isin(np.arange(unknowns.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, unknowns)
+    readings, offset, rates = np.zeros_like(stretch.readings), initial_rate, np.zeros((3, m))
     for _ in range(_ROUNDS):  # Newton's, for coupling with the rates that come of it
-        read[:, :gyros] = course.T[:, None]
-        found, motion = normal_equations.residuals(stretch._replace(readings=read), at, model)
-        if np.isnan(rate).any():
+        readings[:, :gyros] = rates.T[:, None]
+        found, motion = normal_equations.residuals(stretch._replace(readings=readings), unknowns, model)
+        if np.isnan(initial_rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
-        away, lengths_s = motion[:3] + offset[:, None] - course, np.diff(stretch.time_s)
-        step = add_rate_coupling(away[:, None], course, np.zeros((3, m)), lengths_s, at)[:, 0]  # wheels confine nothing
-        course = course + step
-        if np.abs(step).max() <= _SMALL * np.abs(course).max():
+        away, lengths_s = motion[:3] + offset[:, None] - rates, np.diff(stretch.time_s)
+        step = add_rate_coupling(away[:, None], rates, np.zeros((3, m)), lengths_s, unknowns)[:, 0]  # no wheels
+        rates = rates + step
+        if np.abs(step).max() <= _SMALL * np.abs(rates).max():
             break
-    u = int(wanted.sum())
+    u = int(estimated.sum())
     shown, derivatives = np.empty((model.variances.size, 3, m)), np.zeros((model.variances.size, 3, u + 3, m))
     for one in found:
-        shown[one.package, one.axis] = course[one.axis] if one.package < gyros else -one.left
+        shown[one.package, one.axis] = rates[one.axis] if one.package < gyros else -one.left
         one.derivatives[of_gyros] = 0.0
-        derivatives[one.package, one.axis, :u] = one.derivatives[wanted]
-    held = derivatives[0].copy()  # with the mean of the rate held, as `hindsight` has it
-    straight = held - held[..., :1]
+        derivatives[one.package, one.axis, :u] = one.derivatives[estimated]
+    fixed_mean = derivatives[0].copy()  # with the mean of the rate held, as `hindsight` has it
+    straight = fixed_mean - fixed_mean[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
-    derivatives[:gyros] = changes = add_rate_coupling(begun, course, np.zeros((3, m)), np.diff(stretch.time_s), at)
+    derivatives[:gyros] = changes = add_rate_coupling(begun, rates, np.zeros((3, m)), np.diff(stretch.time_s), unknowns)
     for package in range(gyros, model.variances.size):
-        arm = model.positions[package - gyros] - at[6:9]
-        derivatives[package] += _lever_arm_changes(changes - straight, changes - held, course, arm, stretch.time_s)
+        arm = model.positions[package - gyros] - unknowns[6:9]
+        derivatives[package] += _lever_arm_changes(changes - straight, changes - fixed_mean, rates, arm, stretch.time_s)
     return _Outputs(shown, derivatives, offset)
 
 
-def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
+def _refined_outputs(
+    stretch: Stretch, unknowns: Array, initial_rate: Array, biases: Array, model: FlightModel
+) -> _Outputs:
     """Computes error-free readings and derivatives over a stretch, with two integration steps per interval."""
     m = stretch.time_s.size
     rows = np.arange(2 * m - 1) // 2
@@ -276,18 +277,18 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
         outside=stretch.outside[rows],
         used_after=0.5 * (stretch.used_after[rows] + stretch.used_after[ends]),
     )
-    out = _outputs(twice, at, rate, biases, model._replace(period_s=0.5 * model.period_s))
+    out = _error_free_readings(twice, unknowns, initial_rate, biases, model._replace(period_s=0.5 * model.period_s))
     return _Outputs(out.shown[..., ::2], out.derivatives[..., ::2], out.rate)
 
 
-def _lever_arm_changes(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Computes what changes of the rate change in an accelerometer off the center of mass, (3, u + 3, m)."""
+def _lever_arm_changes(rate_gains: Array, rate_changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
+    """Computes changes of an accelerometer's velocity, off the center of mass, by those of the rate, (3, u + 3, m)."""
     lever = -cross_product_matrices(arm)
     slope = np.einsum("ijm,jk->ikm", cross_product_matrices(rate), lever) - cross_product_matrices(lever @ rate)
-    more = np.einsum("ij,jum->ium", lever, since)
-    slopes = np.einsum("ijm,jum->ium", slope, changes)
-    more[..., 1:] += np.cumsum(0.5 * (slopes[..., 1:] + slopes[..., :-1]) * np.diff(time_s), axis=-1)
-    return more
+    result = np.einsum("ij,jum->ium", lever, rate_gains)
+    slopes = np.einsum("ijm,jum->ium", slope, rate_changes)
+    result[..., 1:] += np.cumsum(0.5 * (slopes[..., 1:] + slopes[..., :-1]) * np.diff(time_s), axis=-1)
+    return result
 
 
 class _CellRows(NamedTuple):
@@ -317,18 +318,18 @@ class _Linear:
             self._parts += self._cell_rows(number, out)
         self.point = point._replace(rates=rates)
 
-    def _cell_rows(self, number: int, out: _Outputs) -> Iterator[_CellRows]:
+    def _cell_rows(self, index: int, outputs: _Outputs) -> Iterator[_CellRows]:
         """Yields the linear constraints by the readings of a stretch, one per package and axis."""
-        stretch, gyros, u = self._stretches[number], self._model.gyros, self._wanted.size
-        own, size = (self._common + count * self._starts for count in (number, len(self._stretches)))
+        stretch, gyros, u = self._stretches[index], self._model.gyros, self._wanted.size
+        own, size = (self._common + count * self._starts for count in (index, len(self._stretches)))
         for package in np.flatnonzero(self._cells.quanta > 0.0).tolist():
             for axis in range(3):
                 readings = stretch.readings[:, package, axis]
                 rows = np.flatnonzero(~np.isnan(readings))
-                matrix, derivatives = np.zeros((rows.size, size)), out.derivatives[package, axis][:, rows].T
+                matrix, derivatives = np.zeros((rows.size, size)), outputs.derivatives[package, axis][:, rows].T
                 matrix[:, :u], matrix[:, own : own + 3] = derivatives[:, :u], derivatives[:, u:]
                 matrix[:, (u + 3 * package if package < gyros else own + 3 + 3 * (package - gyros)) + axis] = 1.0
-                left = readings[rows] - out.shown[package, axis, rows]
+                left = readings[rows] - outputs.shown[package, axis, rows]
                 if package < gyros:
                     left -= self.point.biases[package, axis]
                 elif rows.size:
@@ -359,11 +360,11 @@ class _Linear:
         middle[_N : self._common] = np.concatenate(((model.prior - point.at)[stated], -point.biases.ravel()))
         return Constraints(np.diag(1.0 / spans), middle / spans - 1.0, middle / spans + 1.0, spans.size)
 
-    def constraints(self, more: Array | float) -> Constraints:
-        """Returns all constraints on differences from the point, cells widened by ``more`` quanta."""
+    def constraints(self, widening: Array | float) -> Constraints:
+        """Returns all constraints on differences from the point, cells widened by ``widening`` quanta."""
         bounds, halves = self._bounds(), self._cells.halves
         left = np.concatenate([part.left for part in self._parts])
-        half = np.concatenate([np.full(part.left.size, halves[part.package]) for part in self._parts]) + more
+        half = np.concatenate([np.full(part.left.size, halves[part.package]) for part in self._parts]) + widening
         matrix = np.vstack([bounds.matrix, *(part.matrix for part in self._parts)])
         low, high = np.concatenate((bounds.low, left - half)), np.concatenate((bounds.high, left + half))
         return Constraints(matrix, low, high, bounds.always)
@@ -376,47 +377,47 @@ class _Linear:
         worst, point, quanta = 0.0, self.point, self._cells.quanta
         for stretch, rate in zip(self._stretches, point.rates, strict=True):
             about = stretch, point.at, rate, point.biases, self._model
-            fine, coarse = (each(*about).shown for each in (_refined_outputs, _outputs))
+            fine, coarse = (each(*about).shown for each in (_refined_outputs, _error_free_readings))
             off = np.ptp(fine - coarse, axis=-1)[quanta > 0.0]
             worst = max(worst, float((off / quanta[quanta > 0.0, None]).max()))
         return worst / 3.0
 
-    def move_point(self, move: Array) -> _Point:
+    def move_point(self, difference: Array) -> _Point:
         """Returns the point of linearization moved by a difference of all unknowns, shape (n,).
 
         Inverse inertia and 1/m times a factor, and thrusts over it, give the same motion: where thrusts are not exact,
         the point moves by the factor along that curve, and not along its tangent.
         """
-        (at, rates, biases), loose, u = self.point, self._loose, self._wanted.size
-        change, thrust = np.zeros_like(at), flight_model.columns(self._model).thrust
-        change[self._wanted] = move[:u]
+        (unknowns, rates, biases), loose, u = self.point, self._loose, self._wanted.size
+        change, thrust = np.zeros_like(unknowns), flight_model.columns(self._model).thrust
+        change[self._wanted] = difference[:u]
         factor = -float(np.mean(change[thrust][loose])) if loose.any() else 0.0
-        moved = at + change
-        moved[_SCALED] = np.exp(factor) * (moved[_SCALED] - factor * at[_SCALED])
-        gains = 1.0 + at[thrust]
+        moved = unknowns + change
+        moved[_SCALED] = np.exp(factor) * (moved[_SCALED] - factor * unknowns[_SCALED])
+        gains = 1.0 + unknowns[thrust]
         scaled = np.exp(-factor) * (gains + change[thrust] + factor * gains) - 1.0
         moved[thrust] = np.where(loose, scaled, moved[thrust])
-        starts = move[self._common :].reshape(-1, self._starts)[:, :3]
-        return _Point(moved, rates + starts, biases + move[u : self._common].reshape(-1, 3))
+        starts = difference[self._common :].reshape(-1, self._starts)[:, :3]
+        return _Point(moved, rates + starts, biases + difference[u : self._common].reshape(-1, 3))
 
-    def relinearize(self, move: Array) -> _Linear:
+    def relinearize(self, difference: Array) -> _Linear:
         """Returns the same readings linearized about the point moved by a difference, shape (n,)."""
-        return _Linear(self._stretches, self.move_point(move), self._model, self._cells)
+        return _Linear(self._stretches, self.move_point(difference), self._model, self._cells)
 
-    def nonlinearity(self, move: Array) -> Array:
+    def nonlinearity(self, difference: Array) -> Array:
         """Computes every reading's departure from linearity at a difference of the unknowns, quanta."""
-        if not flight_model.is_physical(self.move_point(move).at):
+        if not flight_model.is_physical(self.move_point(difference).at):
             return np.full(self.readings, np.inf)
         every = []
-        for here, there in zip(self._parts, self.relinearize(move)._parts, strict=True):
-            off = here.left - there.left - here.matrix @ move
+        for here, there in zip(self._parts, self.relinearize(difference)._parts, strict=True):
+            off = here.left - there.left - here.matrix @ difference
             if off.size and here.package >= self._model.gyros:  # an accelerometer may start anywhere
                 off -= 0.5 * (off.max() + off.min())
             every.append(np.abs(off))
         return np.concatenate(every)
 
 
-def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None, float]:
+def _widen_until_linear(linear: _Linear, integration_error: float, solver: Solve) -> tuple[Array | None, float]:
     """Finds the extreme points with cells widened until departures from linearity there fit within.
 
     Returns:
@@ -425,7 +426,7 @@ def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Ar
     """
     allowed = np.full(linear.readings, _STRAIGHT)
     for _ in range(_WIDENINGS):
-        ends = extreme_points(linear.constraints(error + allowed), _N, solve)
+        ends = extreme_points(linear.constraints(integration_error + allowed), _N, solver)
         if ends is None:
             return None, np.inf
         departures = np.max([linear.nonlinearity(end) for end in ends.reshape(2 * _N, -1)], axis=0)
@@ -439,7 +440,7 @@ def _widen_until_linear(linear: _Linear, error: float, solve: Solve) -> tuple[Ar
 
 
 def find_intervals(
-    stretches: Sequence[Stretch], begin: Array, model: FlightModel, cells: Cells, solve: Solve
+    stretches: Sequence[Stretch], initial: Array, model: FlightModel, cells: Cells, solver: Solve
 ) -> Confined:
     """Finds the interval of each of the ten parameters that all quantized readings of a flight allow.
 
@@ -448,21 +449,19 @@ def find_intervals(
 
     Args:
         stretches: of the flight, at least one.
-        begin: all unknowns about which is linearized first; see `flight_model.is_physical`, shape (n,).
+        initial: all unknowns about which is linearized first; see `flight_model.is_physical`, shape (n,).
         model: see `flight_model.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
-        cells: see `Cells`.
-        solve: see `Solve`.
 
     Raises:
         ArithmeticError: see `deepest_point`.
     """
     made = model._replace(variances=np.ones_like(model.variances), quanta=np.zeros_like(model.quanta))
-    point = _Point(begin, np.full((len(stretches), 3), np.nan), np.zeros((model.gyros, 3)))
+    point = _Point(initial, np.full((len(stretches), 3), np.nan), np.zeros((model.gyros, 3)))
     linear, unknown = _Linear(stretches, point, made, cells), np.full(_N, np.nan)
     for number in range(_LINEARIZATIONS):
         error = linear.error()
-        middle, depth = deepest_point(linear.constraints(error), solve)
-        ends = extreme_points(linear.constraints(error), _N, solve) if depth > 0.0 else None
+        middle, depth = deepest_point(linear.constraints(error), solver)
+        ends = extreme_points(linear.constraints(error), _N, solver) if depth > 0.0 else None
         if ends is not None:
             middle = ends.mean(axis=(0, 1))
         bend = float(linear.nonlinearity(middle).max(initial=0.0))
@@ -470,7 +469,7 @@ def find_intervals(
             break
         linear = linear.relinearize(middle)
     if ends is not None and bend < np.inf:
-        ends, bend = _widen_until_linear(linear, error, solve)
+        ends, bend = _widen_until_linear(linear, error, solver)
     if ends is None:
         return Confined(unknown, unknown, depth, bend)
     reached = np.array([[linear.move_point(end).at[k] for end in pair] for k, pair in enumerate(ends)])

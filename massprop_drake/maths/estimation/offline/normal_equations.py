@@ -17,9 +17,9 @@ from massprop_drake.maths.estimation.offline.expected_motion import (
     ExpectedMotion,
     TurningEffects,
     expected_motion,
+    solve_own_coupling,
     stretch_motion,
     turning_effects,
-    with_own_coupling,
 )
 from massprop_drake.maths.estimation.offline.flight_model import (
     FlightModel,
@@ -30,9 +30,9 @@ from massprop_drake.maths.estimation.offline.flight_model import (
 )
 from massprop_drake.maths.estimation.offline.motion_derivatives import (
     MotionDerivatives,
+    add_coupled_derivatives,
     centripetal_derivatives,
     motion_derivatives,
-    with_coupled_derivatives,
 )
 from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, prepare_stretch, thrust_course
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_whitener
@@ -71,7 +71,7 @@ class NormalEquations(NamedTuple):
 
     @property
     def per_reading(self) -> float:
-        """Unexplained rest per reading, in units of its variance."""
+        """Squared residual per reading, in units of its variance."""
         return self.misfit / max(self.readings, 1.0)
 
     def plus(self, other: NormalEquations) -> NormalEquations:
@@ -92,7 +92,7 @@ class ReadComponent(NamedTuple):
 HeldRows = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by package and axis
 
 
-def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
+def _gain_and_bias_slices(package: int, model: FlightModel) -> tuple[slice, slice]:
     """Returns the slices of a package's gains and biases among the unknowns; a gyro's biases: empty."""
     places, number = columns(model), package - model.gyros
     if number < 0:
@@ -101,30 +101,32 @@ def _own_places(package: int, model: FlightModel) -> tuple[slice, slice]:
     return slice(gains, gains + 3), slice(biases, biases + 3)
 
 
-def components_of(
-    expected: ExpectedMotion, fixed: TurningEffects, at: Array, model: FlightModel, held: HeldRows | None = None
+def sensor_components(
+    motion: ExpectedMotion, effects: TurningEffects, unknowns: Array, model: FlightModel, cache: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields residuals per sensor component with two informative rows; `held`: these rows, if known, or to fill in."""
-    read, held = expected.course.read, {} if held is None else held
-    for package in range(read.readings.shape[0]):
-        (gains, biases), number = _own_places(package, model), package - model.gyros
-        shown = expected.rate
+    """Yields residuals per sensor component with two informative rows; `cache` holds or takes these rows."""
+    record, cache = motion.course.read, {} if cache is None else cache
+    for package in range(record.readings.shape[0]):
+        (gains, biases), number = _gain_and_bias_slices(package, model), package - model.gyros
+        shown = motion.rate
         if number >= 0:
-            shown = expected.velocity + (model.positions[number] - at[CENTER]) @ fixed.turn
-            if fixed.later is not None:
-                shown = shown - at[columns(model).shift][CENTER] @ fixed.later
-            if fixed.drawn is not None:
-                shown = shown - fixed.drawn
-        wanted = shown * (1.0 + at[gains])[:, None]
+            shown = motion.velocity + (model.positions[number] - unknowns[CENTER]) @ effects.turn
+            if effects.later is not None:
+                shown = shown - unknowns[columns(model).shift][CENTER] @ effects.later
+            if effects.drawn is not None:
+                shown = shown - effects.drawn
+        predicted = shown * (1.0 + unknowns[gains])[:, None]
         if number >= 0:
-            wanted += at[biases][:, None] * fixed.since_s
+            predicted += unknowns[biases][:, None] * effects.since_s
         for axis in range(3):
-            readings = read.readings[package, axis]
-            rows = held.get((package, axis))
+            readings = record.readings[package, axis]
+            rows = cache.get((package, axis))
             if rows is None:
-                rows = held[package, axis] = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
+                rows = cache[package, axis] = model.compute.used(
+                    predicted[axis], readings, float(model.quanta[package])
+                )
             if rows.shape[0] >= 2:
-                left = readings[rows] - wanted[axis, rows]
+                left = readings[rows] - predicted[axis, rows]
                 yield ReadComponent(package, axis, rows, shown[axis], left)
 
 
@@ -136,126 +138,132 @@ class ComponentBatch(NamedTuple):
     begins: NDArray[np.int_]  # where each begins
     rows: NDArray[np.int_]  # (r,)
 
-    def each(self, values: Sequence[float] | Array) -> Array:
+    def repeat_by_row(self, values: Sequence[float] | Array) -> Array:
         """Repeats a value per component, shape (..., c), for each of its rows, shape (..., r)."""
         return np.repeat(values, self.counts, axis=-1)
 
-    def without_means(self, x: Array) -> Array:
+    def subtract_component_means(self, values: Array) -> Array:
         """Subtracts, in place, the mean over each component's rows, shape (..., r)."""
-        x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
-        return x
+        values -= self.repeat_by_row(np.add.reduceat(values, self.begins, axis=-1) / self.counts)
+        return values
 
-    def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
+    def whiten_rows(self, values: Array, whiteners: Sequence[Whitener]) -> Array:
         """Whitens, in place, each component's readings or derivatives, initial values eliminated, (..., r)."""
         for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
-            x[..., begin : begin + count] = one(x[..., begin : begin + count])
-        return x
+            values[..., begin : begin + count] = one(values[..., begin : begin + count])
+        return values
 
 
-def _make_batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
+def _make_batch(components: Sequence[ReadComponent]) -> ComponentBatch:
     """Joins sensor components into a batch, with the place at which the rows of each begin."""
-    counts = np.array([part.rows.size for part in parts])
-    return ComponentBatch(parts, counts, np.cumsum(counts) - counts, np.concatenate([part.rows for part in parts]))
+    counts = np.array([component.rows.size for component in components])
+    return ComponentBatch(
+        components, counts, np.cumsum(counts) - counts, np.concatenate([component.rows for component in components])
+    )
 
 
-def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[ComponentBatch]:
+def component_batches(components: Iterator[ReadComponent], n_gyros: int) -> Iterator[ComponentBatch]:
     """Yields batches of sensor components, gyros and accelerometers apart, of limited size."""
     waiting: list[ReadComponent] = []
-    for part in parts:
-        count = sum(other.rows.size for other in waiting) + part.rows.size
-        if waiting and (count > _TOGETHER or (waiting[0].package < gyros) != (part.package < gyros)):
+    for component in components:
+        count = sum(other.rows.size for other in waiting) + component.rows.size
+        if waiting and (count > _TOGETHER or (waiting[0].package < n_gyros) != (component.package < n_gyros)):
             yield _make_batch(waiting)
             waiting = []
-        waiting.append(part)
+        waiting.append(component)
     if waiting:
         yield _make_batch(waiting)
 
 
 def reading_derivatives(
-    design: MotionDerivatives, batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
+    derivatives: MotionDerivatives, batch: ComponentBatch, effects: TurningEffects, unknowns: Array, model: FlightModel
 ) -> Array:
     """Computes derivatives of expected readings by unknowns, (n, r), those by a stretch's own last."""
-    places, place = columns(model), design.place
-    x = np.empty((design.by_rate.shape[0], batch.rows.size))
-    turns, package = design.by_rate, -1
+    places, place = columns(model), derivatives.place
+    x = np.empty((derivatives.by_rate.shape[0], batch.rows.size))
+    turns, package = derivatives.by_rate, -1
     for part, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
         rows = slice(begin, begin + part.rows.size)
         if part.package >= model.gyros and part.package != package:
-            package, arm = part.package, model.positions[part.package - model.gyros] - at[CENTER]
-            turns = design.by_velocity + centripetal_derivatives(design, fixed.rate, arm, fixed.period_s)
-            turns += np.tensordot(design.by_rate, CROSS @ arm, (1, 1)).swapaxes(1, 2)  # the rate crossed with the arm
+            package, arm = part.package, model.positions[part.package - model.gyros] - unknowns[CENTER]
+            turns = derivatives.by_velocity + centripetal_derivatives(derivatives, effects.rate, arm, effects.period_s)
+            turns += np.tensordot(derivatives.by_rate, CROSS @ arm, (1, 1)).swapaxes(1, 2)  # rate x arm
         x[:, rows] = turns[:, part.axis].take(part.rows, axis=1)
         if part.package >= model.gyros:
-            turned = fixed.turn[part.axis][:, part.rows]
-            if design.by_center is None:
+            turned = effects.turn[part.axis][:, part.rows]
+            if derivatives.by_center is None:
                 x[CENTER, rows] -= turned
             else:
-                x[: design.kept.size, rows] -= design.by_center @ turned
-            if fixed.later is not None:
-                x[place[places.shift][CENTER], rows] -= fixed.later[part.axis][:, part.rows]
-    _apply_gains_and_biases(x, place, batch, fixed, at, model)
+                x[: derivatives.kept.size, rows] -= derivatives.by_center @ turned
+            if effects.later is not None:
+                x[place[places.shift][CENTER], rows] -= effects.later[part.axis][:, part.rows]
+    _apply_gains_and_biases(x, place, batch, effects, unknowns, model)
     return x
 
 
 def _apply_gains_and_biases(
-    x: Array, place: NDArray[np.int_], batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
+    derivatives: Array,
+    row_of: NDArray[np.int_],
+    batch: ComponentBatch,
+    effects: TurningEffects,
+    unknowns: Array,
+    model: FlightModel,
 ) -> None:
     """Multiplies derivatives by sensor gains, in place; fills in those by gains and biases."""
-    of_gains, of_biases = zip(*(_own_places(part.package, model) for part in batch.parts), strict=True)
+    of_gains, of_biases = zip(*(_gain_and_bias_slices(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
-    if at[gains].any():
-        x *= batch.each(1.0 + at[gains])
+    if unknowns[gains].any():
+        derivatives *= batch.repeat_by_row(1.0 + unknowns[gains])
     for part, begin, gain, bias in zip(batch.parts, batch.begins.tolist(), gains, of_biases, strict=True):
         rows = slice(begin, begin + part.rows.size)
-        if place[gain] >= 0:
-            x[place[gain], rows] = part.shown[part.rows]
-        if part.package >= model.gyros and place[bias.start] >= 0:
-            x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
+        if row_of[gain] >= 0:
+            derivatives[row_of[gain], rows] = part.shown[part.rows]
+        if part.package >= model.gyros and row_of[bias.start] >= 0:
+            derivatives[row_of[bias.start + part.axis], rows] = effects.since_s[part.rows]
 
 
 def stretch_equations(
-    stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None
+    stretch: Stretch, unknowns: Array, model: FlightModel, selected: NDArray[np.bool_] | None = None
 ) -> NormalEquations:
     """Computes the normal equations of a stretch's readings for the unknowns, about a point.
 
     Args:
         stretch: of at least two rows.
-        at: all unknowns, shape (n,); the inverse inertia positive definite.
-        model: see `FlightModel`.
-        wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
+        unknowns: all unknowns, shape (n,); the inverse inertia positive definite.
+        selected: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
-    return equations_about(at, thrust_course(prepare_stretch(stretch, model), at, model), model, wanted)
+    return equations_about(unknowns, thrust_course(prepare_stretch(stretch, model), unknowns, model), model, selected)
 
 
 def equations_about(
-    at: Array,
-    course: ThrustCourse,
+    unknowns: Array,
+    thrust: ThrustCourse,
     model: FlightModel,
-    wanted: NDArray[np.bool_] | None = None,
-    held: HeldRows | None = None,
+    selected: NDArray[np.bool_] | None = None,
+    cache: HeldRows | None = None,
 ) -> NormalEquations:
-    """Computes a stretch's normal equations from its thrust course; `held`: rows to use or to fill in."""
-    course, at = expand_about_middle(course, at, model)
-    expected, followed = expected_motion(at, course, model), model.followed and bool(course.read.known.all())
+    """Computes a stretch's normal equations from its thrust course; `cache` holds or takes the rows."""
+    thrust, unknowns = expand_about_middle(thrust, unknowns, model)
+    motion, followed = expected_motion(unknowns, thrust, model), model.followed and bool(thrust.read.known.all())
     if followed:
-        expected = with_own_coupling(expected, at, model)
-    fixed, every = turning_effects(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
-    design = motion_derivatives(expected, at, model, every if wanted is None else wanted)
-    own = design.own
+        motion = solve_own_coupling(motion, unknowns, model)
+    effects, every = turning_effects(motion, unknowns, model), np.ones(unknowns.shape[0], dtype=np.bool_)
+    derivatives = motion_derivatives(motion, unknowns, model, every if selected is None else selected)
+    own = derivatives.own
     if followed:
-        design = with_coupled_derivatives(design, fixed, at, model)
-    kept, size = design.kept, design.by_rate.shape[0]
+        derivatives = add_coupled_derivatives(derivatives, effects, unknowns, model)
+    kept, size = derivatives.kept, derivatives.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[ComponentBatch, Array, Array]] = []
-    for batch in batches_of(components_of(expected, fixed, at, model, held), model.gyros):
-        scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
+    for batch in component_batches(sensor_components(motion, effects, unknowns, model, cache), model.gyros):
+        scale = batch.repeat_by_row(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
-        x = reading_derivatives(design, batch, fixed, at, model) * scale
+        x = reading_derivatives(derivatives, batch, effects, unknowns, model) * scale
         if has_accumulating_noise(model):
-            whiteners = [_make_whitener(part, fixed, at, model) for part in batch.parts]
-            left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
+            whiteners = [_make_whitener(part, effects, unknowns, model) for part in batch.parts]
+            left, x = batch.whiten_rows(left, whiteners), batch.whiten_rows(x, whiteners)
         else:
-            left, x = batch.without_means(left), batch.without_means(x)
+            left, x = batch.subtract_component_means(left), batch.subtract_component_means(x)
         information += x @ x.T
         vector += x @ left
         parts.append((batch, left, x[kept.shape[0] :]))
@@ -268,7 +276,7 @@ def equations_about(
     if size > kept.shape[0]:
         information, vector, shift = _eliminate_own_unknowns(information, vector, own)
     total = empty_equations(model)
-    fast = _stamp_error_variance(expected, model)
+    fast = _stamp_error_variance(motion, model)
     for batch, difference, by_own in parts:
         _sum_residuals(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
     total.information[np.ix_(kept, kept)] = information
@@ -277,7 +285,7 @@ def equations_about(
     return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
 
 
-def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
+def accumulating_noise(package: int, axis: int, unknowns: Array, model: FlightModel) -> Gathering:
     """Computes the accumulating noise of a sensor component, from the stated walks and disturbance.
 
     Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
@@ -285,26 +293,25 @@ def accumulating_noise(package: int, axis: int, at: Array, model: FlightModel) -
 
     Args:
         package, axis: of the component.
-        at: all unknowns, for the center of mass, shape (n,).
-        model: see `FlightModel`.
+        unknowns: all unknowns, for the center of mass, shape (n,).
     """
     turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
     (of_rate, of_velocity), number = model.walks, package - model.gyros
     walk, acting = of_rate**2, turning[axis]
     if number >= 0:
-        by_rate = (CROSS @ (model.positions[number] - at[CENTER]))[axis]  # derivative of the velocity by the rate
+        by_rate = (CROSS @ (model.positions[number] - unknowns[CENTER]))[axis]  # derivative of the velocity by the rate
         walk = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate)
         acting = pushing[axis] + _TOLD * (by_rate @ turning)
     variance = float(model.variances[package])
     return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
 
 
-def _make_whitener(one: ReadComponent, fixed: TurningEffects, at: Array, model: FlightModel) -> Whitener:
+def _make_whitener(component: ReadComponent, effects: TurningEffects, unknowns: Array, model: FlightModel) -> Whitener:
     """Makes the whitener of a component's noise; noise common to n packages counts n times for each."""
-    noise = accumulating_noise(one.package, one.axis, at, model)
-    packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
+    noise = accumulating_noise(component.package, component.axis, unknowns, model)
+    packages = model.gyros if component.package < model.gyros else model.positions.shape[0]
     common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
-    return make_whitener(fixed.since_s[one.rows], common)
+    return make_whitener(effects.since_s[component.rows], common)
 
 
 class Residuals(NamedTuple):
@@ -326,48 +333,51 @@ class Residuals(NamedTuple):
     scale: float
 
 
-def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Residuals], Array]:
+def residuals(stretch: Stretch, unknowns: Array, model: FlightModel) -> tuple[list[Residuals], Array]:
     """Computes residuals of all sensor components about a point, and expected rate and velocity, (6, m).
 
     Args:
         stretch: of at least two rows.
-        at: all unknowns, shape (n,); see `possible`.
-        model: see `FlightModel`.
+        unknowns: all unknowns, shape (n,); see `possible`.
 
     Returns:
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
         beginning, shape (6, m).
     """
-    expected, at = stretch_motion(stretch, at, model)
-    fixed, found = turning_effects(expected, at, model), []
-    design = motion_derivatives(expected, at, model, relevant_unknowns(model))
-    for part in components_of(expected, fixed, at, model):
+    motion, unknowns = stretch_motion(stretch, unknowns, model)
+    effects, found = turning_effects(motion, unknowns, model), []
+    derivatives = motion_derivatives(motion, unknowns, model, relevant_unknowns(model))
+    for part in sensor_components(motion, effects, unknowns, model):
         batch, scale = _make_batch([part]), float(np.sqrt(model.variances[part.package]))
-        x = np.zeros((at.shape[0], part.rows.size))
-        x[design.kept] = batch.without_means(reading_derivatives(design, batch, fixed, at, model))[: design.kept.size]
-        left = batch.without_means(part.left.copy())
+        x = np.zeros((unknowns.shape[0], part.rows.size))
+        x[derivatives.kept] = batch.subtract_component_means(
+            reading_derivatives(derivatives, batch, effects, unknowns, model)
+        )[: derivatives.kept.size]
+        left = batch.subtract_component_means(part.left.copy())
         found.append(Residuals(part.package, part.axis, part.rows, left / scale, x / scale, scale))
-    return found, np.concatenate((expected.rate, expected.velocity))
+    return found, np.concatenate((motion.rate, motion.velocity))
 
 
-def _stamp_error_variance(expected: ExpectedMotion, model: FlightModel) -> Array:
+def _stamp_error_variance(motion: ExpectedMotion, model: FlightModel) -> Array:
     """Computes the variance of the rate at each row due to time-stamp errors, shape (m,)."""
-    squares = np.zeros(expected.rate.shape[1] + 1)
-    length_s = expected.course.read.period_s if model.own_times else model.period_s
-    squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
+    squares = np.zeros(motion.rate.shape[1] + 1)
+    length_s = motion.course.read.period_s if model.own_times else model.period_s
+    squares[1:-1] = np.sum((np.diff(motion.rate) / length_s) ** 2, axis=0)
     return 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
 
 
-def _sum_residuals(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
+def _sum_residuals(
+    total: NormalEquations, batch: ComponentBatch, differences: Array, is_fast: Array, model: FlightModel
+) -> None:
     """Adds squared residuals to the sums per package, and those of gyros by how fast the rate changes."""
-    squares, serial = left * left, np.zeros_like(left)
-    serial[:-1] = left[:-1] * left[1:]
+    squares, serial = differences * differences, np.zeros_like(differences)
+    serial[:-1] = differences[:-1] * differences[1:]
     serial[batch.begins + batch.counts - 1] = 0.0
     misfits, along = (np.add.reduceat(each, batch.begins) for each in (squares, serial))
     packages = [part.package for part in batch.parts]
     np.add.at(total.by_package, packages, np.column_stack((misfits, batch.counts - 1.0, along)))
     if packages[0] < model.gyros:
-        quick = fast[batch.rows] > batch.each(model.variances[packages])
+        quick = is_fast[batch.rows] > batch.repeat_by_row(model.variances[packages])
         total.quick[:] += squares[quick].sum(), quick.sum()
         total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 

@@ -87,7 +87,6 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `flight_model.FlightModel`.
     """
     flight = _combine_stretches([_linearize_stretch(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
@@ -117,7 +116,6 @@ def covering_walk(
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `flight_model.FlightModel`.
         change: of the unknowns, by which residuals change to first order, shape (n,).
 
     Returns:
@@ -139,20 +137,20 @@ def is_covered(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel)
     return all(bool((lines.power <= _allowed_power(one, lines, fit, model)).all()) for one, lines in every)
 
 
-def _allowed_power(one: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
+def _allowed_power(component: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
     """Computes the largest power that stated noise, walks and disturbance explain, per line, shape (k,).
 
     A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
     one number, drawn once.
     """
-    noise = accumulating_noise(one.package, one.axis, fit.at, model)
+    noise = accumulating_noise(component.package, component.axis, fit.at, model)
     each = noise.walk + noise.acting * gauss_markov_spectrum(noise.time_constant_s, lines)
     each = each + white_noise_spectrum(lines.intervals, lines.length_s)
     degrees = np.full(each.size, 2.0)
     degrees[0] = 1.0  # of a frequency of zero there is no phase
     expected = _means_of_neighbors(each)
     rounded = np.floor(expected**2 / (_means_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
-    return expected * np.array([_chance_limit(lines.power.size, one) for one in rounded.tolist()])
+    return expected * np.array([_chance_limit(lines.power.size, component) for component in rounded.tolist()])
 
 
 def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
@@ -171,9 +169,9 @@ def gauss_markov_spectrum(constant_s: float, lines: Lines) -> Array:
     return every[: lines.intervals // 2 + 1]
 
 
-def white_noise_spectrum(intervals: int, length_s: float) -> Array:
+def white_noise_spectrum(n_intervals: int, length_s: float) -> Array:
     """Computes the power of increments of unit white noise, before averaging lines, shape (k + 2,)."""
-    angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
+    angles = 2.0 * np.pi * np.arange(n_intervals // 2 + 1) / n_intervals
     return 2.0 * (1.0 - np.cos(angles)) / length_s
 
 
@@ -192,19 +190,19 @@ class Lines(NamedTuple):
     length_s: float
 
 
-def increment_spectrum(left: Array, time_s: Array) -> Lines:
+def increment_spectrum(values: Array, time_s: Array) -> Lines:
     """Computes the power spectrum of increments of residuals, (n,), at times, s, (n,), lines averaged."""
-    count = left.size - 1
+    count = values.size - 1
     length_s = float(time_s[-1] - time_s[0]) / count
-    evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
+    evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, values)
     power = np.abs(np.fft.rfft(np.diff(evenly))) ** 2 / (count * length_s)
     noise = white_noise_spectrum(count, length_s)
     return Lines(_means_of_neighbors(power), _means_of_neighbors(noise), count, length_s)
 
 
-def _means_of_neighbors(lines: Array) -> Array:
+def _means_of_neighbors(power: Array) -> Array:
     """Computes moving averages of a few neighboring lines of a power spectrum."""
-    return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
+    return np.convolve(power, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 
 def _component_spectra(
@@ -218,9 +216,9 @@ def _component_spectra(
 
 
 @cache
-def _chance_limit(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
+def _chance_limit(n_lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
     """Computes the ratio of averaged power to its expectation that chance exceeds at rate `_RATE`."""
-    return chi_square_limit(_RATE / lines, degrees) / degrees
+    return chi_square_limit(_RATE / n_lines, degrees) / degrees
 
 
 def _frequencies(length_s: float, period_s: float) -> Array:
@@ -235,9 +233,9 @@ def _frequencies(length_s: float, period_s: float) -> Array:
     return lines
 
 
-def _linearize_stretch(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
+def _linearize_stretch(stretch: Stretch, unknowns: Array, model: FlightModel) -> _Part:
     """Computes residuals of a stretch, derivatives, and the steps of its expected acceleration."""
-    (components, moved), time_s = residuals(stretch, at, model), stretch.time_s - stretch.time_s[0]
+    (components, moved), time_s = residuals(stretch, unknowns, model), stretch.time_s - stretch.time_s[0]
     return _Part(time_s, np.diff(np.diff(moved) / np.diff(time_s), prepend=0.0, append=0.0), components)
 
 

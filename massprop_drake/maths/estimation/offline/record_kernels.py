@@ -18,20 +18,20 @@ _NOTHING = 1e-20  # of a level
 
 
 @kernel
-def select_informative(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
+def select_informative(expected: Array, readings: Array, quantum: float) -> NDArray[np.int_]:
     """Returns indices of a component's readings that carry new information: moved by about a quantum.
 
     Args:
         expected: outputs, shape (m,).
-        read: readings, NaN where missing, shape (m,).
+        readings: readings, NaN where missing, shape (m,).
         quantum: zero: all that are not missing.
     """
-    there = np.flatnonzero(~np.isnan(read))
+    there = np.flatnonzero(~np.isnan(readings))
     if quantum == 0.0 or there.size == 0:
         return there
     found, least = [there[0]], _MOVED * quantum
-    forward, back = expected[there[0]], read[there[0]]
-    for row, one, other in zip(as_iterable(there), as_iterable(expected[there]), as_iterable(read[there])):  # noqa: B905 (for numba)
+    forward, back = expected[there[0]], readings[there[0]]
+    for row, one, other in zip(as_iterable(there), as_iterable(expected[there]), as_iterable(readings[there])):  # noqa: B905 (for numba)
         ahead, off = one - forward, other - back
         if ahead >= quantum or ahead <= -quantum or off >= least or off <= -least:
             found.append(row)
@@ -39,17 +39,17 @@ def select_informative(expected: Array, read: Array, quantum: float) -> NDArray[
     return np.array(found)
 
 
-def _apply_lag_by_row(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
+def _apply_lag_by_row(level, level_slope, remaining, remaining_slope):  # type: ignore[no-untyped-def] # compiled alone
     """Compiled form of `apply_lag`, row by row."""
     for k in range(level.shape[0] - 1):
         for jet in range(level.shape[1]):
             off = level[k, jet] - level[k + 1, jet]
             level[k + 1, jet] = level[k + 1, jet] + off * remaining[jet]
-            slope[k + 1, jet] = slope[k, jet] * remaining[jet] + off * by_logarithm[jet]
+            level_slope[k + 1, jet] = level_slope[k, jet] * remaining[jet] + off * remaining_slope[jet]
 
 
 @idiom(_apply_lag_by_row)
-def apply_lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+def apply_lag(level: Array, level_slope: Array, remaining: Array, remaining_slope: Array) -> None:
     """Replaces targets of thrust levels by levels under first-order valve lag, in place, row by row.
 
     In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
@@ -58,15 +58,15 @@ def apply_lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array)
     Args:
         level: at the beginning, then what each tends to over each interval, which the levels at its end replace, shape
             (m, n_jets).
-        slope: their derivatives by the logarithm of the time constant, zero at the beginning, likewise filled in.
+        level_slope: their derivatives by the logarithm of the time constant, zero at the beginning, likewise filled in.
         remaining: share of an initial difference that is left at the end, shape (n_jets,).
-        by_logarithm: its derivative, shape (n_jets,).
+        remaining_slope: its derivative, shape (n_jets,).
     """
     told = level[1:].copy()
     level[1:] *= 1.0 - remaining
     add_decayed_sums(level, remaining)
-    slope[1:] = (level[:-1] - told) * by_logarithm
-    add_decayed_sums(slope, remaining)
+    level_slope[1:] = (level[:-1] - told) * remaining_slope
+    add_decayed_sums(level_slope, remaining)
 
 
 def add_decayed_sums(rows: Array, remaining: Array) -> None:
@@ -78,9 +78,9 @@ def add_decayed_sums(rows: Array, remaining: Array) -> None:
 
 
 @kernel
-def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+def lag(level: Array, level_slope: Array, remaining: Array, remaining_slope: Array) -> None:
     """Replaces targets of thrust levels by lagged levels, in place; see `apply_lag`."""
-    apply_lag(level, slope, remaining, by_logarithm)
+    apply_lag(level, level_slope, remaining, remaining_slope)
 
 
 class Compute(NamedTuple):

@@ -94,15 +94,14 @@ def fit_flight(stretches: Sequence[Stretch], start: Array, model: FlightModel) -
     Args:
         stretches: of the flight.
         start: where to begin, shape (n,).
-        model: see `FlightModel`.
     """
     alone = has_accumulating_noise(model)  # what gathers is in the rates that are read, and in no others
-    fit = _iterate_fit(stretches, start, model, last=alone)
+    fit = _iterate_fit(stretches, start, model, is_final=alone)
     return fit if alone or not fit.settled else _iterate_fit(stretches, fit.at, model._replace(followed=True))
 
 
-def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
-    """Runs Gauss-Newton iterations until they settle; unknowns only tested are left out unless ``last``.
+def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, is_final: bool = True) -> FlightFit:
+    """Runs Gauss-Newton iterations until they settle; unknowns only tested are left out unless ``is_final``.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
     """
@@ -115,7 +114,7 @@ def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel,
     told_for, wanted, complete, near = at, relevant_unknowns(model), False, False
     held = list[HeldRows]()
     for number in range(_PASSES):
-        complete = last and (complete or number == _PASSES - 1)
+        complete = is_final and (complete or number == _PASSES - 1)
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [thrust_course(one, at, model) for one in read], at
         held = held if near else [{} for _ in read]
@@ -132,7 +131,7 @@ def _iterate_fit(stretches: Sequence[Stretch], start: Array, model: FlightModel,
         gain, sound = float(step @ right), bool(np.isfinite(step).all())
         if not sound:
             break
-        if gain < _SETTLED and (complete or not last):
+        if gain < _SETTLED and (complete or not is_final):
             return FlightFit(at, total, True)
         complete = gain < _NEARLY
         near = near or complete
@@ -165,21 +164,19 @@ class Reckoned(NamedTuple):
     solved: Array
 
 
-def estimated_unknowns(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
+def estimated_unknowns(fit: FlightFit, model: FlightModel, tested: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
     """Solves for the estimated unknowns, without tested ones, as needed by score tests of others.
 
     Args:
-        fit: see `FlightFit`.
-        model: see `FlightModel`.
-        besides: places of those unknowns.
+        tested: places of those unknowns.
     """
     total, others = fit.normal, model.sigma > 0.0
-    others[besides] = False
+    others[tested] = False
     free = np.flatnonzero(others)
     sigma = model.sigma[free]
     off = np.zeros_like(fit.at)
     off[free] = fit.at[free] - model.prior[free]
-    off[besides] = fit.at[besides]
+    off[tested] = fit.at[tested]
     vector = total.score + total.information @ off
     inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
     right = np.column_stack((total.information[free], vector[free])) * sigma[:, None]
@@ -188,38 +185,37 @@ def estimated_unknowns(fit: FlightFit, model: FlightModel, besides: NDArray[np.i
 
 def score_test(
     fit: FlightFit,
-    group: NDArray[np.int_],
+    indices: NDArray[np.int_],
     model: FlightModel,
-    stated: float = 0.0,
-    clear: float = np.inf,
-    common: Reckoned | None = None,
+    stated_std: float = 0.0,
+    max_std: float = np.inf,
+    estimated: Reckoned | None = None,
 ) -> ScoreTest:
     """Tests unknowns against their stated values; returns statistic, degrees of freedom, sizes and misfit.
 
     Args:
-        fit: see `FlightFit`.
-        group: their places, in units that are alike, integers, shape (k,).
+        indices: their places, in units that are alike, integers, shape (k,).
         model: see `FlightModel`; where they are reckoned with, they are no longer.
-        stated: their 1-sigma; zero: that they are zero.
-        clear: largest 1-sigma of a combination of them that is tested.
-        common: what is reckoned with at all, which it is that serves where they are not.
+        stated_std: their 1-sigma; zero: that they are zero.
+        max_std: largest 1-sigma of a combination of them that is tested.
+        estimated: what is reckoned with at all, which it is that serves where they are not.
     """
-    total, size = fit.normal, np.zeros(group.shape[0])
-    if common is None or (model.sigma[group] > 0.0).any():
-        common = estimated_unknowns(fit, model, group)
-    shown = total.information[group, group] != 0.0  # of others nothing is known
-    there = group[shown]
-    cross = total.information[np.ix_(there, common.free)] * common.sigma
-    information = total.information[np.ix_(there, there)] - cross @ common.solved[:, there]
-    of_group = common.score[there] - cross @ common.solved[:, -1]
+    total, size = fit.normal, np.zeros(indices.shape[0])
+    if estimated is None or (model.sigma[indices] > 0.0).any():
+        estimated = estimated_unknowns(fit, model, indices)
+    shown = total.information[indices, indices] != 0.0  # of others nothing is known
+    there = indices[shown]
+    cross = total.information[np.ix_(there, estimated.free)] * estimated.sigma
+    information = total.information[np.ix_(there, there)] - cross @ estimated.solved[:, there]
+    of_group = estimated.score[there] - cross @ estimated.solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
         return ScoreTest(0.0, 0, size, total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(total.information[there, there]), initial=0.0)))
+    known = values > max(1.0 / max_std**2, 1e-9 * float(np.max(np.abs(total.information[there, there]), initial=0.0)))
     if not known.any():
         return ScoreTest(0.0, 0, size, total.misfit)
     along = (vectors.T @ of_group)[known] / values[known]
-    statistic = float(np.sum(along**2 / (1.0 / values[known] + stated**2)))
+    statistic = float(np.sum(along**2 / (1.0 / values[known] + stated_std**2)))
     gained = float(np.sum(along**2 * values[known]))
     size[shown] = vectors[:, known] @ along
     return ScoreTest(statistic, int(known.sum()), size, max(total.misfit - gained, 0.0))

@@ -63,18 +63,16 @@ class Swings(NamedTuple):
 Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], tuple[Moved, Swung]]
 
 
-def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swing_modes) -> Swings:
+def add_modes(motion: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swing_modes) -> Swings:
     """Computes rate and velocity of a stretch with its modes free, at rest at first, and derivatives.
 
     Args:
-        locked: see `Locked`.
         properties: the ten parameters, shape (10,).
         errors: of the parts in units of their sigmas, shape (6 n_parts,).
-        modes: see `ModeParams`.
         step: `swung`, or its compiled form.
     """
-    n, parts, m = modes.frequencies.size, errors.size, locked.rate.shape[1]
-    k, own = locked.by_rate.shape[0], N_PROPERTIES + 3
+    n, parts, m = modes.frequencies.size, errors.size, motion.rate.shape[1]
+    k, own = motion.by_rate.shape[0], N_PROPERTIES + 3
     swing, moving = slice(own, own + 2 * n), slice(own + 2 * n, own + 2 * n + parts)
     params = SwingParams(modes, swing.start, moving.start, parts, -1, 0.0)
     size = moving.stop + max(k - N_PROPERTIES, 0)
@@ -84,17 +82,17 @@ def add_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParam
     mean[:N_PROPERTIES], mean[moving] = properties, errors
     by_modes[:, k + parts :] = np.eye(2 * n)
     inverse = properties[ELEMENT]
-    gained = (np.diff(each, axis=-1).T for each in (locked.rate, locked.velocity, locked.by_rate, locked.by_velocity))
+    gained = (np.diff(each, axis=-1).T for each in (motion.rate, motion.velocity, motion.by_rate, motion.by_velocity))
     of_rate, of_velocity, rate_by, velocity_by = (np.ascontiguousarray(each) for each in gained)
-    linear, nothing = np.ascontiguousarray(locked.linear.T), np.zeros(3)
+    linear, nothing = np.ascontiguousarray(motion.linear.T), np.zeros(3)
     found = np.zeros((6, 1 + others.size, m))
-    for row, length_s in enumerate(locked.lengths_s.tolist()):
+    for row, length_s in enumerate(motion.lengths_s.tolist()):
         rows = np.zeros((2, 3, size))
         rows[0][:, told], rows[1][:, told] = rate_by[row], velocity_by[row]
-        mean[RATE] = locked.read[:, row]
+        mean[RATE] = motion.read[:, row]
         moved = Moved(of_rate[row], of_velocity[row], rows[0], rows[1])
         felt, modes_then = step(mean, moved, linear[row], (1.0, nothing), length_s, params)
-        before, after, (first, last) = locked.read[:, row], locked.read[:, row + 1], modes_then.momenta
+        before, after, (first, last) = motion.read[:, row], motion.read[:, row + 1], modes_then.momenta
         crossed = cross(before, 2.0 * first + last) + cross(after, first + 2.0 * last)
         found[:3, 0, row + 1] = felt.rate - inverse @ crossed * (length_s / 6.0)
         found[3:, 0, row + 1] = felt.velocity

@@ -18,9 +18,9 @@ _EXACT = 1e-6  # of the period: less is rounding of a stamp
 Lengths = float | Array  # of all intervals, or of each, s
 
 
-def weigh_by_length(each: Array, lengths_s: Lengths) -> Array:
+def weigh_by_length(terms: Array, lengths_s: Lengths) -> Array:
     """Multiplies terms by their intervals' lengths where these differ; else returns them as they are."""
-    return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
+    return terms * lengths_s if isinstance(lengths_s, np.ndarray) else terms
 
 
 def common_length(lengths_s: Lengths) -> float:
@@ -58,7 +58,7 @@ def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
     known = np.asarray(there.any(axis=1))
     there[~known] = True
     mean = np.nansum(rates, axis=0) / np.maximum((~np.isnan(rates)).sum(axis=0), 1)  # of gyros that read
-    rate = interpolate_missing(mean, there, row_places(stretch, model))
+    rate = interpolate_missing(mean, there, row_positions(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _fit_ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
@@ -95,7 +95,7 @@ class MiddleDerivatives(NamedTuple):
     by_jets: Array
 
 
-def row_places(stretch: Stretch, model: FlightModel) -> Array:
+def row_positions(stretch: Stretch, model: FlightModel) -> Array:
     """Returns the rows' times, s, or numbers where they lie on ticks, for interpolation, shape (m,)."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
@@ -105,9 +105,9 @@ def _wheel_momenta(stretch: Stretch, model: FlightModel) -> Array:
     wheels = model.wheels
     if stretch.speeds is None:
         return np.zeros((0, 3, stretch.time_s.size))
-    read = np.asarray(~np.isnan(stretch.speeds.T))
-    read[~read.any(axis=1)] = True
-    speeds = np.nan_to_num(interpolate_missing(stretch.speeds.T, read, row_places(stretch, model)))
+    record = np.asarray(~np.isnan(stretch.speeds.T))
+    record[~record.any(axis=1)] = True
+    speeds = np.nan_to_num(interpolate_missing(stretch.speeds.T, record, row_positions(stretch, model)))
     return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
 
 
@@ -123,18 +123,18 @@ class ThrustCourse(NamedTuple):
     bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
 
-def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
+def thrust_course(record: RecordedStretch, unknowns: Array, model: FlightModel) -> ThrustCourse:
     """Computes impulse, lag derivative and level of each firing jet over a stretch, interval by interval."""
-    on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
+    on, commands, period, late = record.on, record.commands, record.period_s, record.late_s
     m = late.shape[0]
-    given, lag_error = model.time_constants_s[on], at[columns(model).lag][model.kinds][on]
+    given, lag_error = model.time_constants_s[on], unknowns[columns(model).lag][model.kinds][on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
     each = period[:, None] if isinstance(period, np.ndarray) else period
     lagged, left = constants > 0.0, initial_level_decay(constants / each)
-    before = read.stretch.before[:, on]
+    before = record.stretch.before[:, on]
     level = np.concatenate((before, commands))
     slope, tick_s = np.zeros_like(level), model.period_s if model.own_times else period
-    pulses = _pulse_corrections(read, constants, left, tick_s)
+    pulses = _pulse_corrections(record, constants, left, tick_s)
     if pulses is not None:
         level = level + pulses.tends
     if lagged.any() and isinstance(period, np.ndarray):
@@ -145,7 +145,7 @@ def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> Thrus
         slope += pulses.slope
     level, slope = level[-m:], slope[-m:]
     off = level[:-1] - commands
-    amount = read.lengths_s[:, None] * commands + off * (each * left.mean)
+    amount = record.lengths_s[:, None] * commands + off * (each * left.mean)
     share = each / np.where(lagged, constants, 1.0)
     by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
     if pulses is not None:
@@ -156,21 +156,21 @@ def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> Thrus
         by_lag = np.where(lagged, by_lag, lost)
         amount = amount + np.where(lagged, 0.0, lost * lag_error)
     if late.any():
-        told = read.stretch.commands[:, on]
+        told = record.stretch.commands[:, on]
         sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
         level = np.where(lagged, level, np.nan_to_num(sided))
     bent = None if pulses is None else pulses.bow
-    return ThrustCourse(read, amount, by_lag, off, each * left.bow, level, bent)
+    return ThrustCourse(record, amount, by_lag, off, each * left.bow, level, bent)
 
 
-def _apply_lag_by_interval(level: Array, slope: Array, left: Lingering) -> None:
+def _apply_lag_by_interval(level: Array, level_slope: Array, lingering: Lingering) -> None:
     """Applies valve lag to levels, in place, over intervals of different lengths; see `apply_lag`."""
-    since = level.shape[0] - left.remaining.shape[0]
+    since = level.shape[0] - lingering.remaining.shape[0]
     for row in range(1, level.shape[0]):
         of = max(row - since, 0)
         off = level[row - 1] - level[row]
-        level[row] += off * left.remaining[of]
-        slope[row] = slope[row - 1] * left.remaining[of] + off * left.by_logarithm[of]
+        level[row] += off * lingering.remaining[of]
+        level_slope[row] = level_slope[row - 1] * lingering.remaining[of] + off * lingering.by_logarithm[of]
 
 
 class _Pulses(NamedTuple):
@@ -187,27 +187,29 @@ class _Pulses(NamedTuple):
     bow: Array  # see `Firing`, s, (3, m - 1, j)
 
 
-def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
+def _pulse_corrections(
+    record: RecordedStretch, time_constants_s: Array, lingering: Lingering, period_s: Lengths
+) -> _Pulses | None:
     """Computes corrections for jets that switch within samples, see `_Pulses`; None: none does."""
-    stretch, on = read.stretch, read.on
+    stretch, on = record.stretch, record.on
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
         return None
-    commands = np.concatenate((stretch.before[:, on], read.commands))
+    commands = np.concatenate((stretch.before[:, on], record.commands))
     onsets_s = np.concatenate((stretch.before_onsets_s[:, on], stretch.onsets_s[:-1, on]))
     rows = np.flatnonzero(is_pulse(commands, onsets_s).any(axis=1)).tolist()
     if not rows:
         return None
     tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))
     bow, shut, no_ticks = np.zeros((3, *commands.shape)), np.zeros((3, on.size)), np.zeros((0, 2))
-    since, alike = stretch.before.shape[0], not isinstance(read.period_s, np.ndarray)
-    remaining, by_tau = (each if alike else each[np.maximum(np.arange(-since, len(each)), 0)] for each in left[:2])
+    since, alike = stretch.before.shape[0], not isinstance(record.period_s, np.ndarray)
+    remaining, by_tau = (each if alike else each[np.maximum(np.arange(-since, len(each)), 0)] for each in lingering[:2])
     for row in rows:
-        length_s = float(period_s if alike else read.lengths_s[max(row - since, 0)])
+        length_s = float(period_s if alike else record.lengths_s[max(row - since, 0)])
         own = split_sample(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
-        pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
+        pulse = fire((shut[0], shut[1], shut[2]), time_constants_s, *own, no_ticks)
         whole = np.array([length_s]), commands[row : row + 1]
         kept, slower = (remaining, by_tau) if alike else (remaining[row], by_tau[row])
-        level = fire((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
+        level = fire((shut[0], shut[1], shut[2]), time_constants_s, *whole, no_ticks)
         tends[row] = (pulse.level - level.level) / (1.0 - kept)
         late[row] = pulse.slope - level.slope + tends[row] * slower
         amount[row] = pulse.amount - level.amount
@@ -215,7 +217,7 @@ def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering,
         bow[:, row] = pulse.bow - level.bow
     late[0] = 0.0
     if alike:
-        add_decayed_sums(late, left.remaining)
+        add_decayed_sums(late, lingering.remaining)
     else:
         for row in range(1, late.shape[0]):
             late[row] += late[row - 1] * remaining[row]
@@ -238,14 +240,14 @@ def is_off_ticks(stretch: Stretch, model: FlightModel) -> bool:
     return not model.own_times and bool(_fit_ticks(stretch.time_s, model.period_s)[1].any())
 
 
-def interpolate_missing(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
+def interpolate_missing(rate: Array, is_read: NDArray[np.bool_], rows: Array) -> Array:
     """Interpolates rates, shape (k, m), linearly at rows without a reading."""
     rate = rate.copy()
-    for axis in np.flatnonzero(~there.all(axis=1)).tolist():
-        rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
+    for axis in np.flatnonzero(~is_read.all(axis=1)).tolist():
+        rate[axis] = np.interp(rows, rows[is_read[axis]], rate[axis, is_read[axis]])
     return rate
 
 
-def centered_counts(number: int) -> Array:
-    """Returns row numbers relative to the middle of the rows, shape (number,)."""
-    return np.arange(0.5 * (1.0 - number), 0.5 * number)
+def centered_counts(count: int) -> Array:
+    """Returns row numbers relative to the middle of the rows, shape (count,)."""
+    return np.arange(0.5 * (1.0 - count), 0.5 * count)

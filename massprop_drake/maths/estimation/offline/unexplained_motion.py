@@ -33,35 +33,37 @@ def unexplained_impulses(stretches: Sequence[Stretch], model: FlightModel) -> tu
     """
     turned, pushed = list[Array](), list[Array]()
     for stretch in stretches:
-        expected, at = stretch_motion(stretch, model.prior, model)
-        read = expected.course.read
-        moving, n_jets = mean_rates(read.rate), model.flows.size
+        motion, unknowns = stretch_motion(stretch, model.prior, model)
+        read = motion.course.read
+        means, n_jets = mean_rates(read.rate), model.flows.size
         by_jets = np.zeros((n_jets, read.late_s.size))
-        by_jets[read.on] = cumulative_sums(expected.course.amount.T)
-        products = cumulative_sums(moving.square[np.triu_indices(3)])
-        wheels = wheel_derivatives(expected, at, model)[0].sum(axis=0)
-        engines = cumulative_sums(engine_impulses(read, at, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
+        by_jets[read.on] = cumulative_sums(motion.course.amount.T)
+        products = cumulative_sums(means.square[np.triu_indices(3)])
+        wheels = wheel_derivatives(motion, unknowns, model)[0].sum(axis=0)
+        engines = (
+            cumulative_sums(engine_impulses(read, unknowns, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
+        )
         turned.append(_subtract_means(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
-        pushed += _velocity_columns(expected, moving, model)
+        pushed += _velocity_columns(motion, means, model)
     inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[MASS]
     rates = _fit_residuals(turned, 3)
     momentum = float(np.linalg.norm(rates @ inertia, axis=1).max(initial=0.0))
     return momentum, mass * float(np.abs(_fit_residuals(pushed, 1)).max(initial=0.0))
 
 
-def _velocity_columns(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> list[Array]:
+def _velocity_columns(motion: ExpectedMotion, means: MeanRates, model: FlightModel) -> list[Array]:
     """Returns regressors and accelerometer velocity per component, rotation effects subtracted.
 
     Returns:
         For each component with two readings at least, means taken off: derivatives by the center of mass, by the thrust
         of each jet, and by each bias, and what is read; shape (r, k + 1).
     """
-    read, n_jets = expected.course.read, model.flows.size
-    turn = turning_products(read.rate, moving, np.zeros_like(moving.square), read.period_s)
-    given = cumulative_sums((expected.course.amount * expected.lightness[:, None]).T)
+    read, n_jets = motion.course.read, model.flows.size
+    turn = turning_products(read.rate, means, np.zeros_like(means.square), read.period_s)
+    given = cumulative_sums((motion.course.amount * motion.lightness[:, None]).T)
     since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
     impulses, _ = engine_impulses(read, model.prior, model)
-    burnt = cumulative_sums((impulses[:, 3:] * expected.lightness[:, None]).T)
+    burnt = cumulative_sums((impulses[:, 3:] * motion.lightness[:, None]).T)
     for package in range(model.gyros, read.readings.shape[0]):
         arm, number = model.positions[package - model.gyros] - model.prior[CENTER], package - model.gyros
         for axis in range(3):
@@ -83,12 +85,12 @@ def _subtract_means(rows: Array) -> Array:
     return rows - rows.mean(axis=1, keepdims=True)
 
 
-def _fit_residuals(parts: Sequence[Array], outputs: int) -> Array:
-    """Computes residuals of the last ``outputs`` columns regressed on the others, shape (n, outputs)."""
+def _fit_residuals(parts: Sequence[Array], n_outputs: int) -> Array:
+    """Computes residuals of the last ``n_outputs`` columns regressed on the others, (n, n_outputs)."""
     if not parts:
-        return np.zeros((0, outputs))
+        return np.zeros((0, n_outputs))
     together = np.vstack(parts)
-    design, wanted = together[:, :-outputs], together[:, -outputs:]
+    design, wanted = together[:, :-n_outputs], together[:, -n_outputs:]
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     return wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
 
@@ -98,18 +100,17 @@ _CLEAR = 7.0  # 1-sigma of a reading, two quanta and more, that jets must give o
 _FEWEST = 10  # spans whose median is told
 
 
-def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> Array:
+def gain_ratios(stretches: Sequence[Stretch], unknowns: Array, model: FlightModel) -> Array:
     """Computes medians of measured over predicted changes of each package's readings, (n_packages,).
 
     Args:
         stretches: of the flight.
-        at: all unknowns, shape (n,); see `possible`.
-        model: see `FlightModel`.
+        unknowns: all unknowns, shape (n,); see `possible`.
 
     Returns:
         NaN where readings tell too little, shape (n_packages,).
     """
-    pairs = [list(_readings_and_expected(stretch, at, model)) for stretch in stretches]
+    pairs = [list(_readings_and_expected(stretch, unknowns, model)) for stretch in stretches]
     found = np.full(model.variances.shape[0], np.nan)
     for package, variance in enumerate(model.variances.tolist()):
         for span in _SPANS:
@@ -124,15 +125,15 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
     return found
 
 
-def _readings_and_expected(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
-    """Yields each package's readings, and what the jets alone make of them, shape (m, 3) each."""
-    expected, at = stretch_motion(stretch, at, model)
-    impulse = expected.sums.impulse
-    turned = at[:6][ELEMENT] @ moments_about(impulse, at[CENTER])
-    for package, readings in enumerate(expected.course.read.readings):
+def _readings_and_expected(stretch: Stretch, unknowns: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
+    """Yields each package's readings, and those predicted from the jets alone, shape (m, 3) each."""
+    motion, unknowns = stretch_motion(stretch, unknowns, model)
+    impulse = motion.sums.impulse
+    turned = unknowns[:6][ELEMENT] @ moments_about(impulse, unknowns[CENTER])
+    for package, readings in enumerate(motion.course.read.readings):
         given = turned
         if package >= model.gyros:
-            arm = model.positions[package - model.gyros] - at[CENTER]
-            given = impulse[3:] * expected.lightness + cross_products(turned.T, np.broadcast_to(arm, turned.T.shape)).T
+            arm = model.positions[package - model.gyros] - unknowns[CENTER]
+            given = impulse[3:] * motion.lightness + cross_products(turned.T, np.broadcast_to(arm, turned.T.shape)).T
         there = ~np.isnan(readings).any(axis=0)
         yield readings[:, there].T, cumulative_sums(given)[:, there].T

@@ -31,11 +31,10 @@ _KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
 def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
-    """Divides the prior of the commands' delay into normal parts a sample apart, with their log probabilities.
+    """Splits the prior of the command delay into Gaussian components a sample apart, with log probabilities.
 
     Args:
         delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
-        period_s: sample period.
     """
     half = 0.5 * period_s
     single = stds_s.size == 1
@@ -55,7 +54,7 @@ def divide_delays(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     """Copies the filter at the first sample for each part of the delay's prior; returns a bank per part."""
-    delays, places = params.delays, _delay_places(params)
+    delays, places = params.delays, _delay_indices(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
     for number, shift in enumerate(delays.shifts_s):
@@ -66,7 +65,7 @@ def split_by_delay(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     return result
 
 
-def _delay_places(params: PoseParams) -> np.ndarray:
+def _delay_indices(params: PoseParams) -> np.ndarray:
     """Returns the indices, among the free elements, of the commands' delays."""
     part = params.parts.delay
     return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
@@ -77,28 +76,27 @@ def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
 
     Args:
         parts: of each, as at the first sample.
-        params: see `PoseParams`.
     """
     chances = params.delays.chances.tolist()
-    return _order_parts([one._replace(total=chance) for one, chance in zip(parts, chances, strict=True)])
+    return _order_parts([part._replace(total=chance) for part, chance in zip(parts, chances, strict=True)])
 
 
 def advance_over_delays(
-    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
+    hypotheses: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
     """Advances the hypotheses of every delay by a sample; also returns what the likeliest delay's step gave.
 
     Args:
-        tried: after the last sample.
+        hypotheses: after the last sample.
         commands, span_s, readings, params: see `pose_cycle.step`.
 
     Raises:
         NotPositiveDefiniteError: see `pose_cycle.step`; of the likeliest where none is left.
     """
     parts, done, trouble = [], [], None
-    for one in (tried._replace(elsewhere=()), *tried.elsewhere):
+    for part in (hypotheses._replace(elsewhere=()), *hypotheses.elsewhere):
         try:
-            after, cycled = pose_hypotheses.advance_hypotheses(one, commands, span_s, readings, params)
+            after, cycled = pose_hypotheses.advance_hypotheses(part, commands, span_s, readings, params)
         except NotPositiveDefiniteError as error:
             trouble = trouble or error
             continue
@@ -108,49 +106,49 @@ def advance_over_delays(
         raise trouble
     if len(parts) == 1:
         return parts[0], done[0]
-    likeliest = int(np.argmax([log_weight(one) for one in parts]))
+    likeliest = int(np.argmax([log_weight(part) for part in parts]))
     return _order_parts(_merge_close_parts(parts, params)), done[likeliest]
 
 
 def name_failure_over_delays(
-    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
+    hypotheses: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[Tried, pose_hypotheses.PoseOutcome | None]:
     """Decides on a failure after a sample; returns the hypotheses, and the failure or None."""
-    others = tuple(pose_hypotheses.renew_hypotheses(one, time_s, params) for one in tried.elsewhere)
-    alone = tried._replace(elsewhere=())
+    others = tuple(pose_hypotheses.renew_hypotheses(part, time_s, params) for part in hypotheses.elsewhere)
+    alone = hypotheses._replace(elsewhere=())
     after, found = pose_hypotheses.name_failure(
-        alone, time_s, rules, params, waits=not is_delay_settled(tried, rules.lead)
+        alone, time_s, rules, params, is_waiting=not is_delay_settled(hypotheses, rules.lead)
     )
     if found is not None and len(found.members) == 1:
         return after, found  # the other delays are given up with what was not named
     return after._replace(elsewhere=others), found
 
 
-def is_delay_settled(tried: Tried, lead: float) -> bool:
+def is_delay_settled(hypotheses: Tried, margin: float) -> bool:
     """Tests whether the likeliest delay's log weight exceeds every other one's by a margin, nats."""
-    best = log_weight(tried)
-    return all(best - log_weight(one) > lead for one in tried.elsewhere)
+    best = log_weight(hypotheses)
+    return all(best - log_weight(part) > margin for part in hypotheses.elsewhere)
 
 
-def merge_delays(tried: Tried, params: PoseParams) -> PoseBank:
+def merge_delays(hypotheses: Tried, params: PoseParams) -> PoseBank:
     """Merges the no-failure filters of all delays by moment matching to a bank of one, for the report."""
-    first, total = tried.bank.select(slice(1)), log_weight(tried)
-    for one in tried.elsewhere:
-        own = log_weight(one)
+    first, total = hypotheses.bank.select(slice(1)), log_weight(hypotheses)
+    for part in hypotheses.elsewhere:
+        own = log_weight(part)
         both = float(np.logaddexp(total, own))
         share = np.array([np.exp(own - both)])
-        first, total = merge_banks(first, one.bank.select(slice(1)), share, params), both
+        first, total = merge_banks(first, part.bank.select(slice(1)), share, params), both
     return first
 
 
-def log_weight(tried: Tried) -> float:
+def log_weight(hypotheses: Tried) -> float:
     """Computes the log of the summed probability of all hypotheses of one delay, up to a common constant, nats."""
-    return tried.total + float(np.logaddexp.reduce(tried.likelihood))
+    return hypotheses.total + float(np.logaddexp.reduce(hypotheses.likelihood))
 
 
 def _order_parts(parts: list[Tried]) -> Tried:
     """Orders delays by weight, dropping unlikely ones; returns the first, the others in its `elsewhere`."""
-    weights = np.array([log_weight(one) for one in parts])
+    weights = np.array([log_weight(part) for part in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
     return kept[0]._replace(elsewhere=tuple(kept[1:]))
@@ -158,43 +156,43 @@ def _order_parts(parts: list[Tried]) -> Tried:
 
 def _merge_close_parts(parts: list[Tried], params: PoseParams) -> list[Tried]:
     """Merges pairs of delays that one filter can hold; returns the hypotheses of each delay left."""
-    if any(one.doubt is not None for one in parts):
+    if any(part.doubt is not None for part in parts):
         return parts
     result: list[Tried] = []
-    for one in parts:
-        same = [place for place, other in enumerate(result) if _can_merge(one, other, params)]
+    for part in parts:
+        same = [place for place, other in enumerate(result) if _can_merge(part, other, params)]
         if same:
-            result[same[0]] = _merge_pair(result[same[0]], one, params)
+            result[same[0]] = _merge_pair(result[same[0]], part, params)
         else:
-            result.append(one)
+            result.append(part)
     return result
 
 
-def _can_merge(one: Tried, other: Tried, params: PoseParams) -> bool:
+def _can_merge(first: Tried, second: Tried, params: PoseParams) -> bool:
     """Tests whether one filter can hold both delays, as if equally likely, without losing either.
 
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
     """
-    places = _delay_places(params)
-    if not np.array_equal(one.known, other.known):
+    places = _delay_indices(params)
+    if not np.array_equal(first.known, second.known):
         return False
-    apart = (one.bank.mean[0] - other.bank.mean[0])[params.free[places]]
-    own = [each.bank.covariance[0][places, places] for each in (one, other)]
+    apart = (first.bank.mean[0] - second.bank.mean[0])[params.free[places]]
+    own = [each.bank.covariance[0][places, places] for each in (first, second)]
     wider = np.maximum(*own)
-    share = float(np.exp(log_weight(other) - np.logaddexp(log_weight(one), log_weight(other))))
+    share = float(np.exp(log_weight(second) - np.logaddexp(log_weight(first), log_weight(second))))
     both = (1.0 - share) * own[0] + share * own[1] + share * (1.0 - share) * apart**2
     holds = (wider + 0.25 * apart**2 <= params.delays.reach_s**2) & (both >= _KEPT * wider)
     return bool(holds.all())
 
 
-def _merge_pair(one: Tried, other: Tried, params: PoseParams) -> Tried:
+def _merge_pair(first: Tried, second: Tried, params: PoseParams) -> Tried:
     """Merges the hypotheses of two delays one by one by moments; the likelier delay's counters stay."""
-    total, share = add_weights(one.total + one.likelihood, other.total + other.likelihood)
-    likelier = one if log_weight(one) >= log_weight(other) else other
+    total, share = add_weights(first.total + first.likelihood, second.total + second.likelihood)
+    likelier = first if log_weight(first) >= log_weight(second) else second
     return likelier._replace(
-        bank=merge_banks(one.bank, other.bank, share, params),
+        bank=merge_banks(first.bank, second.bank, share, params),
         likelihood=total - total[0],
-        onset_s=np.where(share > 0.5, other.onset_s, one.onset_s),
+        onset_s=np.where(share > 0.5, second.onset_s, first.onset_s),
         total=float(total[0]),
     )

@@ -40,14 +40,14 @@ class _PoseReader:
             raise ValueError("hypotheses must be counted by whole numbers")
         return int(number)
 
-    def ends(self) -> bool:
+    def is_at_end(self) -> bool:
         """Tests whether the whole vector has been read."""
         return self._at == self._vector.size
 
 
-def pack_hypotheses(tried: Tried, commands: Commands) -> Array:
+def pack_hypotheses(hypotheses: Tried, commands: Commands) -> Array:
     """Packs the commands that still act and all hypotheses into one vector, for a restart."""
-    parts = [tried._replace(elsewhere=()), *tried.elsewhere]
+    parts = [hypotheses._replace(elsewhere=()), *hypotheses.elsewhere]
     blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
     blocks += [commands.time_s, commands.levels.ravel()]
     for part in parts:
@@ -61,14 +61,14 @@ def unpack_hypotheses(vector: Array, params: PoseParams) -> tuple[Tried, Command
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.
     """
-    read, jets = _PoseReader(vector), params.pushes.shape[0]
-    count, parts = read.count(), read.count()
-    commands = Commands(read.take(count), read.take(count, jets))
-    found = [_read_part(read, params) for _ in range(parts)]
-    if not found or not read.ends():
+    reader, jets = _PoseReader(vector), params.pushes.shape[0]
+    count, parts = reader.count(), reader.count()
+    commands = Commands(reader.take(count), reader.take(count, jets))
+    unpacked = [_read_part(reader, params) for _ in range(parts)]
+    if not unpacked or not reader.is_at_end():
         raise ValueError("hypotheses are of another number")
-    _require_possible(commands, found)
-    return found[0]._replace(elsewhere=tuple(found[1:])), commands
+    _require_possible(commands, unpacked)
+    return unpacked[0]._replace(elsewhere=tuple(unpacked[1:])), commands
 
 
 def _pack_part(part: Tried) -> list[Array]:
@@ -84,18 +84,18 @@ def _pack_part(part: Tried) -> list[Array]:
     return blocks
 
 
-def _read_part(read: _PoseReader, params: PoseParams) -> Tried:
+def _read_part(reader: _PoseReader, params: PoseParams) -> Tried:
     """Reads the hypotheses of one delay from a vector as `_pack_part` packs them."""
-    filters, renewed_s, led_s, leader, steady, total, has_apart, has_doubt = read.take(8).tolist()
+    filters, renewed_s, led_s, leader, steady, total, has_apart, has_doubt = reader.take(8).tolist()
     jets = params.pushes.shape[0]
     if filters not in (1.0, 2.0 + 2.0 * jets):
         raise ValueError("hypotheses are of another number of jets")
     count = int(filters)
-    likelihood = read.take(count)
+    likelihood = reader.take(count)
     likelihood[np.isnan(likelihood)] = -np.inf
-    onset_s, known, bank = read.take(count), read.take(1 + 2 * jets), _read_bank(read, count, params)
-    apart = read.take(count, count) if has_apart else None
-    doubt = Doubt(_read_bank(read, count, params), read.take(count)) if has_doubt else None
+    onset_s, known, bank = reader.take(count), reader.take(1 + 2 * jets), _read_bank(reader, count, params)
+    apart = reader.take(count, count) if has_apart else None
+    doubt = Doubt(_read_bank(reader, count, params), reader.take(count)) if has_doubt else None
     return Tried(bank, likelihood, onset_s, known, renewed_s, led_s, int(leader), int(steady), doubt, apart, total)
 
 
@@ -107,17 +107,17 @@ def _pack_bank(bank: PoseBank) -> list[Array]:
     return [part.ravel() for part in parts]
 
 
-def _read_bank(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
+def _read_bank(reader: _PoseReader, count: int, params: PoseParams) -> PoseBank:
     """Reads a bank of ``count`` filters from a vector: the inverse of `_pack_bank`."""
     n = params.free.size
     rows, columns = np.tril_indices(n)
-    mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)
+    mean, lower = reader.take(count, params.parts.size), reader.take(count, rows.size)
     covariance = np.empty((count, n, n))
     covariance[:, rows, columns] = covariance[:, columns, rows] = lower
-    rotation, opens = read.take(count, 3, 3), read.take(count)
+    rotation, opens = reader.take(count, 3, 3), reader.take(count)
     if not np.isin(opens, np.arange(PUSHED, params.pushes.shape[0])).all():
         raise ValueError("hypotheses are of jets that there are not")
-    return PoseBank(mean, covariance, rotation, opens.astype(int), read.take(count, 3), read.take(count, 3, 3))
+    return PoseBank(mean, covariance, rotation, opens.astype(int), reader.take(count, 3), reader.take(count, 3, 3))
 
 
 def _require_possible(commands: Commands, parts: list[Tried]) -> None:

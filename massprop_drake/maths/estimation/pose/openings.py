@@ -64,7 +64,7 @@ class Openings(NamedTuple):
     unsure: Array
 
 
-class _Grown(NamedTuple):
+class _StepIntegrals(NamedTuple):
     """Integrals L, S and SS, and the derivatives of S and SS by ln tau."""
 
     level: Array
@@ -74,8 +74,8 @@ class _Grown(NamedTuple):
     twice_by: Array
 
 
-def _step_response_integrals(since_s: Array, lag_s: Array) -> _Grown:
-    """Computes the first-order response to a step and its integrals (see `_Grown`), zero before the step."""
+def _step_response_integrals(since_s: Array, lag_s: Array) -> _StepIntegrals:
+    """Computes the first-order response to a step and its integrals (see `_StepIntegrals`), zero before the step."""
     time_s = np.maximum(since_s, 0.0)
     left = np.exp(-time_s / lag_s)
     level = 1.0 - left
@@ -83,7 +83,7 @@ def _step_response_integrals(since_s: Array, lag_s: Array) -> _Grown:
     twice = 0.5 * time_s**2 - lag_s * once
     once_by = lag_s * (time_s / lag_s * left - level)
     twice_by = -lag_s * once - lag_s * once_by
-    return _Grown(level, once, twice, once_by, twice_by)
+    return _StepIntegrals(level, once, twice, once_by, twice_by)
 
 
 def average_openings(
@@ -92,9 +92,7 @@ def average_openings(
     """Computes integrals of jet openings over an interval, averaged over an uncertain delay and linear in it.
 
     Args:
-        commands: see `Commands`.
         span_s: begin and end of the interval.
-        timing: see `OpeningTimes`.
         delay_std_s: 1-sigma of the delays, shape (n_filters, n_jets).
     """
     latest_s = float(timing.delay_s.max() + _NODES[-1] * delay_std_s.max() + _OVER * timing.lag_s.max())
@@ -132,21 +130,20 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
     Args:
         commands: see `Commands`; what they said before the first row is taken for nothing.
         begin_s, end_s: of the interval.
-        timing: see `OpeningTimes`.
     """
     unknown = np.isnan(commands.levels)
     levels = np.where(unknown, 0.5, commands.levels)
-    before = np.vstack((np.zeros_like(levels[:1]), levels[:-1]))
-    opens = (levels > 0.0) & (before == 0.0)
+    previous_levels = np.vstack((np.zeros_like(levels[:1]), levels[:-1]))
+    opens = (levels > 0.0) & (previous_levels == 0.0)
     ends = np.append(commands.time_s[1:], np.inf)
     delay, lag = timing.delay_s[:, None], np.maximum(timing.lag_s, _INSTANT_S)[:, None]
     off = ends[:, None] + delay
-    late = np.where(opens, timing.opening_s[:, None], 0.0)
-    on = np.minimum(commands.time_s[:, None] + delay + late, off)
-    clipped = commands.time_s[:, None] + delay + late >= off
+    opening_delay = np.where(opens, timing.opening_s[:, None], 0.0)
+    on = np.minimum(commands.time_s[:, None] + delay + opening_delay, off)
+    clipped = commands.time_s[:, None] + delay + opening_delay >= off
     duration = end_s - begin_s
 
-    def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    def edge_integrals(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Computes J and JJ of a unit step at an edge, then derivatives of both by the edge and by ln tau."""
         at_end, at_begin = _step_response_integrals(end_s - edge, lag), _step_response_integrals(begin_s - edge, lag)
         once = at_end.once - at_begin.once
@@ -157,7 +154,7 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
         twice_by = at_end.twice_by - at_begin.twice_by - duration * at_begin.once_by
         return once, twice, by_edge, twice_by_edge, once_by, twice_by
 
-    begun, ended = parts(on), parts(off)
+    begun, ended = edge_integrals(on), edge_integrals(off)
     once, twice, delay_once, delay_twice, lag_once, lag_twice = (
         np.sum(levels * (a - b), axis=1) for a, b in zip(begun, ended, strict=True)
     )

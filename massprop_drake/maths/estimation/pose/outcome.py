@@ -20,20 +20,19 @@ _ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two th
 
 
 def estimated_properties(
-    mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams
+    mean: Array, covariance: Array, healthy_jets: np.ndarray, params: PoseParams
 ) -> tuple[Array, Array]:
     """Computes the ten mass-property parameters, shape (10,), and covariance, (10, 10), zero where fixed.
 
     Args:
         mean: of the whole state, shape (size,).
         covariance: of what is free, shape (n, n).
-        healthy: which jets' factors say something of the mass, shape (n_jets,).
-        params: see `PoseParams`.
+        healthy_jets: which jets' factors say something of the mass, shape (n_jets,).
     """
     parts, size = params.parts, params.parts.size
     whole = np.zeros((size, size))
     whole[np.ix_(params.free, params.free)] = covariance
-    weights, left = mass_regression(healthy, params)
+    weights, residual_variance = mass_regression(healthy_jets, params)
     scale = 1.0 + float(weights @ (mean - params.start))
     spin = mean[parts.spin]
     rows = np.zeros((10, size))
@@ -42,32 +41,31 @@ def estimated_properties(
     rows[:6] /= params.nominal_mass
     rows[6:9, parts.center] = np.eye(3)
     rows[9] = weights / params.nominal_mass
-    own = np.zeros(10)
-    own[:6], own[9] = spin / params.nominal_mass, 1.0 / params.nominal_mass
-    found = rows @ whole @ rows.T + left * np.outer(own, own)
-    found[9, 9] += (params.unseen_std / params.nominal_mass) ** 2
+    by_mass_ratio = np.zeros(10)
+    by_mass_ratio[:6], by_mass_ratio[9] = spin / params.nominal_mass, 1.0 / params.nominal_mass
+    covariance_of_ten = rows @ whole @ rows.T + residual_variance * np.outer(by_mass_ratio, by_mass_ratio)
+    covariance_of_ten[9, 9] += (params.unseen_std / params.nominal_mass) ** 2
     values = np.concatenate((spin * scale / params.nominal_mass, mean[parts.center], [scale / params.nominal_mass]))
-    return values, found
+    return values, covariance_of_ten
 
 
-def mass_regression(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
+def mass_regression(healthy_jets: np.ndarray, params: PoseParams) -> tuple[Array, float]:
     """Computes the gain of mu = m_0/m on the state, shape (size,), and the variance of mu it leaves.
 
     Args:
-        healthy: which jets' factors say something of the mass, shape (n_jets,).
-        params: see `PoseParams`.
+        healthy_jets: which jets' factors say something of the mass, shape (n_jets,).
     """
     parts, variance = params.parts, params.mass_std**2
-    jets = np.flatnonzero(healthy)
+    jets = np.flatnonzero(healthy_jets)
     spin = np.intersect1d(params.free, np.arange(parts.spin.start, parts.spin.stop))
-    told = np.zeros((jets.size + spin.size, parts.size))
-    told[np.arange(jets.size), jets] = 1.0
-    told[: jets.size, parts.common] = -1.0
-    told[np.arange(jets.size, len(told)), spin] = 1.0
+    observations = np.zeros((jets.size + spin.size, parts.size))
+    observations[np.arange(jets.size), jets] = 1.0
+    observations[: jets.size, parts.common] = -1.0
+    observations[np.arange(jets.size, len(observations)), spin] = 1.0
     with_mass = variance * np.concatenate((np.ones(jets.size), -params.start[spin]))
-    beforehand = told[:, params.free] @ params.covariance @ told[:, params.free].T
-    deviation = np.sqrt(beforehand.diagonal())
+    observed_covariance = observations[:, params.free] @ params.covariance @ observations[:, params.free].T
+    deviation = np.sqrt(observed_covariance.diagonal())
     deviation[deviation == 0.0] = 1.0
-    correlation = beforehand / np.outer(deviation, deviation)
+    correlation = observed_covariance / np.outer(deviation, deviation)
     gain = np.linalg.pinv(correlation, _ROUNDING, hermitian=True) @ (with_mass / deviation) / deviation
-    return gain @ told, variance - float(gain @ with_mass)
+    return gain @ observations, variance - float(gain @ with_mass)

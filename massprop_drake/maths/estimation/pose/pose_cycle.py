@@ -100,7 +100,7 @@ def step(
     span_s: tuple[float, float],
     readings: PoseReadings,
     params: PoseParams,
-    doubt: Doubt | None = None,
+    alternative: Doubt | None = None,
 ) -> PoseCycled:
     """Advances a bank of filters by a sample: predicts, updates, and merges alternative filters of the last one.
 
@@ -109,53 +109,53 @@ def step(
         commands: see `Commands`; those given at the sample itself included, as some act at once.
         span_s: time of the last sample and of this one.
         readings: at its end.
-        params: see `PoseParams`.
-        doubt: of the last sample; None: there is none.
+        alternative: of the last sample; None: there is none.
 
     Raises:
         NotPositiveDefiniteError: when an innovation's covariance loses definiteness, with the time.
     """
     done = _step_without_doubt(bank, commands, span_s, readings, params)
-    if doubt is None:
+    if alternative is None:
         return done
-    other = _step_without_doubt(doubt.bank, commands, span_s, readings, params)
+    other = _step_without_doubt(alternative.bank, commands, span_s, readings, params)
     with np.errstate(divide="ignore"):  # of what is impossible
-        total, share = add_weights(np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood)
+        total, share = add_weights(
+            np.log1p(-alternative.share) + done.likelihood, np.log(alternative.share) + other.likelihood
+        )
     of_first = done.of_first + share[0] * (other.of_first - done.of_first)
     kicked = done.kicked + share * (1.0 - done.kicked)
     both = merge_banks(done.bank, other.bank, share, params)
     return done._replace(bank=both, likelihood=total, kicked=kicked, of_first=of_first, doubt=None)
 
 
-def add_weights(one: Array, other: Array) -> tuple[Array, Array]:
+def add_weights(first: Array, second: Array) -> tuple[Array, Array]:
     """Adds probabilities by their logs; returns the log of the sum, and the share of the second, else zero."""
-    total = np.logaddexp(one, other)
-    share = np.where(np.isfinite(total), np.exp(other - np.where(np.isfinite(total), total, 0.0)), 0.0)
+    total = np.logaddexp(first, second)
+    share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
     return total, share
 
 
-def merge_banks(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
+def merge_banks(first: PoseBank, second: PoseBank, share: Array, params: PoseParams) -> PoseBank:
     """Merges two banks, filter by filter, by moment matching.
 
     Args:
-        one, other: of the same number of filters.
+        first, second: of the same number of filters.
         share: of the other in each, 0 to 1, shape (n_filters,).
-        params: see `PoseParams`.
     """
     parts, free = params.parts, params.free
-    apart = other.mean - one.mean
-    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(one.rotation, 1, 2) @ other.rotation)
+    apart = second.mean - first.mean
+    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(first.rotation, 1, 2) @ second.rotation)
     moved = share[:, None] * apart
-    mean = one.mean + moved
+    mean = first.mean + moved
     mean[:, parts.attitude] = 0.0
     spread = apart[:, free]
     covariance = (
-        (1.0 - share)[:, None, None] * one.covariance
-        + share[:, None, None] * other.covariance
+        (1.0 - share)[:, None, None] * first.covariance
+        + share[:, None, None] * second.covariance
         + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
     )
-    rotation = one.rotation @ rotations(moved[:, parts.attitude])
-    return PoseBank(mean, covariance, rotation, other.opens, one.reference, one.turned)
+    rotation = first.rotation @ rotations(moved[:, parts.attitude])
+    return PoseBank(mean, covariance, rotation, second.opens, first.reference, first.turned)
 
 
 def _step_without_doubt(
@@ -163,45 +163,45 @@ def _step_without_doubt(
 ) -> PoseCycled:
     """Advances a bank by a sample as does ``step`` where no alternative filters are left of the last one."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
-        ahead = predict_bank(bank, commands, *span_s, params)
-        beside = compare_readings(ahead.bank, readings, params)
+        predicted = predict_bank(bank, commands, *span_s, params)
+        compared = compare_readings(predicted.bank, readings, params)
     count = bank.mean.shape[0]
-    if beside is None:
+    if compared is None:
         nothing = np.zeros(count)
-        return PoseCycled(ahead.bank, nothing, np.zeros((count, 0)), nothing, np.zeros((2, 2)))
-    shown = beside.jacobian @ ahead.bank.covariance @ np.swapaxes(beside.jacobian, 1, 2)
-    run_off = _find_diverged(ahead.bank, beside, shown, span_s[1])
-    if run_off.any():  # what is left of it is the first filter, and no likelihood
-        shown = _values_of_first(shown, run_off)
-        others = PoseBank(*(_values_of_first(part, run_off) for part in ahead.bank))._replace(opens=bank.opens)
-        ahead = ahead._replace(bank=others, kick=_values_of_first(ahead.kick, run_off))
-        innovation, jacobian, variance = (_values_of_first(part, run_off) for part in beside[:3])
-        beside = beside._replace(innovation=innovation, jacobian=jacobian, variance=variance)
-    chance, poor = kick_and_outlier_chances(beside, span_s, params)
-    fair, noisy = None, scale_pose_noise(beside, params.pose.outlier_scale) if poor > 0.0 else beside
-    uncertain = shown[0].diagonal() > params.pose.tells * beside.variance[0].diagonal()
-    if poor > 0.0 and uncertain[beside.poses].any():  # a poor reading looks like a good one
-        good, bad = (_gaussian_log_density(shown + one.variance, one.innovation)[1] for one in (beside, noisy))
+        return PoseCycled(predicted.bank, nothing, np.zeros((count, 0)), nothing, np.zeros((2, 2)))
+    projected = compared.jacobian @ predicted.bank.covariance @ np.swapaxes(compared.jacobian, 1, 2)
+    diverged = _find_diverged(predicted.bank, compared, projected, span_s[1])
+    if diverged.any():  # what is left of it is the first filter, and no likelihood
+        projected = _values_of_first(projected, diverged)
+        others = PoseBank(*(_values_of_first(part, diverged) for part in predicted.bank))._replace(opens=bank.opens)
+        predicted = predicted._replace(bank=others, kick=_values_of_first(predicted.kick, diverged))
+        innovation, jacobian, variance = (_values_of_first(part, diverged) for part in compared[:3])
+        compared = compared._replace(innovation=innovation, jacobian=jacobian, variance=variance)
+    chance, poor = kick_and_outlier_chances(compared, span_s, params)
+    fair, noisy = None, scale_pose_noise(compared, params.pose.outlier_scale) if poor > 0.0 else compared
+    uncertain = projected[0].diagonal() > params.pose.tells * compared.variance[0].diagonal()
+    if poor > 0.0 and uncertain[compared.poses].any():  # a poor reading looks like a good one
+        good, bad = (_gaussian_log_density(projected + case.variance, case.innovation)[1] for case in (compared, noisy))
         fair = np.logaddexp(np.log1p(-poor) + good, np.log(poor) + bad)
-        beside, poor = noisy, 0.0
-    happened = list_possibilities(ahead, (beside, noisy), (chance, poor))
-    ways = possibility_updates(happened, ahead.bank.mean, params)
-    each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
-    total = np.logaddexp.reduce(each)
-    share = np.exp(each - total)
-    kicked = share[1] if chance > 0.0 else np.zeros(count)
-    nis = [part * _nis_by_kind(one.shown[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
+        compared, poor = noisy, 0.0
+    cases = list_possibilities(predicted, (compared, noisy), (chance, poor))
+    updates = possibility_updates(cases, predicted.bank.mean, params)
+    logs = np.stack([np.log(case.chance) + update.likelihood for case, update in zip(cases, updates, strict=True)])
+    total = np.logaddexp.reduce(logs)
+    weights = np.exp(logs - total)
+    kicked = weights[1] if chance > 0.0 else np.zeros(count)
+    nis = [part * _nis_by_kind(case.shown[0], case.beside) for part, case in zip(weights[:, 0], cases, strict=True)]
     doubt = None
-    if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
-        doubt = Doubt(mix_possibilities(ahead.bank, happened[1:2], ways[1:2], np.ones((1, count)), params), kicked)
-        happened, ways, share = happened[::2], ways[::2], share[::2] / np.maximum(1.0 - kicked, _TINY)
-    after = mix_possibilities(ahead.bank, happened, ways, share, params)
-    total = np.where(run_off, -np.inf, total if fair is None else fair)
-    whitened = _whitened_innovations(shown, beside)
-    return PoseCycled(after, total, beside.innovation, kicked, np.sum(nis, axis=0), doubt, whitened)
+    if chance > 0.0 and poor > 0.0 and weights[2].max() > _DOUBTFUL:
+        doubt = Doubt(mix_possibilities(predicted.bank, cases[1:2], updates[1:2], np.ones((1, count)), params), kicked)
+        cases, updates, weights = cases[::2], updates[::2], weights[::2] / np.maximum(1.0 - kicked, _TINY)
+    after = mix_possibilities(predicted.bank, cases, updates, weights, params)
+    total = np.where(diverged, -np.inf, total if fair is None else fair)
+    whitened = _whitened_innovations(projected, compared)
+    return PoseCycled(after, total, compared.innovation, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
-def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
+def _find_diverged(bank: PoseBank, compared: Compared, projected: Array, time_s: float) -> np.ndarray:
     """Flags filters whose innovation covariance is not positive definite or not finite, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
@@ -209,19 +209,19 @@ def _find_diverged(bank: PoseBank, beside: Compared, shown: Array, time_s: float
     Raises:
         NotPositiveDefiniteError: when the first has, with the time.
     """
-    expected = shown + beside.variance
-    parts = (expected, beside.innovation, bank.mean, bank.covariance)
-    numbers = np.logical_and.reduce([np.isfinite(part).reshape(shown.shape[0], -1).all(axis=1) for part in parts])
-    least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(shown.shape[1])))[:, 0]
-    run_off = ~(numbers & (least > 0.0))
-    if run_off[0]:
+    expected = projected + compared.variance
+    parts = (expected, compared.innovation, bank.mean, bank.covariance)
+    finite = np.logical_and.reduce([np.isfinite(part).reshape(projected.shape[0], -1).all(axis=1) for part in parts])
+    least = np.linalg.eigvalsh(np.where(finite[:, None, None], expected, np.eye(projected.shape[1])))[:, 0]
+    diverged = ~(finite & (least > 0.0))
+    if diverged[0]:
         raise NotPositiveDefiniteError(bank.covariance[0], "the pose estimator's covariance", time_s)
-    return run_off
+    return diverged
 
 
-def _values_of_first(values: Array, chosen: np.ndarray) -> Array:
+def _values_of_first(values: Array, flags: np.ndarray) -> Array:
     """Replaces the values of flagged filters by the first filter's, shape (n_filters, ...)."""
-    return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
+    return np.where(flags.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
 class Happened(NamedTuple):
@@ -242,72 +242,73 @@ class Happened(NamedTuple):
     shown: Array
 
 
-def kick_and_outlier_chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
+def kick_and_outlier_chances(
+    compared: Compared, span_s: tuple[float, float], params: PoseParams
+) -> tuple[float, float]:
     """Computes the probabilities of a kick in an interval and of outlying pose readings at its end."""
     kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
-    return float(kick), params.pose.outliers if beside.poses.any() else 0.0
+    return float(kick), params.pose.outliers if compared.poses.any() else 0.0
 
 
 def list_possibilities(
-    ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]
+    predicted: Predicted, good_and_poor: tuple[Compared, Compared], probabilities: tuple[float, float]
 ) -> list[Happened]:
     """Lists what may have happened in an interval (as modeled; a kick; poor readings), with cross covariances.
 
     Args:
-        ahead: the bank before the readings.
-        besides: readings as good ones and as poor ones.
-        chances: of a kick and of poor readings; zero: it is not among them.
+        predicted: the bank before the readings.
+        good_and_poor: readings as good ones and as poor ones.
+        probabilities: of a kick and of poor readings; zero: it is not among them.
     """
-    (good, noisy), (of_kick, of_poor) = besides, chances
+    (good, noisy), (of_kick, of_poor) = good_and_poor, probabilities
     by = np.swapaxes(good.jacobian, 1, 2)
-    crossed = ahead.bank.covariance @ by
-    happened = [Happened(1.0 - of_kick - of_poor, None, good, crossed, good.jacobian @ crossed)]
+    crossed = predicted.bank.covariance @ by
+    cases = [Happened(1.0 - of_kick - of_poor, None, good, crossed, good.jacobian @ crossed)]
     if of_kick > 0.0:
-        seen = good.jacobian @ ahead.kick
-        back = np.swapaxes(seen, 1, 2)
-        kicked = crossed + ahead.kick @ back, happened[0].shown + seen @ back
-        happened.append(Happened(of_kick, ahead.kick, good, *kicked))
+        kick_effect = good.jacobian @ predicted.kick
+        back = np.swapaxes(kick_effect, 1, 2)
+        kicked = crossed + predicted.kick @ back, cases[0].shown + kick_effect @ back
+        cases.append(Happened(of_kick, predicted.kick, good, *kicked))
     if of_poor > 0.0:
-        happened.append(happened[0]._replace(chance=of_poor, beside=noisy))
-    return happened
+        cases.append(cases[0]._replace(chance=of_poor, beside=noisy))
+    return cases
 
 
 def mix_possibilities(
-    bank: PoseBank, happened: list[Happened], ways: list[PoseUpdate], share: Array, params: PoseParams
+    bank: PoseBank, cases: list[Happened], updates: list[PoseUpdate], weights: Array, params: PoseParams
 ) -> PoseBank:
     """Mixes the updates by all possibilities by moment matching; returns the bank after the readings.
 
     Args:
         bank: before the readings.
-        happened, ways: what may have, and the update by each, n of them.
-        share: probability of each, shape (n, n_filters).
-        params: see `PoseParams`.
+        cases, updates: what may have, and the update by each, n of them.
+        weights: probability of each, shape (n, n_filters).
     """
-    each = np.stack([way.correction for way in ways])
-    correction = np.einsum("kh,khn->hn", share, each)
+    each = np.stack([update.correction for update in updates])
+    correction = np.einsum("kh,khn->hn", weights, each)
     covariance = bank.covariance
-    for part, one in zip(share[:, :, None, None], happened, strict=True):
-        if one.kick is not None:
-            covariance = covariance + (part * one.kick) @ np.swapaxes(one.kick, 1, 2)
+    for part, case in zip(weights[:, :, None, None], cases, strict=True):
+        if case.kick is not None:
+            covariance = covariance + (part * case.kick) @ np.swapaxes(case.kick, 1, 2)
     apart = np.moveaxis(each - correction, 0, -1)
-    left = [part * way.learned for part, way in zip(share[:, :, None, None], ways, strict=True)]
-    left.append(-0.5 * share.T[:, None, :] * apart)
+    left = [part * update.learned for part, update in zip(weights[:, :, None, None], updates, strict=True)]
+    left.append(-0.5 * weights.T[:, None, :] * apart)
     taken = np.concatenate(left, axis=2) @ np.swapaxes(
-        np.concatenate([*(way.gain for way in ways), apart], axis=2), 1, 2
+        np.concatenate([*(update.gain for update in updates), apart], axis=2), 1, 2
     )
     return apply_correction(bank, correction, covariance - (taken + np.swapaxes(taken, 1, 2)), params)
 
 
-def possibility_updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
+def possibility_updates(cases: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
     """Computes the Kalman update by each possibility, K fixed in filters where an update would be unphysical."""
-    taken = np.ones((mean.shape[0], params.free.size))
-    ways = _joseph_updates(happened, taken)
-    corrections = np.stack([way.correction for way in ways])
+    factors = np.ones((mean.shape[0], params.free.size))
+    updates = _joseph_updates(cases, factors)
+    corrections = np.stack([update.correction for update in updates])
     possible = np.all(_is_spin_physical(mean, corrections, params), axis=0)
     if not possible.all():
-        taken = np.where(possible[:, None] | ~_select_spin(params), 1.0, 0.0)
-        ways = _joseph_updates(happened, taken)
-    return ways
+        factors = np.where(possible[:, None] | ~_select_spin(params), 1.0, 0.0)
+        updates = _joseph_updates(cases, factors)
+    return updates
 
 
 def _select_spin(params: PoseParams) -> np.ndarray:
@@ -326,10 +327,10 @@ def _is_spin_physical(mean: Array, correction: Array, params: PoseParams) -> np.
     return np.asarray(least[:-1] > _LEAST * least[-1])
 
 
-def scale_pose_noise(beside: Compared, scale: float) -> Compared:
+def scale_pose_noise(compared: Compared, scale: float) -> Compared:
     """Returns compared readings with the 1-sigma of pose readings multiplied by a factor."""
-    grown = np.where(beside.poses, scale, 1.0)
-    return beside._replace(variance=beside.variance * grown[:, None] * grown)
+    grown = np.where(compared.poses, scale, 1.0)
+    return compared._replace(variance=compared.variance * grown[:, None] * grown)
 
 
 def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Array]:
@@ -340,36 +341,36 @@ def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Ar
     return nis, -0.5 * (nis + determinant + innovation.shape[1] * _TWO_PI)
 
 
-def _nis_by_kind(shown: Array, beside: Compared) -> Array:
+def _nis_by_kind(projected: Array, compared: Compared) -> Array:
     """Computes the first filter's NIS and its degrees of freedom by kind of sensor, see `Cycled.of_first`."""
     result = np.zeros((2, 2))
-    off, expected = beside.innovation[0], shown + beside.variance[0]
-    for row, chosen in enumerate((beside.turning, ~beside.turning)):
+    off, expected = compared.innovation[0], projected + compared.variance[0]
+    for row, chosen in enumerate((compared.turning, ~compared.turning)):
         if chosen.any():
             result[row] = off[chosen] @ np.linalg.solve(expected[np.ix_(chosen, chosen)], off[chosen]), chosen.sum()
     return result
 
 
-def _whitened_innovations(shown: Array, beside: Compared) -> Array:
+def _whitened_innovations(projected: Array, compared: Compared) -> Array:
     """Whitens innovations by the covariance that the bank expects on average, shape (n_filters, m)."""
-    expected = np.mean(shown + beside.variance, axis=0)
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
+    expected = np.mean(projected + compared.variance, axis=0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), compared.innovation.T).T, dtype=np.float64)
 
 
-def _joseph_updates(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility, gains times ``taken``, shape (n_filters, n), in Joseph form.
+def _joseph_updates(cases: list[Happened], factors: Array) -> list[PoseUpdate]:
+    """Computes the Kalman update by each possibility, gains times ``factors``, shape (n_filters, n), in Joseph form.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.
     """
-    count = len(happened)
-    crossed = np.concatenate([one.crossed for one in happened])
-    expected = np.concatenate([one.shown + one.beside.variance for one in happened])
-    innovation = np.tile(happened[0].beside.innovation, (count, 1))
+    count = len(cases)
+    crossed = np.concatenate([case.crossed for case in cases])
+    expected = np.concatenate([case.shown + case.beside.variance for case in cases])
+    innovation = np.tile(cases[0].beside.innovation, (count, 1))
     nis, likelihood = _gaussian_log_density(expected, innovation)
     gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
-    gain = gain * np.tile(taken, (count, 1))[..., None]
+    gain = gain * np.tile(factors, (count, 1))[..., None]
     learned = crossed - 0.5 * gain @ expected
     correction = (gain @ innovation[..., None])[..., 0]
     parts = (np.split(part, count) for part in (correction, likelihood, nis, gain, learned))
-    return [PoseUpdate(*one) for one in zip(*parts, strict=True)]
+    return [PoseUpdate(*case) for case in zip(*parts, strict=True)]

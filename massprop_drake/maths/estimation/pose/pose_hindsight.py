@@ -115,36 +115,36 @@ class PoseEquations(NamedTuple):
 
 def unknowns_from_state(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
     """Converts a filter's state and 1/m to the unknowns of the normal equations, shape (size,)."""
-    parts, at = params.parts, state.copy()
+    parts, unknowns = params.parts, state.copy()
     scale = mass_reciprocal * params.nominal_mass
-    at[parts.thrust] = state[parts.thrust] / scale
-    at[parts.common] = mass_reciprocal
-    at[parts.spin] = state[parts.spin] * mass_reciprocal
-    at[parts.lag] = np.exp(state[parts.lag])
-    return at
+    unknowns[parts.thrust] = state[parts.thrust] / scale
+    unknowns[parts.common] = mass_reciprocal
+    unknowns[parts.spin] = state[parts.spin] * mass_reciprocal
+    unknowns[parts.lag] = np.exp(state[parts.lag])
+    return unknowns
 
 
-def state_from_unknowns(at: Array, params: PoseParams) -> Array:
+def state_from_unknowns(unknowns: Array, params: PoseParams) -> Array:
     """Converts the unknowns to a filter's state, shape (size,): the inverse of `unknowns_from_state`."""
-    parts, state = params.parts, at.copy()
-    reciprocal = at[parts.common]
-    state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
+    parts, state = params.parts, unknowns.copy()
+    reciprocal = unknowns[parts.common]
+    state[parts.thrust] = unknowns[parts.thrust] * reciprocal * params.nominal_mass
     state[parts.common] = 0.0
-    state[parts.spin] = at[parts.spin] / reciprocal
-    state[parts.lag] = np.log(np.maximum(at[parts.lag], _INSTANT_S))
+    state[parts.spin] = unknowns[parts.spin] / reciprocal
+    state[parts.lag] = np.log(np.maximum(unknowns[parts.lag], _INSTANT_S))
     return state
 
 
-def state_derivatives(at: Array, params: PoseParams) -> Array:
+def state_derivatives(unknowns: Array, params: PoseParams) -> Array:
     """Computes derivatives of a filter's state by the unknowns, shape (size, size); zero for other elements."""
     parts, result = params.parts, np.diag(select_unknowns(params.parts).astype(float))
-    reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
+    reciprocal, mass = float(unknowns[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass
-    result[parts.thrust, parts.common] = mass * at[parts.thrust, None]
+    result[parts.thrust, parts.common] = mass * unknowns[parts.thrust, None]
     result[parts.common, parts.common] = 0.0
     result[parts.spin, parts.spin] /= reciprocal
-    result[parts.spin, parts.common] = -at[parts.spin, None] / reciprocal**2
-    result[parts.lag, parts.lag] /= np.maximum(at[parts.lag], _INSTANT_S)
+    result[parts.spin, parts.common] = -unknowns[parts.spin, None] / reciprocal**2
+    result[parts.lag, parts.lag] /= np.maximum(unknowns[parts.lag], _INSTANT_S)
     return result
 
 
@@ -156,19 +156,19 @@ def select_unknowns(parts: Parts) -> np.ndarray:
     return result
 
 
-def is_physical(at: Array, parts: Parts) -> bool:
+def is_physical(unknowns: Array, parts: Parts) -> bool:
     """Tests whether unknowns are physical: mass and inverse inertia positive, no valve lag negative."""
-    inverse = at[parts.spin][ELEMENT]
-    return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
+    inverse = unknowns[parts.spin][ELEMENT]
+    return bool(
+        unknowns[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (unknowns[parts.lag] >= 0.0).all()
+    )
 
 
 def known_vehicle_params(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
     """Returns parameters of a filter that takes a vehicle as known and estimates its motion alone.
 
     Args:
-        vehicle: see `Assumed`.
         movable: places of all that may be other than thought, and of the motion, in order.
-        params: see `PoseParams`.
     """
     parts, variances = params.parts, np.zeros(params.parts.size)
     variances[params.free] = params.covariance.diagonal()
@@ -184,10 +184,8 @@ def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, para
     """Computes the normal equations of a record's readings by the unknowns, about an assumed vehicle.
 
     Args:
-        record: see `PoseRecord`.
         vehicle: that is taken as known.
         movable: see `known_vehicle_params`.
-        params: of the estimator.
     """
     known = known_vehicle_params(vehicle, movable, params)
     size = params.parts.size
@@ -197,49 +195,57 @@ def record_equations(record: PoseRecord, vehicle: Assumed, movable: Places, para
     if first == rows:
         return total
     bank = initialize_bank(record.readings[first], known)._replace(opens=np.array([vehicle.opens]))
-    by = _initial_sensitivities(record.readings[first], bank, state_derivatives(vehicle.at, params), known)
+    sensitivity = _initial_sensitivities(record.readings[first], bank, state_derivatives(vehicle.at, params), known)
     for row in range(first + 1, rows):
         span_s = float(record.time_s[row - 1]), float(record.time_s[row])
-        ahead = predict_bank(bank, record.commands(row), *span_s, known)
-        bank, by, sample = _advance_sample(ahead, ahead.through[0] @ by, record.readings[row], span_s, known)
+        predicted = predict_bank(bank, record.commands(row), *span_s, known)
+        bank, sensitivity, sample = _advance_sample(
+            predicted, predicted.through[0] @ sensitivity, record.readings[row], span_s, known
+        )
         if sample is not None:
             total = total.plus(sample)
     return total
 
 
-def _initial_sensitivities(readings: PoseReadings, bank: PoseBank, by: Array, params: PoseParams) -> Array:
+def _initial_sensitivities(readings: PoseReadings, bank: PoseBank, sensitivity: Array, params: PoseParams) -> Array:
     """Computes derivatives of the free elements at the first sample by the unknowns, shape (n, size)."""
     parts, place = params.parts, first_pose_sensor(readings)
     if place is not None:
-        by = by.copy()
-        by[parts.position] = bank.rotation[0] @ (by[parts.center] - by[tracked_point(place, parts)])
-    return by[params.free]
+        sensitivity = sensitivity.copy()
+        sensitivity[parts.position] = bank.rotation[0] @ (
+            sensitivity[parts.center] - sensitivity[tracked_point(place, parts)]
+        )
+    return sensitivity[params.free]
 
 
 def _advance_sample(
-    ahead: Predicted, by: Array, readings: PoseReadings, span_s: tuple[float, float], params: PoseParams
+    predicted: Predicted, sensitivity: Array, readings: PoseReadings, span_s: tuple[float, float], params: PoseParams
 ) -> tuple[PoseBank, Array, PoseEquations | None]:
     """Updates filter and sensitivities by readings; returns both, and normal equations or None: nothing read."""
-    beside = compare_readings(ahead.bank, readings, params)
-    if beside is None:
-        return ahead.bank, by, None
-    of_kick, of_poor = kick_and_outlier_chances(beside, span_s, params)
-    noisy = scale_pose_noise(beside, params.pose.outlier_scale)
-    happened = list_possibilities(ahead, (beside, noisy), (of_kick, of_poor))
-    ways = possibility_updates(happened, ahead.bank.mean, params)
-    share, misfit = _possibility_shares(happened, ways)
-    shows, off = beside.jacobian[0] @ by, beside.innovation[0]
-    precisions = np.linalg.inv([one.shown[0] + one.beside.variance[0] for one in happened])
-    precision, gain = (np.tensordot(share, part, 1) for part in (precisions, [way.gain[0] for way in ways]))
+    compared = compare_readings(predicted.bank, readings, params)
+    if compared is None:
+        return predicted.bank, sensitivity, None
+    of_kick, of_poor = kick_and_outlier_chances(compared, span_s, params)
+    noisy = scale_pose_noise(compared, params.pose.outlier_scale)
+    cases = list_possibilities(predicted, (compared, noisy), (of_kick, of_poor))
+    updates = possibility_updates(cases, predicted.bank.mean, params)
+    weights, misfit = _possibility_shares(cases, updates)
+    shows, innovation = compared.jacobian[0] @ sensitivity, compared.innovation[0]
+    precisions = np.linalg.inv([case.shown[0] + case.beside.variance[0] for case in cases])
+    precision, gain = (np.tensordot(weights, part, 1) for part in (precisions, [update.gain[0] for update in updates]))
     weighed = shows.T @ precision
-    bank = mix_possibilities(ahead.bank, happened, ways, share[:, None], params)
-    return bank, by - gain @ shows, PoseEquations(weighed @ shows, weighed @ off, misfit, float(off.size))
+    bank = mix_possibilities(predicted.bank, cases, updates, weights[:, None], params)
+    return (
+        bank,
+        sensitivity - gain @ shows,
+        PoseEquations(weighed @ shows, weighed @ innovation, misfit, float(innovation.size)),
+    )
 
 
-def _possibility_shares(happened: list[Happened], ways: list[PoseUpdate]) -> tuple[Array, float]:
+def _possibility_shares(cases: list[Happened], updates: list[PoseUpdate]) -> tuple[Array, float]:
     """Computes probabilities of an interval's possibilities, (n_ways,), and the sample's chi-square misfit."""
-    chance = np.log([one.chance for one in happened])
-    each = chance + [way.likelihood[0] for way in ways]
-    best = chance + [way.likelihood[0] + 0.5 * way.nis[0] for way in ways]  # of no innovation at all
+    chance = np.log([case.chance for case in cases])
+    each = chance + [update.likelihood[0] for update in updates]
+    best = chance + [update.likelihood[0] + 0.5 * update.nis[0] for update in updates]  # of no innovation at all
     total = np.logaddexp.reduce(each)
     return np.exp(each - total), 2.0 * float(np.logaddexp.reduce(best) - total)

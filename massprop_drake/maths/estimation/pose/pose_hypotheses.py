@@ -108,33 +108,32 @@ class PoseOutcome(NamedTuple):
 
 
 def begin_hypotheses(
-    bank: PoseBank, time_s: float, params: PoseParams, known: Array | None = None, chance: float = BEFORE
+    bank: PoseBank, time_s: float, params: PoseParams, known_failures: Array | None = None, chance: float = BEFORE
 ) -> Tried:
     """Branches a filter into hypotheses: no further failure, each jet weak, each jet open, and a push.
 
     Args:
         bank: of one filter.
         time_s: now.
-        params: see `PoseParams`.
-        known: see `Tried`; None: nothing is.
+        known_failures: see `Tried`; None: nothing is.
         chance: probability of a failure of each kind of each jet.
     """
-    known = np.zeros(1 + 2 * params.pushes.shape[0]) if known is None else known
-    every = _stack_banks(bank, branch_failures(bank, known, params))
-    onset, likelihood = np.full(1 + known.size, time_s), np.append(0.0, np.log(chance) + _log_priors(params))
-    fresh = Tried(every, likelihood, onset, known, time_s, np.nan)
+    known_failures = np.zeros(1 + 2 * params.pushes.shape[0]) if known_failures is None else known_failures
+    every = _stack_banks(bank, branch_failures(bank, known_failures, params))
+    onset, likelihood = np.full(1 + known_failures.size, time_s), np.append(0.0, np.log(chance) + _log_priors(params))
+    fresh = Tried(every, likelihood, onset, known_failures, time_s, np.nan)
     return fresh._replace(likelihood=np.append(0.0, _possible_odds(fresh)))
 
 
-def make_single_filter(bank: PoseBank, known: Array, time_s: float) -> Tried:
+def make_single_filter(bank: PoseBank, known_failures: Array, time_s: float) -> Tried:
     """Wraps a bank of one filter as hypotheses without any further failure, from a time on.
 
     Args:
         bank: of one filter.
-        known: see `Tried`.
+        known_failures: see `Tried`.
         time_s: now.
     """
-    return Tried(bank, np.zeros(1), np.full(1, time_s), known, time_s, np.nan)
+    return Tried(bank, np.zeros(1), np.full(1, time_s), known_failures, time_s, np.nan)
 
 
 def _log_priors(params: PoseParams) -> Array:
@@ -145,7 +144,7 @@ def _log_priors(params: PoseParams) -> Array:
     return result
 
 
-def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
+def branch_failures(bank: PoseBank, known_failures: Array, params: PoseParams) -> PoseBank:
     """Copies a bank's first filter per failure, with that failure beginning now: a bank of 1 + 2 n_jets."""
     jets, parts, free = params.pushes.shape[0], params.parts, params.free
     count = 1 + 2 * jets
@@ -153,7 +152,7 @@ def branch_failures(bank: PoseBank, known: Array, params: PoseParams) -> PoseBan
     through = np.repeat(np.eye(free.size)[None], count, axis=0)
     added = np.zeros((count, free.size))
     place = {int(element): index for index, element in enumerate(free)}
-    good = known[:jets] == 0.0
+    good = known_failures[:jets] == 0.0
     opens = np.full(count, bank.opens[0])
     for jet in range(jets):
         others = np.flatnonzero(good & (np.arange(jets) != jet))
@@ -196,102 +195,102 @@ def _stack_banks(first: PoseBank, rest: PoseBank) -> PoseBank:
     return PoseBank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
-def renew_hypotheses(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+def renew_hypotheses(hypotheses: Tried, time_s: float, params: PoseParams) -> Tried:
     """Merges into each hypothesis, once a second, the no-failure filter with that failure beginning now."""
-    if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
-        return tried
-    chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _log_priors(params)
-    before = tried.likelihood[1:]
-    total, share = add_weights(before, tried.likelihood[0] + chance)
-    share = np.where(np.isneginf(before) & (tried.known > 0.0), 0.0, share)
-    failing = branch_failures(tried.bank, tried.known, params)
-    both = merge_banks(tried.bank.select(slice(1, None)), failing, share, params)
-    likelihood = np.append(tried.likelihood[:1], np.where(_select_possible(tried), total, _NEVER))
-    apart = tried.apart
+    if hypotheses.doubt is not None or time_s - hypotheses.renewed_s < RENEWAL_S:
+        return hypotheses
+    chance = np.log(BEFORE * (time_s - hypotheses.renewed_s) / AGAIN_S) + _log_priors(params)
+    before = hypotheses.likelihood[1:]
+    total, share = add_weights(before, hypotheses.likelihood[0] + chance)
+    share = np.where(np.isneginf(before) & (hypotheses.known > 0.0), 0.0, share)
+    failing = branch_failures(hypotheses.bank, hypotheses.known, params)
+    both = merge_banks(hypotheses.bank.select(slice(1, None)), failing, share, params)
+    likelihood = np.append(hypotheses.likelihood[:1], np.where(_select_possible(hypotheses), total, _NEVER))
+    apart = hypotheses.apart
     if apart is not None:  # what fails now foretells as the first has
         old = np.concatenate(([1.0], 1.0 - share))
         apart = old[:, None] * apart + (1.0 - old)[:, None] * apart[0]
         apart = old * apart + (1.0 - old) * apart[:, :1]
-    onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
-    bank = _stack_banks(tried.bank, both)
-    return tried._replace(bank=bank, likelihood=likelihood, onset_s=onset, renewed_s=time_s, apart=apart)
+    onset = np.concatenate((hypotheses.onset_s[:1], np.where(share > 0.5, time_s, hypotheses.onset_s[1:])))
+    bank = _stack_banks(hypotheses.bank, both)
+    return hypotheses._replace(bank=bank, likelihood=likelihood, onset_s=onset, renewed_s=time_s, apart=apart)
 
 
-def _select_possible(tried: Tried) -> np.ndarray:
+def _select_possible(hypotheses: Tried) -> np.ndarray:
     """Flags hypotheses that may yet become true: not known, no second open jet, shape (1 + 2 n_jets,)."""
-    jets = tried.known.size // 2
-    possible = tried.known == 0.0
-    if tried.bank.opens[0] >= 0:
+    jets = hypotheses.known.size // 2
+    possible = hypotheses.known == 0.0
+    if hypotheses.bank.opens[0] >= 0:
         possible[jets : 2 * jets] = False
     return possible
 
 
-def _possible_odds(tried: Tried) -> Array:
+def _possible_odds(hypotheses: Tried) -> Array:
     """Returns failures' log-odds over no failure, -inf where impossible, nats, shape (1 + 2 n_jets,)."""
-    return np.where(_select_possible(tried), tried.likelihood[1:], _NEVER)
+    return np.where(_select_possible(hypotheses), hypotheses.likelihood[1:], _NEVER)
 
 
 def advance_hypotheses(
-    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
+    hypotheses: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
     """Advances all hypotheses by a sample: filters, log weights, and how far predictions differ.
 
     Args:
-        tried: after the last sample.
+        hypotheses: after the last sample.
         commands, span_s, readings, params: see `pose_cycle.step`.
     """
-    if span_s[1] - tried.onset_s[0] < SETTLING_S:
+    if span_s[1] - hypotheses.onset_s[0] < SETTLING_S:
         params = params._replace(pose=params.pose._replace(tells=params.pose.outlier_scale))
-    done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
-    likelihood = tried.likelihood + done.likelihood
+    done = step(hypotheses.bank, commands, span_s, readings, params, hypotheses.doubt)
+    likelihood = hypotheses.likelihood + done.likelihood
     first = float(likelihood[0])
-    after = tried._replace(bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=tried.total + first)
+    after = hypotheses._replace(
+        bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=hypotheses.total + first
+    )
     if done.whitened is None:
         return after, done
     products = done.whitened @ done.whitened.T
     squares = products.diagonal()
     more = np.maximum(squares[:, None] + squares - 2.0 * products, 0.0)
-    return after._replace(apart=more if tried.apart is None else tried.apart + more), done
+    return after._replace(apart=more if hypotheses.apart is None else hypotheses.apart + more), done
 
 
 def name_failure(
-    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, waits: bool = False
+    hypotheses: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, is_waiting: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
     """Decides after a sample on a failure; returns the hypotheses that go on, and the failure or None.
 
     Args:
-        tried: after the sample.
+        hypotheses: after the sample.
         time_s: of it.
-        rules: see `PoseRules`.
-        params: see `PoseParams`.
-        waits: whether nothing is to be named yet.
+        is_waiting: whether nothing is to be named yet.
     """
-    if tried.doubt is not None:  # the next sample decides first
-        return tried, None
-    tried = renew_hypotheses(tried, time_s, params)
-    if waits:
-        return tried._replace(leader=-1, steady=0), None
-    found, tried = _decide_failure(tried, time_s, rules, params)
-    if found is not None and len(found.members) == 1:  # all begin again from it
-        bank, known = _take_for_true(tried, found.members[0])
-        tried = begin_hypotheses(bank, time_s, params, known, BEFORE * RENEWAL_S / AGAIN_S)
-    return tried, found
+    if hypotheses.doubt is not None:  # the next sample decides first
+        return hypotheses, None
+    hypotheses = renew_hypotheses(hypotheses, time_s, params)
+    if is_waiting:
+        return hypotheses._replace(leader=-1, steady=0), None
+    outcome, hypotheses = _decide_failure(hypotheses, time_s, rules, params)
+    if outcome is not None and len(outcome.members) == 1:  # all begin again from it
+        bank, known_failures = _accept_failure(hypotheses, outcome.members[0])
+        hypotheses = begin_hypotheses(bank, time_s, params, known_failures, BEFORE * RENEWAL_S / AGAIN_S)
+    return hypotheses, outcome
 
 
-def failure_sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
+def failure_sizes(hypotheses: Tried, params: PoseParams) -> tuple[Array, Array]:
     """Computes each failure's loss or opening, share of thrust, and 1-sigma, shape (1 + 2 n_jets,) each.
 
     That of a loss counts by how much healthy jets differ. A push has none, and is always large enough.
     """
     jets, parts = params.pushes.shape[0], params.parts
     place = {int(element): index for index, element in enumerate(params.free)}
-    good = tried.known[:jets] == 0.0
+    good = hypotheses.known[:jets] == 0.0
     size, deviation = np.zeros(1 + 2 * jets), np.full(1 + 2 * jets, np.inf)
     size[-1], deviation[-1] = np.inf, 0.0
     for jet in range(jets):
         row, others = place.get(jet), np.flatnonzero(good & (np.arange(jets) != jet))
         if row is not None:
-            mean, covariance = tried.bank.mean[1 + jet], tried.bank.covariance[1 + jet]
+            mean, covariance = hypotheses.bank.mean[1 + jet], hypotheses.bank.covariance[1 + jet]
             typical = float(np.median(mean[others])) if others.size else 1.0
             weights = np.zeros(params.free.size)
             weights[row] = 1.0
@@ -303,54 +302,54 @@ def failure_sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
             deviation[jet] = np.sqrt(weights @ covariance @ weights / typical**2 + healthy)
         opening = place.get(parts.open.start)
         if opening is not None:
-            size[jets + jet] = tried.bank.mean[1 + jets + jet, parts.open.start]
-            deviation[jets + jet] = np.sqrt(tried.bank.covariance[1 + jets + jet, opening, opening])
+            size[jets + jet] = hypotheses.bank.mean[1 + jets + jet, parts.open.start]
+            deviation[jets + jet] = np.sqrt(hypotheses.bank.covariance[1 + jets + jet, opening, opening])
     return size, deviation
 
 
-def leading_hypothesis(tried: Tried, rules: PoseRules) -> Tried | None:
+def leading_hypothesis(hypotheses: Tried, rules: PoseRules) -> Tried | None:
     """Returns the likeliest failure's filter as sole hypothesis; None unless its log-odds suffice.
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
     """
-    odds = _possible_odds(tried)
+    odds = _possible_odds(hypotheses)
     leader = int(np.argmax(odds))
     if not odds[leader] > rules.lead_nothing:
         return None
-    return make_single_filter(*_take_for_true(tried, leader), tried.renewed_s)
+    return make_single_filter(*_accept_failure(hypotheses, leader), hypotheses.renewed_s)
 
 
-def _take_for_true(tried: Tried, member: int) -> tuple[PoseBank, Array]:
+def _accept_failure(hypotheses: Tried, index: int) -> tuple[PoseBank, Array]:
     """Returns the filter of one failure (a bank of one), and the flags of known failures including it."""
-    known = tried.known.copy()
-    known[member] = float(member < known.size - 1)  # a push may come again
-    return tried.bank.select(slice(1 + member, 2 + member)), known
+    known = hypotheses.known.copy()
+    known[index] = float(index < known.size - 1)  # a push may come again
+    return hypotheses.bank.select(slice(1 + index, 2 + index)), known
 
 
 def _decide_failure(
-    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
+    hypotheses: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[PoseOutcome | None, Tried]:
     """Returns the failure to declare, or None, and the hypotheses with leader and counters updated."""
-    odds = _possible_odds(tried)
+    odds = _possible_odds(hypotheses)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
     if best <= rules.lead_nothing:
-        return None, tried._replace(led_s=np.nan, leader=-1, steady=0)
-    size, deviation = failure_sizes(tried, params)
-    if np.isnan(tried.led_s):
-        tried = tried._replace(led_s=time_s)
+        return None, hypotheses._replace(led_s=np.nan, leader=-1, steady=0)
+    size, deviation = failure_sizes(hypotheses, params)
+    if np.isnan(hypotheses.led_s):
+        hypotheses = hypotheses._replace(led_s=time_s)
     leads = best - odds
     behind = leads > rules.lead
-    if tried.apart is not None:
-        behind &= tried.apart[1 + leader, 1:] > 2.0 * rules.lead
+    if hypotheses.apart is not None:
+        behind &= hypotheses.apart[1 + leader, 1:] > 2.0 * rules.lead
     behind[leader] = False
     group = sorted(np.flatnonzero(~behind & np.isfinite(odds)).tolist(), key=lambda each: -odds[each])
     large = size[leader] > max(rules.least, _SIGMAS * deviation[leader])
-    if not large or (len(group) > 1 and time_s - tried.led_s < PATIENCE_S):
-        return None, tried._replace(leader=-1, steady=0)
-    tried = tried._replace(leader=leader, steady=tried.steady + 1 if tried.leader == leader else 1)
-    if tried.steady < STEADY:
-        return None, tried
+    if not large or (len(group) > 1 and time_s - hypotheses.led_s < PATIENCE_S):
+        return None, hypotheses._replace(leader=-1, steady=0)
+    hypotheses = hypotheses._replace(leader=leader, steady=hypotheses.steady + 1 if hypotheses.leader == leader else 1)
+    if hypotheses.steady < STEADY:
+        return None, hypotheses
     after = float(leads[behind].min()) if behind.any() else np.inf
     share = float(size[leader]), float(deviation[leader])
-    return PoseOutcome(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
+    return PoseOutcome(tuple(group), float(hypotheses.onset_s[1 + leader]), (after, best), share), hypotheses

@@ -64,15 +64,15 @@ class Parts(NamedTuple):
     size: int
 
 
-def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: int) -> Parts:
+def make_parts(n_jets: int, n_kinds: int, n_points: int, n_gyros: int, n_accelerometers: int) -> Parts:
     """Computes the slice of each part of the filter's state from the numbers of jets, kinds and sensors.
 
     Args:
-        jets, kinds: how many there are.
-        points, gyros, accelerometers: number of packages.
+        n_jets, n_kinds: how many there are.
+        n_points, n_gyros, n_accelerometers: number of packages.
     """
-    sensors = [3 * points, 3 * gyros, 3 * accelerometers, 3 * accelerometers]
-    sizes = [jets, 1, 6, 3, kinds, kinds, kinds, 2, 6, 2, 3, 3, 3, 3, *sensors, 1, jets]
+    sensors = [3 * n_points, 3 * n_gyros, 3 * n_accelerometers, 3 * n_accelerometers]
+    sizes = [n_jets, 1, 6, 3, n_kinds, n_kinds, n_kinds, 2, 6, 2, 3, 3, 3, 3, *sensors, 1, n_jets]
     ends = np.cumsum(sizes).tolist()
     slices = {name: slice(end - size, end) for name, end, size in zip(Parts._fields, ends, sizes, strict=False)}
     return Parts(**slices, size=ends[-1])
@@ -202,9 +202,9 @@ class PoseBank(NamedTuple):
     reference: Array
     turned: Array
 
-    def select(self, chosen: slice) -> PoseBank:
+    def select(self, filters: slice) -> PoseBank:
         """Returns a bank of the filters in a slice."""
-        return PoseBank(*(part[chosen] for part in self))
+        return PoseBank(*(part[filters] for part in self))
 
 
 class Commands(NamedTuple):

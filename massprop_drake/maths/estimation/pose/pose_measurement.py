@@ -52,24 +52,24 @@ class _Rows:
         self._rows: list[tuple[Array, Array, Array, list[tuple[bool, bool]]]] = []
 
     def add(
-        self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
+        self, error: Array, derivatives: dict[str, Array], covariance: Array, axes: np.ndarray, kind: tuple[bool, bool]
     ) -> None:
         """Adds a reading of three components: innovation, derivatives by part of the state, covariance, axes, kind.
 
         The kind is whether it is of attitude or rate, and whether of a pose sensor.
         """
-        chosen = chosen[np.isfinite(off[0, chosen])]
-        if chosen.size == 0 or not np.isfinite(variance).all():
+        axes = axes[np.isfinite(error[0, axes])]
+        if axes.size == 0 or not np.isfinite(covariance).all():
             return
         parts = self._params.parts
-        jacobian = np.zeros((self._count, chosen.size, parts.size))
-        for name, block in by.items():
+        jacobian = np.zeros((self._count, axes.size, parts.size))
+        for name, block in derivatives.items():
             part, _, place = name.partition(":")
             columns = getattr(parts, part)
             begin = columns.start + 3 * int(place or 0)
-            jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, chosen]
-        own = np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen]
-        self._rows.append((off[:, chosen], jacobian[:, :, self._params.free], own, [kind] * chosen.size))
+            jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, axes]
+        own = np.broadcast_to(covariance, (self._count, 3, 3))[:, axes[:, None], axes]
+        self._rows.append((error[:, axes], jacobian[:, :, self._params.free], own, [kind] * axes.size))
 
     def stack(self) -> Compared | None:
         """Stacks all readings added so far into innovations, Jacobians and covariances; None: there are none."""
@@ -88,53 +88,53 @@ def compare_readings(bank: PoseBank, readings: PoseReadings, params: PoseParams)
     """Computes innovations, Jacobians and covariances of readings by a bank of filters; None: nothing is read."""
     parts, rotation = params.parts, bank.rotation
     rows = _Rows(bank, params)
-    plane, about = (_PLANE, _HEADING) if params.planar else (_SPACE, _SPACE)
+    in_frame, in_body = (_PLANE, _HEADING) if params.planar else (_SPACE, _SPACE)
     position, velocity, rate = (bank.mean[:, part] for part in (parts.position, parts.velocity, parts.rate))
     sensors = params.pose
-    for place in range(readings.positions.shape[0]):
-        point = parts.point.start + 3 * place
+    for index in range(readings.positions.shape[0]):
+        point = parts.point.start + 3 * index
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
         moves = velocity + matrix_vector_products(rotation, cross_products(rate, arm))
-        jitter = sensors.jitter_variances[place]
-        white = np.diag(np.full(3, sensors.position_variances[place]))
+        jitter = sensors.jitter_variances[index]
+        white = np.diag(np.full(3, sensors.position_variances[index]))
         variance = white + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
             "position": _EYE,
             "attitude": -rotation @ skew_matrices(arm),
             "center": -rotation,
-            f"point:{place}": rotation,
+            f"point:{index}": rotation,
         }
-        off = readings.positions[place] - position - matrix_vector_products(rotation, arm)
-        rows.add(off, by, variance, plane, (False, True))
-        variance = np.diag(np.full(3, sensors.attitude_variances[place])) + jitter * rate[:, :, None] * rate[:, None, :]
-        off = np.full_like(rate, np.nan)
-        if np.isfinite(readings.rotations[place]).all():
-            off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
-        rows.add(off, {"attitude": _EYE}, variance, about, (True, True))
-    for place, variance in enumerate(params.velocity_variances):
-        arm = params.velocity_positions[place] - bank.mean[:, parts.center]
-        swing = cross_products(rate, arm)
+        error = readings.positions[index] - position - matrix_vector_products(rotation, arm)
+        rows.add(error, by, variance, in_frame, (False, True))
+        variance = np.diag(np.full(3, sensors.attitude_variances[index])) + jitter * rate[:, :, None] * rate[:, None, :]
+        error = np.full_like(rate, np.nan)
+        if np.isfinite(readings.rotations[index]).all():
+            error = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[index])
+        rows.add(error, {"attitude": _EYE}, variance, in_body, (True, True))
+    for index, variance in enumerate(params.velocity_variances):
+        arm = params.velocity_positions[index] - bank.mean[:, parts.center]
+        moved = cross_products(rate, arm)
         by = {
             "velocity": _EYE,
-            "attitude": -rotation @ skew_matrices(swing),
+            "attitude": -rotation @ skew_matrices(moved),
             "rate": -rotation @ skew_matrices(arm),
             "center": -rotation @ skew_matrices(rate),
         }
-        off = readings.velocities[place] - velocity - matrix_vector_products(rotation, swing)
-        rows.add(off, by, variance * _EYE, plane, (False, False))
-    for place, variance in enumerate(params.gyro_variances):
-        bias = bank.mean[:, parts.gyro_bias][:, 3 * place : 3 * place + 3]
-        by = {"rate": _EYE, f"gyro_bias:{place}": _EYE}
-        rows.add(readings.rates[place] - rate - bias, by, variance * _EYE, about, (True, False))
+        error = readings.velocities[index] - velocity - matrix_vector_products(rotation, moved)
+        rows.add(error, by, variance * _EYE, in_frame, (False, False))
+    for index, variance in enumerate(params.gyro_variances):
+        bias = bank.mean[:, parts.gyro_bias][:, 3 * index : 3 * index + 3]
+        by = {"rate": _EYE, f"gyro_bias:{index}": _EYE}
+        rows.add(readings.rates[index] - rate - bias, by, variance * _EYE, in_body, (True, False))
     if params.accelerometer_variances.size:
         trace = np.trace(bank.turned, axis1=1, axis2=2)[:, None, None]
         turn = skew_matrices(rate - bank.reference) + bank.turned - trace * _EYE
-        for place, variance in enumerate(params.accelerometer_variances):
-            arm = params.accelerometer_positions[place] - bank.mean[:, parts.center]
-            begin = parts.gathered.start + 3 * place
-            by = {f"gathered:{place}": _EYE, "rate": -skew_matrices(arm), "center": -turn}
-            off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
-            rows.add(off, by, variance * _EYE, plane, (False, False))
+        for index, variance in enumerate(params.accelerometer_variances):
+            arm = params.accelerometer_positions[index] - bank.mean[:, parts.center]
+            begin = parts.gathered.start + 3 * index
+            by = {f"gathered:{index}": _EYE, "rate": -skew_matrices(arm), "center": -turn}
+            error = readings.gathered[index] - bank.mean[:, begin : begin + 3] - matrix_vector_products(turn, arm)
+            rows.add(error, by, variance * _EYE, in_frame, (False, False))
     return rows.stack()
 
 

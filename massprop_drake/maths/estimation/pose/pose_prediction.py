@@ -57,7 +57,7 @@ class Predicted(NamedTuple):
     through: Array
 
 
-class _Acting(NamedTuple):
+class _IntervalThrust(NamedTuple):
     """Thrust of the jets over an interval, filter by filter.
 
     Attributes:
@@ -93,14 +93,14 @@ class _Acting(NamedTuple):
         fired = self.once > 0.0
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
-    def summed(self, amount: Array, each: Array) -> Array:
+    def sum_over_jets(self, integrals: Array, effects: Array) -> Array:
         """Sums over the jets: g (1 + e) times an impulse integral times an effect, shape (n_filters, 3)."""
-        return np.einsum("hn,hni->hi", self.factor * amount, each)
+        return np.einsum("hn,hni->hi", self.factor * integrals, effects)
 
 
-def _columns(amount: Array, each: Array) -> Array:
+def _columns(integrals: Array, effects: Array) -> Array:
     """Multiplies each jet's effect by its impulse integral; a column per jet, shape (n_filters, 3, n_jets)."""
-    return np.swapaxes(amount[..., None] * each, 1, 2)
+    return np.swapaxes(integrals[..., None] * effects, 1, 2)
 
 
 def _interval_openings(bank: PoseBank, commands: Commands, span_s: tuple[float, float], params: PoseParams) -> Openings:
@@ -119,44 +119,44 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
 
     Args:
         bank: at its beginning.
-        commands: see `Commands`.
         begin_s, end_s: of the interval.
-        params: see `PoseParams`.
     """
     openings = _interval_openings(bank, commands, (begin_s, end_s), params)
     bank, kept = _renew_pulses(bank, openings, params)
-    acting = _acting_thrust(bank, openings, end_s - begin_s, params)
+    thrust = _acting_thrust(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
-    after = bank.mean.copy()
+    state = bank.mean.copy()
     jacobian = np.broadcast_to(np.eye(size), (count, size, size)).copy()
-    _predict_translation(after, jacobian, acting, bank, params)
-    angle = _predict_rotation(after, jacobian, acting, bank, params)
+    _predict_translation(state, jacobian, thrust, bank, params)
+    angle = _predict_rotation(state, jacobian, thrust, bank, params)
     if commands.outside is not None:
-        angle += _add_outside_forces(after, jacobian, acting, (bank, commands.outside), params)
-    _fill_timing_derivatives(jacobian, acting, params)
-    _fill_opening_derivatives(jacobian, acting, bank, params)
+        angle += _add_outside_forces(state, jacobian, thrust, (bank, commands.outside), params)
+    _fill_timing_derivatives(jacobian, thrust, params)
+    _fill_opening_derivatives(jacobian, thrust, bank, params)
     if params.free[-1] >= params.parts.pulse.start:
-        _fill_pulse_derivatives(jacobian, acting, bank, params)
-    spun = _predict_accelerometers(after, jacobian, acting, bank, params)
+        _fill_pulse_derivatives(jacobian, thrust, bank, params)
+    spun = _predict_accelerometers(state, jacobian, thrust, bank, params)
     if commands.outside is not None:
-        _add_felt_forces(after, jacobian, acting, (bank, commands.outside), params)
+        _add_felt_forces(state, jacobian, thrust, (bank, commands.outside), params)
     free = params.free
     through = jacobian[:, free[:, None], free]
-    bias, product = _second_order_moments(acting, bank, params)
-    after[:, params.parts.rate] += bias
-    angle += 0.5 * acting.duration * bias
-    gained, spread = _timing_products(acting, bank, params)
-    for effect, rows, twice in _effects(acting, params):
-        more = np.einsum("hn,hni->hi", gained * acting.since if twice else gained, effect)
+    bias, rate_covariance = _second_order_moments(thrust, bank, params)
+    state[:, params.parts.rate] += bias
+    angle += 0.5 * thrust.duration * bias
+    gained, impulse_covariance = _timing_products(thrust, bank, params)
+    for effect, rows, twice in _effects(thrust, params):
+        more = np.einsum("hn,hni->hi", gained * thrust.since if twice else gained, effect)
         if rows == params.parts.attitude:
             angle += more
         else:
-            after[:, rows] += more
-    covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
+            state[:, rows] += more
+    covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(
+        thrust, rate_covariance, impulse_covariance, params
+    )
     covariance = symmetrized_stack(covariance)
     turned = {"rotation": bank.rotation @ rotations(angle), "turned": bank.turned + spun}
-    moved = bank._replace(mean=after, covariance=covariance, **turned)
-    return Predicted(moved, _kick_effects(acting, params), through if kept is None else through * kept[:, None, :])
+    moved = bank._replace(mean=state, covariance=covariance, **turned)
+    return Predicted(moved, _kick_effects(thrust, params), through if kept is None else through * kept[:, None, :])
 
 
 def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
@@ -178,20 +178,20 @@ def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tup
     return bank._replace(mean=mean, covariance=covariance), kept
 
 
-def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _IntervalThrust:
     """Computes thrust impulses, forces and moments of the jets over an interval, an open jet's included."""
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
     strength = 1.0 + mean[:, parts.pulse]
-    which = np.flatnonzero(bank.opens >= 0)
-    jets, share = bank.opens[which], mean[which, parts.open.start]
-    once[which, jets] += share * (duration - openings.once[which, jets])
-    twice[which, jets] += share * (0.5 * duration**2 - openings.twice[which, jets])
-    shut[which, jets] -= share
+    filters = np.flatnonzero(bank.opens >= 0)
+    jets, share = bank.opens[filters], mean[filters, parts.open.start]
+    once[filters, jets] += share * (duration - openings.once[filters, jets])
+    twice[filters, jets] += share * (0.5 * duration**2 - openings.twice[filters, jets])
+    shut[filters, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
     moments = cross_products(params.positions - mean[:, None, parts.center], params.pushes)
-    return _Acting(
+    return _IntervalThrust(
         openings=openings,
         once=once,
         twice=twice,
@@ -210,21 +210,23 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
 # -------------------------------------------------------------------------------- place and velocity
 
 
-def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _predict_translation(
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
+) -> None:
     """Fills in position and velocity after an interval, and derivatives but for those by valve timing."""
-    parts, mean, duration = params.parts, bank.mean, acting.duration
+    parts, mean, duration = params.parts, bank.mean, thrust.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
     pushed, left, half = mean[:, parts.push][:, :3], np.exp(-drag * duration), 0.5 * duration**2
     passed = duration * (1.0 - 0.5 * drag * duration)
-    after[:, parts.velocity] = velocity * left + acting.summed(acting.once, acting.forces) + duration * pushed
-    after[:, parts.position] += velocity * passed + acting.summed(acting.twice, acting.forces) + half * pushed
-    back = np.swapaxes(acting.middle_turn, 1, 2)
-    for rows, amount, over in ((parts.velocity, acting.once, duration), (parts.position, acting.twice, half)):
-        by_turn = -acting.middle @ skew_matrices((acting.factor * amount) @ params.pushes)
+    state[:, parts.velocity] = velocity * left + thrust.sum_over_jets(thrust.once, thrust.forces) + duration * pushed
+    state[:, parts.position] += velocity * passed + thrust.sum_over_jets(thrust.twice, thrust.forces) + half * pushed
+    back = np.swapaxes(thrust.middle_turn, 1, 2)
+    for rows, integrals, factor in ((parts.velocity, thrust.once, duration), (parts.position, thrust.twice, half)):
+        by_turn = -thrust.middle @ skew_matrices((thrust.factor * integrals) @ params.pushes)
         jacobian[:, rows, parts.attitude] = by_turn @ back
         jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
-        jacobian[:, rows, parts.thrust] = _columns(acting.strength * amount, acting.forces)
-        jacobian[:, rows, parts.push][:, :, :3] = over * _EYE
+        jacobian[:, rows, parts.thrust] = _columns(thrust.strength * integrals, thrust.forces)
+        jacobian[:, rows, parts.push][:, :, :3] = factor * _EYE
     jacobian[:, parts.velocity, parts.velocity] = left[..., None] * _EYE
     jacobian[:, parts.velocity, parts.drag.start] = -duration * velocity * left
     jacobian[:, parts.position, parts.velocity] = passed[..., None] * _EYE
@@ -234,34 +236,36 @@ def _predict_translation(after: Array, jacobian: Array, acting: _Acting, bank: P
 # -------------------------------------------------------------------------------- attitude and rate
 
 
-def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
+def _predict_rotation(
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
+) -> Array:
     """Fills in the rate after an interval, and derivatives; returns the rotation vector, rad, (n_filters, 3)."""
-    parts, mean, duration = params.parts, bank.mean, acting.duration
+    parts, mean, duration = params.parts, bank.mean, thrust.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
     spin, half = mean[:, parts.spin][..., ELEMENT], 0.5 * duration**2
     left = np.exp(-drag * duration)
-    heading = np.arctan2(acting.middle[:, 1, 0], acting.middle[:, 0, 0])
+    heading = np.arctan2(thrust.middle[:, 1, 0], thrust.middle[:, 0, 0])
     tilt, cosine, sine = mean[:, parts.tilt], np.cos(heading), np.sin(heading)
     turned = mean[:, parts.push][:, 3:].copy()
     turned[:, 2] += tilt[:, 0] * cosine + tilt[:, 1] * sine
-    change = acting.summed(acting.once, acting.turns)
+    change = thrust.sum_over_jets(thrust.once, thrust.turns)
     coupled, coupled_by_rate, coupled_by_spin = _coupling(rate + 0.5 * change, spin, params)
     passed = duration * (1.0 - 0.5 * drag * duration)
-    after[:, parts.rate] = rate * left + change + duration * (turned + coupled)
-    for rows, amount, over in ((parts.rate, acting.once, duration), (parts.attitude, acting.twice, half)):
-        moment = acting.summed(amount, acting.moments)
-        jacobian[:, rows, parts.spin] = derivative_by_elements(moment) + over * coupled_by_spin
-        jacobian[:, rows, parts.center] = spin @ skew_matrices((acting.factor * amount) @ params.pushes)
-        jacobian[:, rows, parts.thrust] = _columns(acting.strength * amount, acting.turns)
-        jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
-        jacobian[:, rows, parts.rate] = over * coupled_by_rate
-        jacobian[:, rows.start + 2, parts.tilt.start] = over * cosine
-        jacobian[:, rows.start + 2, parts.tilt.start + 1] = over * sine
+    state[:, parts.rate] = rate * left + change + duration * (turned + coupled)
+    for rows, integrals, factor in ((parts.rate, thrust.once, duration), (parts.attitude, thrust.twice, half)):
+        moment = thrust.sum_over_jets(integrals, thrust.moments)
+        jacobian[:, rows, parts.spin] = derivative_by_elements(moment) + factor * coupled_by_spin
+        jacobian[:, rows, parts.center] = spin @ skew_matrices((thrust.factor * integrals) @ params.pushes)
+        jacobian[:, rows, parts.thrust] = _columns(thrust.strength * integrals, thrust.turns)
+        jacobian[:, rows, parts.push][:, :, 3:] = factor * _EYE
+        jacobian[:, rows, parts.rate] = factor * coupled_by_rate
+        jacobian[:, rows.start + 2, parts.tilt.start] = factor * cosine
+        jacobian[:, rows.start + 2, parts.tilt.start + 1] = factor * sine
     about_z = duration * (tilt[:, 1] * cosine - tilt[:, 0] * sine)
     jacobian[:, parts.rate.start + 2, parts.attitude.start + 2] += about_z
     jacobian[:, parts.rate, parts.rate] += left[..., None] * _EYE
     jacobian[:, parts.rate, parts.drag.start + 1] = -duration * rate * left
-    angle = rate * passed + acting.summed(acting.twice, acting.turns) + half * (turned + coupled)
+    angle = rate * passed + thrust.sum_over_jets(thrust.twice, thrust.turns) + half * (turned + coupled)
     jacobian[:, parts.attitude, parts.attitude] = np.swapaxes(rotations(angle), 1, 2)
     jacobian[:, parts.attitude, parts.rate] += passed[..., None] * _EYE
     jacobian[:, parts.attitude, parts.drag.start + 1] = -half * rate
@@ -269,27 +273,27 @@ def _predict_rotation(after: Array, jacobian: Array, acting: _Acting, bank: Pose
 
 
 def _add_outside_forces(
-    after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
 ) -> Array:
     """Adds effects of known outside forces to state and derivatives; returns the rotation, rad, (n_filters, 3)."""
-    parts, duration, (bank, outside) = params.parts, acting.duration, known
+    parts, duration, (bank, outside) = params.parts, thrust.duration, bank_and_wrench
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
     spin, half = bank.mean[:, parts.spin][..., ELEMENT], 0.5 * duration**2
     moment = torque - cross_products(bank.mean[:, parts.center], force)
-    moves, turns = acting.middle @ force, matrix_vector_products(spin, moment)
-    back = np.swapaxes(acting.middle_turn, 1, 2)
-    by_turn = inverse[..., None] * (-acting.middle @ skew_matrices(force))
-    for rows, over in ((parts.velocity, duration), (parts.position, half)):
-        after[:, rows] += over * inverse * moves
-        jacobian[:, rows] += over * moves[..., None] * params.of_mass
-        jacobian[:, rows, parts.attitude] += over * by_turn @ back
-        jacobian[:, rows, parts.rate] += 0.5 * duration * over * by_turn
-    for rows, over in ((parts.rate, duration), (parts.attitude, half)):
-        jacobian[:, rows] += over * turns[..., None] * params.of_mass
-        jacobian[:, rows, parts.spin] += over * inverse[..., None] * derivative_by_elements(moment)
-        jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skew_matrices(force))
-    after[:, parts.rate] += duration * inverse * turns
+    moves, turns = thrust.middle @ force, matrix_vector_products(spin, moment)
+    back = np.swapaxes(thrust.middle_turn, 1, 2)
+    by_turn = inverse[..., None] * (-thrust.middle @ skew_matrices(force))
+    for rows, factor in ((parts.velocity, duration), (parts.position, half)):
+        state[:, rows] += factor * inverse * moves
+        jacobian[:, rows] += factor * moves[..., None] * params.of_mass
+        jacobian[:, rows, parts.attitude] += factor * by_turn @ back
+        jacobian[:, rows, parts.rate] += 0.5 * duration * factor * by_turn
+    for rows, factor in ((parts.rate, duration), (parts.attitude, half)):
+        jacobian[:, rows] += factor * turns[..., None] * params.of_mass
+        jacobian[:, rows, parts.spin] += factor * inverse[..., None] * derivative_by_elements(moment)
+        jacobian[:, rows, parts.center] += factor * inverse[..., None] * (spin @ skew_matrices(force))
+    state[:, parts.rate] += duration * inverse * turns
     return half * inverse * turns
 
 
@@ -299,14 +303,14 @@ def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
 
 
 def _add_felt_forces(
-    after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
 ) -> None:
     """Adds known outside forces to accelerometer velocities and derivatives; see `_add_outside_forces`."""
-    bank, outside = known
-    force = acting.duration * outside[3:] / params.nominal_mass
+    bank, outside = bank_and_wrench
+    force = thrust.duration * outside[3:] / params.nominal_mass
     inverse = _inverse_mass(bank, params)
     for rows in _triples(params.parts.gathered):
-        after[:, rows] += inverse * force
+        state[:, rows] += inverse * force
         jacobian[:, rows] += force[:, None] * params.of_mass
 
 
@@ -327,13 +331,13 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 # ---------------------------------------------------------------------------------- valves and sensors
 
 
-def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
+def _effects(thrust: _IntervalThrust, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
     """Yields the jets' accelerations, (n_filters, n_jets, 3), with the elements that integrate them once or twice."""
     parts = params.parts
-    yield from ((acting.forces, parts.velocity, False), (acting.forces, parts.position, True))
-    yield from ((acting.turns, parts.rate, False), (acting.turns, parts.attitude, True))
+    yield from ((thrust.forces, parts.velocity, False), (thrust.forces, parts.position, True))
+    yield from ((thrust.turns, parts.rate, False), (thrust.turns, parts.attitude, True))
     for rows in _triples(parts.gathered):
-        yield np.broadcast_to(params.pushes, acting.forces.shape), rows, False
+        yield np.broadcast_to(params.pushes, thrust.forces.shape), rows, False
 
 
 def _triples(part: slice) -> Iterator[slice]:
@@ -341,87 +345,89 @@ def _triples(part: slice) -> Iterator[slice]:
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
-def _fill_timing_derivatives(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
+def _fill_timing_derivatives(jacobian: Array, thrust: _IntervalThrust, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by delay, lag and opening time of each kind of jet."""
-    parts, openings = params.parts, acting.openings
+    parts, openings = params.parts, thrust.openings
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
         for kind in range(part.stop - part.start):
-            own = acting.shut * (params.kinds == kind)
-            for effect, rows, twice in _effects(acting, params):
+            own = thrust.shut * (params.kinds == kind)
+            for effect, rows, twice in _effects(thrust, params):
                 amount = (openings.twice_by if twice else openings.once_by)[place]
-                jacobian[:, rows, part.start + kind] = acting.summed(own * amount, effect)
+                jacobian[:, rows, part.start + kind] = thrust.sum_over_jets(own * amount, effect)
 
 
-def _fill_opening_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_opening_derivatives(jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by the open share of the jet that a filter takes for open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
-    jets, duration = bank.opens[which], acting.duration
-    factor = acting.factor[which, jets]
-    once = factor * (duration - acting.openings.once[which, jets])
-    twice = factor * (0.5 * duration**2 - acting.openings.twice[which, jets])
-    for effect, rows, is_twice in _effects(acting, params):
+    jets, duration = bank.opens[which], thrust.duration
+    factor = thrust.factor[which, jets]
+    once = factor * (duration - thrust.openings.once[which, jets])
+    twice = factor * (0.5 * duration**2 - thrust.openings.twice[which, jets])
+    for effect, rows, is_twice in _effects(thrust, params):
         amount = twice if is_twice else once
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
-def _fill_pulse_derivatives(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _fill_pulse_derivatives(jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives of the motion by the scatter e of each jet's present pulse."""
     factor = bank.mean[:, params.parts.thrust]
-    for effect, rows, twice in _effects(acting, params):
-        amount = factor * (acting.twice if twice else acting.once)
+    for effect, rows, twice in _effects(thrust, params):
+        amount = factor * (thrust.twice if twice else thrust.once)
         jacobian[:, rows, params.parts.pulse] = _columns(amount, effect)
 
 
 def _predict_accelerometers(
-    after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams
+    state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
 ) -> Array:
     """Fills in accelerometer velocities and derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
-    parts, mean, duration = params.parts, bank.mean, acting.duration
-    middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
+    parts, mean, duration = params.parts, bank.mean, thrust.duration
+    middle = 0.5 * (mean[:, parts.rate] + state[:, parts.rate])
     spun: Array = duration * (middle[:, :, None] * middle[:, None, :])
     if parts.gathered.stop == parts.gathered.start:
         return spun
     drag = mean[:, parts.drag.start, None]
     own = np.einsum("hji,hj->hi", bank.rotation, mean[:, parts.velocity])  # velocity in body axes
-    gained = (acting.factor * acting.once) @ params.pushes - duration * drag * own
+    gained = (thrust.factor * thrust.once) @ params.pushes - duration * drag * own
     for rows, bias in zip(_triples(parts.gathered), _triples(parts.acceleration_bias), strict=True):
-        after[:, rows] += gained + duration * mean[:, bias]
+        state[:, rows] += gained + duration * mean[:, bias]
         jacobian[:, rows, bias] = duration * _EYE
-        jacobian[:, rows, parts.thrust] = _columns(acting.strength * acting.once, params.pushes)
+        jacobian[:, rows, parts.thrust] = _columns(thrust.strength * thrust.once, params.pushes)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
         jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skew_matrices(own)
-    _add_felt_push(after, jacobian, acting, bank, params)
+    _add_felt_push(state, jacobian, thrust, bank, params)
     return spun
 
 
-def _add_felt_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
+def _add_felt_push(state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> None:
     """Adds an unexplained push to accelerometer velocities and derivatives, in filters that suppose one."""
-    parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
-    back = np.swapaxes(acting.middle[which], 1, 2)
-    felt = matrix_vector_products(back, bank.mean[which, parts.push][:, :3])
-    turned = skew_matrices(felt) @ np.swapaxes(acting.middle_turn[which], 1, 2)
+    parts, filters, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), thrust.duration
+    back = np.swapaxes(thrust.middle[filters], 1, 2)
+    felt = matrix_vector_products(back, bank.mean[filters, parts.push][:, :3])
+    turned = skew_matrices(felt) @ np.swapaxes(thrust.middle_turn[filters], 1, 2)
     for rows in _triples(parts.gathered):
-        after[which, rows] += duration * felt
-        jacobian[which, rows, parts.push.start : parts.push.start + 3] += duration * back
-        jacobian[which, rows, parts.attitude] += duration * turned
-        jacobian[which, rows, parts.rate] += 0.5 * duration**2 * skew_matrices(felt)
+        state[filters, rows] += duration * felt
+        jacobian[filters, rows, parts.push.start : parts.push.start + 3] += duration * back
+        jacobian[filters, rows, parts.attitude] += duration * turned
+        jacobian[filters, rows, parts.rate] += 0.5 * duration**2 * skew_matrices(felt)
 
 
 # --------------------------------------------------------------------------------------------- noise
 
 
-def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
+def _second_order_moments(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance of the rate's term of second order: error of K times that of impulse."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
-    rows[:, :, parts.thrust] = _columns(acting.strength * acting.once, acting.moments)
+    rows[:, :, parts.thrust] = _columns(thrust.strength * thrust.once, thrust.moments)
     factor = bank.mean[:, parts.thrust]
-    rows[:, :, parts.pulse] = _columns(factor * acting.once, acting.moments)
-    rows[:, :, parts.center] = skew_matrices((acting.factor * acting.once) @ params.pushes)
-    for part, by in zip((parts.delay, parts.lag, parts.opening), acting.openings.once_by, strict=True):
+    rows[:, :, parts.pulse] = _columns(factor * thrust.once, thrust.moments)
+    rows[:, :, parts.center] = skew_matrices((thrust.factor * thrust.once) @ params.pushes)
+    for part, by in zip((parts.delay, parts.lag, parts.opening), thrust.openings.once_by, strict=True):
         for kind in range(part.stop - part.start):
-            rows[:, :, part.start + kind] = acting.summed(acting.shut * (params.kinds == kind) * by, acting.moments)
+            rows[:, :, part.start + kind] = thrust.sum_over_jets(
+                thrust.shut * (params.kinds == kind) * by, thrust.moments
+            )
     rows = rows[:, :, free]
     place = np.full(parts.size, -1)
     place[free] = np.arange(free.size)
@@ -437,16 +443,16 @@ def _second_order_moments(acting: _Acting, bank: PoseBank, params: PoseParams) -
     return bias, product
 
 
-def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
+def _timing_products(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance of impulse errors of second order in g and valve timing, jet by jet.
 
     These are products of errors of g and of J, and of J what is not linear itself.
     """
-    parts, free, openings = params.parts, params.free, acting.openings
-    count, jets = acting.once.shape
+    parts, free, openings = params.parts, params.free, thrust.openings
+    count, jets = thrust.once.shape
     by_timing = np.zeros((count, jets, parts.size))
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
-        by_timing[:, np.arange(jets), part.start + params.kinds] = acting.shut * openings.once_by[place]
+        by_timing[:, np.arange(jets), part.start + params.kinds] = thrust.shut * openings.once_by[place]
     by_timing = by_timing[:, :, free]
     by_factor = np.zeros((jets, parts.size))
     by_factor[:, parts.thrust] = np.eye(jets)
@@ -455,26 +461,26 @@ def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tup
     factors = by_factor[:, free] @ bank.covariance @ by_factor[:, free].T
     crossed = with_timing @ by_factor[:, free].T  # J_j with g_l
     mean = np.diagonal(crossed, axis1=1, axis2=2)
-    left = acting.shut * acting.factor * openings.unsure  # of what is not linear in the delay
+    left = thrust.shut * thrust.factor * openings.unsure  # of what is not linear in the delay
     curved = np.einsum("khi,khj->hij", left, left) * (params.kinds[:, None] == params.kinds)
     return mean, factors * times_ + crossed * np.swapaxes(crossed, 1, 2) + curved
 
 
-def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -> Array:
+def _noise(thrust: _IntervalThrust, rate_covariance: Array, impulse_covariance: Array, params: PoseParams) -> Array:
     """Computes the process noise covariance of an interval, shape (n_filters, n, n)."""
-    parts, free, duration = params.parts, params.free, acting.duration
-    count, n_jets = acting.once.shape
+    parts, free, duration = params.parts, params.free, thrust.duration
+    count, n_jets = thrust.once.shape
     columns = np.zeros((count, parts.size, n_jets + 1))
-    for effect, rows, twice in _effects(acting, params):
-        each = acting.since[..., None] * effect if twice else effect
+    for effect, rows, twice in _effects(thrust, params):
+        each = thrust.since[..., None] * effect if twice else effect
         columns[:, rows, :n_jets] = np.swapaxes(each, 1, 2)
     shared = params.common_walk * np.sqrt(duration)
-    columns[:, parts.thrust, n_jets] = shared * acting.factor / acting.strength
+    columns[:, parts.thrust, n_jets] = shared * thrust.factor / thrust.strength
     columns[:, parts.common, n_jets] = shared
     columns = columns[:, free]
     drawn = np.zeros((count, n_jets + 1, n_jets + 1))
-    drawn[:, :n_jets, :n_jets] = spread
-    scatter = acting.factor**2 * ((params.scatter * acting.once) ** 2 + acting.openings.variance)
+    drawn[:, :n_jets, :n_jets] = impulse_covariance
+    scatter = thrust.factor**2 * ((params.scatter * thrust.once) ** 2 + thrust.openings.variance)
     drawn[:, np.arange(n_jets), np.arange(n_jets)] += scatter
     drawn[:, n_jets, n_jets] = 1.0
     walks = np.zeros((parts.size, parts.size))
@@ -492,7 +498,7 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
         noise += walks[np.ix_(free, free)]
     else:
         whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
-        felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
+        felt = np.swapaxes(thrust.middle, 1, 2)  # a force in the fixed frame, by accelerometers
         for rows in _triples(parts.gathered):
             for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
                 whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
@@ -505,14 +511,14 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
     there = np.isin(axes, free)
     places, axis = np.searchsorted(free, axes[there]), np.tile(np.arange(3), 2)[there]
     both = np.outer(turning, turning)[np.ix_(there, there)]
-    noise[:, places[:, None], places] += both * product[:, axis[:, None], axis]
+    noise[:, places[:, None], places] += both * rate_covariance[:, axis[:, None], axis]
     return noise
 
 
-def _kick_effects(acting: _Acting, params: PoseParams) -> Array:
+def _kick_effects(thrust: _IntervalThrust, params: PoseParams) -> Array:
     """Computes the effect of a 1-sigma kick at any time in an interval on the free elements, (n_filters, n, 12)."""
-    parts, duration = params.parts, acting.duration
-    effect = np.zeros((acting.once.shape[0], parts.size, 12))
+    parts, duration = params.parts, thrust.duration
+    effect = np.zeros((thrust.once.shape[0], parts.size, 12))
     for once_row, twice_row, size, column in (
         (parts.velocity, parts.position, params.kick_velocity, 0),
         (parts.rate, parts.attitude, params.kick_rate, 3),
@@ -522,5 +528,5 @@ def _kick_effects(acting: _Acting, params: PoseParams) -> Array:
         # a uniform time has this spread
         effect[:, twice_row, column + 6 : column + 9] = duration / np.sqrt(12.0) * size * _EYE
     for rows in _triples(parts.gathered):
-        effect[:, rows, :3] = params.kick_velocity * np.swapaxes(acting.middle, 1, 2)
+        effect[:, rows, :3] = params.kick_velocity * np.swapaxes(thrust.middle, 1, 2)
     return effect[:, params.free]

@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.pose.turning import skew_matrices
 from massprop_drake.maths.linear_algebra import Array, symmetrized
 
 
-class Beforehand(NamedTuple):
+class VehiclePrior(NamedTuple):
     """Prior before the first sample, 1-sigma each; zero: fixed.
 
     Attributes:
@@ -39,23 +39,23 @@ class Beforehand(NamedTuple):
     rest_std: Array
 
 
-def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
+def prior(vehicle_prior: VehiclePrior, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
     """Computes the prior: mean of the state, (size,), covariance of its free elements, (n, n), and their indices.
 
     Args:
-        known: see `Beforehand`.
         fixed: whether an element is, whatever its sigma, shape (size,).
-        parts: see `Parts`.
     """
-    mean, covariance = known.rest.copy(), np.diag(known.rest_std**2)
+    mean, covariance = vehicle_prior.rest.copy(), np.diag(vehicle_prior.rest_std**2)
     thrust, common, spin = parts.thrust, parts.common, parts.spin
-    mean[thrust], mean[common], mean[spin] = 1.0, 0.0, known.spin
-    shared, of_mass = known.common_std**2, known.mass_std**2
-    covariance[thrust, thrust] = of_mass + shared + np.diag(known.thrust_std**2)
+    mean[thrust], mean[common], mean[spin] = 1.0, 0.0, vehicle_prior.spin
+    shared, of_mass = vehicle_prior.common_std**2, vehicle_prior.mass_std**2
+    covariance[thrust, thrust] = of_mass + shared + np.diag(vehicle_prior.thrust_std**2)
     covariance[thrust, common] = covariance[common, thrust] = shared
     covariance[common, common] = shared
-    covariance[spin, spin] = known.inverse_covariance + of_mass * np.outer(known.spin, known.spin)
-    covariance[spin, thrust] = -of_mass * known.spin[:, None]
+    covariance[spin, spin] = vehicle_prior.inverse_covariance + of_mass * np.outer(
+        vehicle_prior.spin, vehicle_prior.spin
+    )
+    covariance[spin, thrust] = -of_mass * vehicle_prior.spin[:, None]
     covariance[thrust, spin] = covariance[spin, thrust].T
     free = np.flatnonzero((np.diag(covariance) > 0.0) & ~fixed)
     return mean, covariance[np.ix_(free, free)], free
@@ -112,6 +112,6 @@ def first_pose_sensor(readings: PoseReadings) -> int | None:
     return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
 
 
-def tracked_point(place: int, parts: Parts) -> slice:
+def tracked_point(sensor: int, parts: Parts) -> slice:
     """Returns the slice of the state that holds the point tracked by a pose sensor."""
-    return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
+    return slice(parts.point.start + 3 * sensor, parts.point.start + 3 * sensor + 3)

@@ -10,7 +10,7 @@ from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.pose.delays import divide_delays
 from massprop_drake.maths.estimation.pose.outcome import mass_regression
 from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
-from massprop_drake.maths.estimation.pose.pose_start import Beforehand, prior
+from massprop_drake.maths.estimation.pose.pose_start import VehiclePrior, prior
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric_matrix
 
@@ -109,19 +109,17 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     """Makes the parameters of the pose estimator from a vehicle's setup and its tracking.
 
     Args:
-        setup: see `Setup`.
-        tracking: see `Tracking`.
         hypotheses: whether a jet may stand open.
     """
     thrust, valves = setup.thrust, tracking.valves
     mass = 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     jets = thrust.flows.size, valves.delays_s.size
     parts = make_parts(*jets, tracking.position_stds.size, setup.gyros.quanta.size, setup.accelerometers.quanta.size)
-    shown, unseen = _mass_stds(setup, tracking)
-    known = _make_prior(setup, tracking, parts, shown)
-    supposed = _select_supposed(known, parts, hypotheses=hypotheses)
-    known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
-    start, covariance, free = prior(known, _select_fixed(parts, tracking, setup), parts)
+    observable_std, unobservable_std = _mass_stds(setup, tracking)
+    vehicle_prior = _make_prior(setup, tracking, parts, observable_std)
+    supposed = _select_supposed(vehicle_prior, parts, hypotheses=hypotheses)
+    vehicle_prior.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
+    start, covariance, free = prior(vehicle_prior, _select_fixed(parts, tracking, setup), parts)
     places = np.flatnonzero(np.isin(free, supposed))
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
@@ -138,8 +136,8 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         positions=tracking.positions,
         kinds=thrust.kinds,
         nominal_mass=mass,
-        mass_std=shown,
-        unseen_std=unseen,
+        mass_std=observable_std,
+        unseen_std=unobservable_std,
         thrust_std=thrust.uncertainty,
         longest_s=float(np.max(delays.shifts_s) + lagging + late),
         rate_noise=around.rate_walk,
@@ -165,16 +163,16 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     return made._replace(of_mass=mass_regression(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
-def _select_supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
+def _select_supposed(vehicle_prior: VehiclePrior, parts: Parts, *, hypotheses: bool) -> np.ndarray:
     """Returns indices of elements fixed unless a hypothesis frees them: delays, a jet's open share, a push."""
-    others = np.arange(parts.delay.start, parts.delay.stop)
+    indices = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
-        others = np.append(others, np.arange(parts.push.start, parts.push.stop))
-    exact = others[known.rest_std[others] == 0.0]
+        indices = np.append(indices, np.arange(parts.push.start, parts.push.stop))
+    exact = indices[vehicle_prior.rest_std[indices] == 0.0]
     return np.append(exact, parts.open.start) if hypotheses else exact
 
 
-def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
+def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> VehiclePrior:
     """Makes means and 1-sigmas of the state before the first sample from the vehicle's data."""
     valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
@@ -203,7 +201,7 @@ def _make_prior(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
     covariance, known = setup.covariance[:6, :6] * mass**2, tracking.fixed[:6]
     covariance[known], covariance[:, known] = 0.0, 0.0
     spin, each = setup.nominal[:6] * mass, setup.thrust.uncertainty
-    return Beforehand(spin, covariance, mass_std, tracking.common_std, each, rest, deviation)
+    return VehiclePrior(spin, covariance, mass_std, tracking.common_std, each, rest, deviation)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
@@ -236,7 +234,7 @@ def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     return fixed
 
 
-def movable_places(setup: Setup, parts: Parts) -> np.ndarray:
+def movable_indices(setup: Setup, parts: Parts) -> np.ndarray:
     """Returns sorted indices of the motion's elements and of those that may differ from the vehicle's file."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     fixed, valves = _select_fixed(parts, setup.tracking, setup), setup.tracking.valves

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merge_ba
 from massprop_drake.maths.estimation.pose.pose_layout import Commands, Parts, PoseBank, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.pose_measurement import compare_readings
 from massprop_drake.maths.estimation.pose.pose_prediction import predict_bank
-from massprop_drake.maths.estimation.pose.pose_start import Beforehand, initialize_bank, prior
+from massprop_drake.maths.estimation.pose.pose_start import VehiclePrior, initialize_bank, prior
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 SPAN = (1.0, 1.1)
@@ -137,9 +137,9 @@ def _inverse_root() -> Array:
 MASS_STD, COMMON_STD = 0.01, 0.008
 
 
-def known(parts: Parts) -> Beforehand:
+def known(parts: Parts) -> VehiclePrior:
     root, rest = MASS * _inverse_root(), (np.full(parts.size, 0.25), np.full(parts.size, 0.1))
-    return Beforehand(ELEMENTS, root @ root.T, MASS_STD, COMMON_STD, THRUST_STD, *rest)
+    return VehiclePrior(ELEMENTS, root @ root.T, MASS_STD, COMMON_STD, THRUST_STD, *rest)
 
 
 def drawn(count: int) -> Array:
