@@ -104,7 +104,7 @@ def ratio(replayed: Replayed, jet: int, mean: float, sigma: float) -> tuple[floa
         mean, sigma: of the force beforehand, lbf or N.
     """
     params, cause = replayed.params, Cause(Kind.JETS, (jet,), (1,), (1,))
-    state, found = apply_cause(replayed.entry, cause, params, expected=((mean, sigma),)), 0.0
+    state, found = apply_cause(replayed.entry, cause, params, force_priors=((mean, sigma),)), 0.0
     for cycle in replayed.cycles:
         state, report = step(state, cycle.sample, params, cycle.report.used)
         found += cycle.report.log_likelihood - report.log_likelihood

@@ -109,7 +109,7 @@ class OnsetTests(NamedTuple):
 def empty_bank(places: Places) -> Bank:
     """Returns a bank of past onsets that has none: no states, and a recursion of zero length."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
-    since = Since(
+    recursion = Since(
         cycles=np.zeros(0),
         learned=np.zeros((0, n)),
         rows=np.zeros((0, 6 + places.n_swing, n)),
@@ -119,76 +119,76 @@ def empty_bank(places: Places) -> Bank:
         missing=np.zeros((0, jets)),
         given=np.zeros((0, jets)),
     )
-    return Bank((), since)
+    return Bank((), recursion)
 
 
 @kernel
-def advance_recursion(since: Since, over: Link, places: Places) -> Since:
+def advance_recursion(recursion: Since, interval: Link, places: Places) -> Since:
     """Advances corrections, derivatives and noise since each onset by an interval, before its update."""
-    learned = since.learned + over.crossing_correction
-    if over.stamp_row.any():
-        learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
-        learned += over.stamp_correction
-    learned = propagate_to_update(learned.T, np.zeros((6, 1)), over, places).T
-    rate, gathered = since.rows[:, :3], since.rows[:, 3:6]
-    by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
+    learned = recursion.learned + interval.crossing_correction
+    if interval.stamp_row.any():
+        learned[:, places.ticks : places.ticks + places.n_ticks] *= interval.ticks_kept
+        learned += interval.stamp_correction
+    learned = propagate_to_update(learned.T, np.zeros((6, 1)), interval, places).T
+    rate, velocity = recursion.rows[:, :3], recursion.rows[:, 3:6]
+    by_parameters, by_velocity = interval.rate_rows.copy(), interval.velocity_rows.copy()
     swing = slice(places.swing, places.swing + places.n_swing)
     by_parameters[:, RATE], by_parameters[:, swing] = 0.0, 0.0
     by_velocity[:, RATE], by_velocity[:, swing] = 0.0, 0.0
     slow = slice(places.slow, places.slow + places.n_slow)
-    rows = np.empty_like(since.rows)
-    rows[:, :3] = rate + by_parameters + times_stack(over.rate_rows[:, RATE], rate)
-    rows[:, 3:6] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
+    rows = np.empty_like(recursion.rows)
+    rows[:, :3] = rate + by_parameters + times_stack(interval.rate_rows[:, RATE], rate)
+    rows[:, 3:6] = velocity + by_velocity + times_stack(interval.velocity_rows[:, RATE], rate)
     if places.n_swing > 0:
-        modes, by_state = since.rows[:, 6:], over.swing_rows.copy()
+        modes, by_state = recursion.rows[:, 6:], interval.swing_rows.copy()
         by_state[:, RATE], by_state[:, swing] = 0.0, 0.0
-        rows[:, :3] += times_stack(over.rate_rows[:, swing].copy(), modes)
-        rows[:, 3:6] += times_stack(over.velocity_rows[:, swing].copy(), modes)
-        rows[:, 6:] = by_state + times_stack(over.swing_rows[:, RATE].copy(), rate)
-        rows[:, 6:] += times_stack(over.swing_rows[:, swing].copy(), modes)
+        rows[:, :3] += times_stack(interval.rate_rows[:, swing].copy(), modes)
+        rows[:, 3:6] += times_stack(interval.velocity_rows[:, swing].copy(), modes)
+        rows[:, 6:] = by_state + times_stack(interval.swing_rows[:, RATE].copy(), rate)
+        rows[:, 6:] += times_stack(interval.swing_rows[:, swing].copy(), modes)
     for index in range(rows.shape[0] if places.n_slow > 0 else 0):  # of z at the onset less and less is left
-        rows[index, :3, slow] += (since.kept[index] - 1.0) * over.rate_rows[:, slow]
-        rows[index, 3:6, slow] += (since.kept[index] - 1.0) * over.velocity_rows[:, slow]
+        rows[index, :3, slow] += (recursion.kept[index] - 1.0) * interval.rate_rows[:, slow]
+        rows[index, 3:6, slow] += (recursion.kept[index] - 1.0) * interval.velocity_rows[:, slow]
         if places.n_swing > 0:
-            rows[index, 6:, slow] += (since.kept[index] - 1.0) * over.swing_rows[:, slow]
-    duration = over.duration_s
+            rows[index, 6:, slow] += (recursion.kept[index] - 1.0) * interval.swing_rows[:, slow]
+    duration = interval.duration_s
     return Since(
-        since.cycles,
+        recursion.cycles,
         learned,
         rows,
-        _noise_since(since.noise, over, places),
-        since.kept * over.kept,
-        since.elapsed_s + duration,
-        since.missing + (duration - over.amount),
-        since.given + over.amount,
+        _noise_since(recursion.noise, interval, places),
+        recursion.kept * interval.kept,
+        recursion.elapsed_s + duration,
+        recursion.missing + (duration - interval.amount),
+        recursion.given + interval.amount,
     )
 
 
 @kernel
-def _noise_since(noise: Array, over: Link, places: Places) -> Array:
+def _noise_since(noise: Array, interval: Link, places: Places) -> Array:
     """Advances covariances of process noise since the onsets by one interval, shape (k, d, d)."""
     n, slow = places.n_slow, slice(places.slow, places.slow + places.n_slow)
     if n == 0:
-        return noise + over.noise
-    through = np.eye(6 + n)
-    through[:3, 6:] = over.rate_rows[:, slow]
-    through[3:6, 6:] = over.velocity_rows[:, slow]
-    through[6:, 6:] *= over.kept
+        return noise + interval.noise
+    transition = np.eye(6 + n)
+    transition[:3, 6:] = interval.rate_rows[:, slow]
+    transition[3:6, 6:] = interval.velocity_rows[:, slow]
+    transition[6:, 6:] *= interval.kept
     after = np.empty_like(noise)
     for index in range(noise.shape[0]):
-        after[index] = through @ noise[index] @ through.T + over.noise
+        after[index] = transition @ noise[index] @ transition.T + interval.noise
     return after
 
 
 @kernel
-def add_onset(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
+def add_onset(recursion: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
     """Adds a cycle as youngest onset, drops one if the bank is full; returns recursion and indices that stay.
 
     Args:
         correction: of the mean by the update of the cycle, shape (size,).
     """
-    size, jets, places = since.learned.shape[1], since.given.shape[1], params.places
-    ages = (cycle - since.cycles) / params.rates.steps
+    size, jets, places = recursion.learned.shape[1], recursion.given.shape[1], params.places
+    ages = (cycle - recursion.cycles) / params.rates.steps
     keep = np.flatnonzero(ages <= OLDEST)
     if keep.shape[0] >= ONSETS:
         keep = np.delete(keep, _onset_to_drop(ages[keep]))
@@ -197,14 +197,14 @@ def add_onset(since: Since, correction: Array, cycle: float, params: JointParams
     for element in range(places.n_swing):
         start[0, 6 + element, places.swing + element] = 1.0
     after = Since(
-        np.append(since.cycles[keep], cycle),
-        np.vstack((since.learned[keep] + correction, np.zeros((1, size)))),
-        np.concatenate((since.rows[keep], start)),
-        np.concatenate((since.noise[keep], np.zeros((1, *since.noise.shape[1:])))),
-        np.vstack((since.kept[keep], np.ones((1, since.kept.shape[1])))),
-        np.append(since.elapsed_s[keep], 0.0),
-        np.vstack((since.missing[keep], np.zeros((1, jets)))),
-        np.vstack((since.given[keep], np.zeros((1, jets)))),
+        np.append(recursion.cycles[keep], cycle),
+        np.vstack((recursion.learned[keep] + correction, np.zeros((1, size)))),
+        np.concatenate((recursion.rows[keep], start)),
+        np.concatenate((recursion.noise[keep], np.zeros((1, *recursion.noise.shape[1:])))),
+        np.vstack((recursion.kept[keep], np.ones((1, recursion.kept.shape[1])))),
+        np.append(recursion.elapsed_s[keep], 0.0),
+        np.vstack((recursion.missing[keep], np.zeros((1, jets)))),
+        np.vstack((recursion.given[keep], np.zeros((1, jets)))),
     )
     return after, keep
 
@@ -219,81 +219,83 @@ def _onset_to_drop(ages: Array) -> int:
 
 
 @kernel
-def averaging_matrix(read: Array, places: Places) -> tuple[Array, bool]:
+def averaging_matrix(reading: Array, places: Places) -> tuple[Array, bool]:
     """Returns the matrix that averages readings over packages, and whether rates about all axes are read.
 
     Its shape is (6, m), or (3, m) where an axis has no velocity.
     """
-    weights, turns, moves = np.zeros((6, read.shape[0])), True, True
+    weights, all_rates, all_velocities = np.zeros((6, reading.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
             present = 0
             for package in range(packages):
-                if not np.isnan(read[begin + 3 * package + axis]):
+                if not np.isnan(reading[begin + 3 * package + axis]):
                     present += 1
             if row == 0:
-                turns = turns and present > 0
+                all_rates = all_rates and present > 0
             else:
-                moves = moves and present > 0
+                all_velocities = all_velocities and present > 0
             for package in range(packages):
-                if not np.isnan(read[begin + 3 * package + axis]):
+                if not np.isnan(reading[begin + 3 * package + axis]):
                     weights[row + axis, begin + 3 * package + axis] = 1.0 / present
-    return weights if moves else weights[:3].copy(), turns
+    return weights if all_velocities else weights[:3].copy(), all_rates
 
 
 @kernel
-def test_onsets(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[OnsetTests, bool]:
+def test_onsets(
+    recursion: Since, roots: Roots, interval: Link, threshold: float, params: JointParams
+) -> tuple[OnsetTests, bool]:
     """Computes the likelihood ratios of faults at every onset, and whether any onset could be tested.
 
     None can where a rate is missing, or nothing can reach a level.
 
     Args:
-        over: the interval that ends now.
-        least: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
+        interval: the interval that ends now.
+        threshold: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
     """
-    k, jets = since.missing.shape
+    k, jets = recursion.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
     nothing = OnsetTests(total, likelihood, force)
-    mean, complete = averaging_matrix(over.read, params.places)
+    mean, complete = averaging_matrix(interval.read, params.places)
     if not complete:
         return nothing, False
-    present = np.flatnonzero(~np.isnan(over.read))
+    present = np.flatnonzero(~np.isnan(interval.read))
     mean = mean[:, present]
-    jacobian = mean @ over.jacobian[present]
+    jacobian = mean @ interval.jacobian[present]
     variances = mean**2 @ params.variances[present]
-    residual = mean @ over.innovation[present] + since.learned @ jacobian.T
+    residual = mean @ interval.innovation[present] + recursion.learned @ jacobian.T
     bounds = np.sum(residual**2 / variances, axis=1)
-    looked_at = np.flatnonzero((bounds >= least) & (since.elapsed_s > 0.0))
-    if looked_at.shape[0] == 0:
+    indices = np.flatnonzero((bounds >= threshold) & (recursion.elapsed_s > 0.0))
+    if indices.shape[0] == 0:
         return nothing, False
     on_outputs = rate_output_derivative(jacobian, params.places)
-    covariance = _output_covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
-    looked_at, covariance = _select_resolved(looked_at, covariance, variances)
-    if looked_at.shape[0] == 0:
+    covariance = _output_covariances(recursion, roots, indices, (jacobian, on_outputs), params) + np.diag(variances)
+    indices, covariance = _select_resolved(indices, covariance, variances)
+    if indices.shape[0] == 0:
         return nothing, False
     half = inverses(triangular_roots(covariance))
-    whitened = stack_times_vectors(half, residual[looked_at])
-    signature = stack_times(half, on_outputs @ over.effects.T)
+    whitened = stack_times_vectors(half, residual[indices])
+    signature = stack_times(half, on_outputs @ interval.effects.T)
     projection = stack_times_vectors(signature.transpose(0, 2, 1), whitened)
     energy = np.maximum(np.sum(signature**2, axis=1), _TINY)
-    seconds = np.where(projection > 0.0, since.missing[looked_at], since.given[looked_at])
-    enough = seconds > _ALLOWED * over.duration_s
-    total[looked_at] = np.sum(whitened**2, axis=1)
-    likelihood[looked_at] = np.where(enough, projection**2 / energy, 0.0)
-    force[looked_at] = np.where(enough, projection / energy / np.maximum(seconds, _LEAST_SECONDS), 0.0)
+    seconds = np.where(projection > 0.0, recursion.missing[indices], recursion.given[indices])
+    enough = seconds > _ALLOWED * interval.duration_s
+    total[indices] = np.sum(whitened**2, axis=1)
+    likelihood[indices] = np.where(enough, projection**2 / energy, 0.0)
+    force[indices] = np.where(enough, projection / energy / np.maximum(seconds, _LEAST_SECONDS), 0.0)
     return OnsetTests(total, likelihood, np.minimum(np.maximum(force, -params.thrusts), params.thrusts)), True
 
 
 @kernel
-def _select_resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
+def _select_resolved(indices: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
     """Returns indices and covariances of onsets whose predictions are accurate enough despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
     """
-    resolved = np.ones(looked_at.shape[0], dtype=np.bool_)
-    for place in range(looked_at.shape[0]):
+    resolved = np.ones(indices.shape[0], dtype=np.bool_)
+    for place in range(indices.shape[0]):
         resolved[place] = (variances > _ROUNDING * np.diag(covariance[place])).all()
-    return looked_at[resolved], covariance[resolved]
+    return indices[resolved], covariance[resolved]
 
 
 @kernel
@@ -307,41 +309,43 @@ def rate_output_derivative(jacobian: Array, places: Places) -> Array:
 
 
 @kernel
-def output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, params: JointParams) -> Array:
+def output_rows(recursion: Since, index: int, jacobian: Array, output_derivative: Array, params: JointParams) -> Array:
     """Computes the derivative of the averaged outputs now by the filter's state at an onset, shape (r, size).
 
     Args:
         jacobian: derivative of the averaged outputs by the state now, shape (r, size).
-        on_outputs: see `rate_output_derivative`.
+        output_derivative: see `rate_output_derivative`.
     """
     places = params.places
     rows = jacobian.copy()
     rows[:, RATE] = 0.0
-    rows += on_outputs @ np.ascontiguousarray(since.rows[index, :6])
+    rows += output_derivative @ np.ascontiguousarray(recursion.rows[index, :6])
     if places.n_acceleration_bias > 0:
         for package in range(places.accelerometers):
             part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
             begin = places.acceleration_bias + 3 * package
-            rows[:, begin : begin + 3] += since.elapsed_s[index] * params.acceleration_bias_sigma * jacobian[:, part]
+            rows[:, begin : begin + 3] += (
+                recursion.elapsed_s[index] * params.acceleration_bias_sigma * jacobian[:, part]
+            )
     return rows
 
 
 @kernel
 def _output_covariances(
-    since: Since,
+    recursion: Since,
     roots: Roots,
-    looked_at: np.ndarray,
+    indices: np.ndarray,
     derivatives: tuple[Array, Array],
     params: JointParams,
 ) -> Array:
     """Computes the covariance of the predicted averaged outputs from each onset, shape (number, r, r)."""
     jacobian, on_outputs = derivatives
-    result = np.empty((looked_at.shape[0], jacobian.shape[0], jacobian.shape[0]))
-    for place in range(looked_at.shape[0]):
-        index = looked_at[place]
-        rows = output_rows(since, index, jacobian, on_outputs, params)
+    result = np.empty((indices.shape[0], jacobian.shape[0], jacobian.shape[0]))
+    for place in range(indices.shape[0]):
+        index = indices[place]
+        rows = output_rows(recursion, index, jacobian, on_outputs, params)
         half = sparse_product(rows, roots.stack[roots.places[index]])  # jets that have not fired since tell nothing
-        result[place] = half @ half.T + on_outputs @ np.ascontiguousarray(since.noise[index, :6, :6]) @ on_outputs.T
+        result[place] = half @ half.T + on_outputs @ np.ascontiguousarray(recursion.noise[index, :6, :6]) @ on_outputs.T
     return result
 
 
@@ -376,49 +380,53 @@ class Followed(NamedTuple):
 
 
 @kernel
-def follow_cycle(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
+def follow_cycle(
+    recursion: Since, roots: Roots, terms: Traces, cycle: float, threshold: float, params: JointParams
+) -> Followed:
     """Linearizes a cycle, advances the bank of past onsets over it, and tests them on its readings.
 
     Args:
-        since, roots: of the bank before it.
-        least: see `test_onsets`.
+        recursion, roots: of the bank before it.
+        threshold: see `test_onsets`.
     """
-    over = link_from_traces(seen, params)
-    reached = advance_recursion(since, over, params.places)
-    _, complete = averaging_matrix(over.read, params.places)
-    found, some = test_onsets(reached, roots, over, least, params)
-    after, keep = add_onset(reached, over.correction, cycle, params)
-    return Followed(over, found, some, complete, after, keep)
+    interval = link_from_traces(terms, params)
+    advanced = advance_recursion(recursion, interval, params.places)
+    _, complete = averaging_matrix(interval.read, params.places)
+    tests, tested = test_onsets(advanced, roots, interval, threshold, params)
+    after, keep = add_onset(advanced, interval.correction, cycle, params)
+    return Followed(interval, tests, tested, complete, after, keep)
 
 
 def run_follow_cycle(
-    bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
+    bank: Bank, terms: Traces, state: JointState, cycle: int, threshold: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
     """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
 
     Args:
-        bank, seen, cycle, least: see `follow_cycle`.
+        bank, terms, cycle, threshold: see `follow_cycle`.
         state: after the cycle, the youngest onset then.
     """
-    states, since, made = *bank, params.compiled
+    states, recursion, compiled = *bank, params.compiled
     if not states:
-        over = link_from_traces(seen, params)
-        return over, None, False, Bank((state,), add_onset(since, over.correction, float(cycle), params)[0])
-    roots = tuple(each.root for each in states)  # without a copy
-    if made is None:
-        done = follow_cycle(since, Roots(roots, range(len(roots))), seen, float(cycle), float(least), params)
+        interval = link_from_traces(terms, params)
+        return interval, None, False, Bank((state,), add_onset(recursion, interval.correction, float(cycle), params)[0])
+    roots = tuple(onset_state.root for onset_state in states)  # without a copy
+    if compiled is None:
+        followed = follow_cycle(
+            recursion, Roots(roots, range(len(roots))), terms, float(cycle), float(threshold), params
+        )
     else:
         stacked = Roots(np.stack(roots), np.arange(len(roots)))
-        done = made.follow_cycle(Following(since, stacked, seen, float(cycle), float(least)))
-    after = Bank((*(states[index] for index in done.keep.tolist()), state), done.since)
-    return done.link, done.tested if done.some else None, done.complete, after
+        followed = compiled.follow_cycle(Following(recursion, stacked, terms, float(cycle), float(threshold)))
+    after = Bank((*(states[index] for index in followed.keep.tolist()), state), followed.since)
+    return followed.link, followed.tested if followed.some else None, followed.complete, after
 
 
 @kernel
-def is_alarming(likelihood: float, total: float) -> bool:
+def is_alarming(jet_glr: float, total_glr: float) -> bool:
     """Tests whether a jet's GLR or that of any fault exceeds the level at which it opens the search for faults.
 
     Args:
-        likelihood, total: largest GLR of a jet, and of anything.
+        jet_glr, total_glr: largest GLR of a jet, and of anything.
     """
-    return likelihood > ALARM or total > _ALARM_ANY
+    return jet_glr > ALARM or total_glr > _ALARM_ANY

@@ -78,7 +78,7 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
     first, last = RATE.start, places.slow
     root = np.zeros((places.size, places.size + last - first))
     root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
-    own = places.size - first  # a column for the reading of each of these rows
+    reading_column = places.size - first  # a column for the reading of each of these rows
     for axis in range(3):
         row = RATE.start + axis
         weights = np.zeros(places.gyros)
@@ -87,16 +87,16 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
                 weights[package] = 1.0 / params.variances[3 * package + axis]
         total = float(weights.sum())
         if total == 0.0:
-            root[row, own + row] = _UNREAD * np.sqrt(params.variances[axis])
+            root[row, reading_column + row] = _UNREAD * np.sqrt(params.variances[axis])
             continue
-        root[row, own + row] = np.sqrt(1.0 / total)
+        root[row, reading_column + row] = np.sqrt(1.0 / total)
         mean[row] = 0.0
         for package in range(places.gyros):
             if weights[package] > 0.0:
-                share = weights[package] / total
-                mean[row] += share * sample.rates[package, axis]
+                relative_weight = weights[package] / total
+                mean[row] += relative_weight * sample.rates[package, axis]
                 if places.n_gyro_bias > 0:
-                    bias, shift = places.gyro_bias + 3 * package + axis, share * params.gyro_bias_sigma
+                    bias, shift = places.gyro_bias + 3 * package + axis, relative_weight * params.gyro_bias_sigma
                     mean[row] -= shift * mean[bias]
                     root[row] -= shift * root[bias]
     for package in range(places.accelerometers):
@@ -105,36 +105,36 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
             deviation = np.sqrt(params.variances[3 * (places.gyros + package) + axis])
             missing = np.isnan(value)
             mean[row] = 0.0 if missing else value
-            root[row, own + row] = _UNREAD * deviation if missing else deviation
+            root[row, reading_column + row] = _UNREAD * deviation if missing else deviation
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         arm = params.accelerometer_positions[package] - mean[CENTER]
         root[part] += skew(arm) @ root[RATE]
     for axis in range(places.n_attitude):
         row = places.attitude + axis
         own_variances = params.trackers.variances * np.where(params.trackers.outliers > 0.0, POOR**2, 1.0)
-        there = ~np.isnan(sample.attitudes[:, axis])
-        mean[row], root[row, own + row] = 0.0, _UNREAD * np.sqrt(own_variances[0])
-        if there.any():
-            weights = 1.0 / own_variances[there]
-            mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
-            root[row, own + row] = np.sqrt(1.0 / weights.sum())
+        present = ~np.isnan(sample.attitudes[:, axis])
+        mean[row], root[row, reading_column + row] = 0.0, _UNREAD * np.sqrt(own_variances[0])
+        if present.any():
+            weights = 1.0 / own_variances[present]
+            mean[row] = weights @ sample.attitudes[present, axis] / weights.sum()
+            root[row, reading_column + row] = np.sqrt(1.0 / weights.sum())
     if places.n_slow > 0:
-        kept, spread = _slow_state_decay(state, sample, params)
-        come = np.zeros((places.size, places.n_slow))
+        decay, spread = _slow_state_decay(state, sample, params)
+        noise_columns = np.zeros((places.size, places.n_slow))
         slow = slice(places.slow, places.slow + places.n_slow)
-        come[slow] = np.diag(spread * np.sqrt(1.0 - kept**2))
-        mean[slow] *= kept
-        root[slow] *= kept.reshape(-1, 1)
-        root = np.hstack((root, come))
+        noise_columns[slow] = np.diag(spread * np.sqrt(1.0 - decay**2))
+        mean[slow] *= decay
+        root[slow] *= decay.reshape(-1, 1)
+        root = np.hstack((root, noise_columns))
     mean, root = _reopen_shaken_modes(state, mean, root, params)
-    read = readings(sample.rates, sample.velocities, sample.attitudes)
+    reading = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
         root=compress_root(root, places.thrust),
         spin=np.zeros(6),
         reference=mean[RATE].copy(),
-        read=read,
-        fresh=np.zeros(read.shape[0]),
+        read=reading,
+        fresh=np.zeros(reading.shape[0]),
         time_s=sample.time_s,
         started=True,
     )
@@ -155,11 +155,11 @@ def _reopen_shaken_modes(state: JointState, mean: Array, root: Array, params: Jo
 def _slow_state_decay(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
     """Computes the decay factor of each slow state z over a gap, and its 1-sigma after it, shape (n_slow,) each."""
     places = params.places
-    filled = places.n_slow - places.tanks
-    others, unstated = filled - places.wheels, places.unstated - places.slow
-    kept, spread, since_s = np.zeros(places.n_slow), np.ones(places.n_slow), max(sample.time_s - state.time_s, 0.0)
-    kept[:unstated] = decay_factor(params.disturbance.time_constant_s, since_s)
-    kept[unstated:others], spread[unstated:others] = decay_factor(state.stir_s, since_s), state.stir
-    spread[others:filled] = initial_speed_sigmas(sample.speeds.kept, params.wheels)
-    kept[filled:] = 1.0
-    return kept, spread
+    first_tank = places.n_slow - places.tanks
+    first_wheel, unstated = first_tank - places.wheels, places.unstated - places.slow
+    decay, spread, elapsed_s = np.zeros(places.n_slow), np.ones(places.n_slow), max(sample.time_s - state.time_s, 0.0)
+    decay[:unstated] = decay_factor(params.disturbance.time_constant_s, elapsed_s)
+    decay[unstated:first_wheel], spread[unstated:first_wheel] = decay_factor(state.stir_s, elapsed_s), state.stir
+    spread[first_wheel:first_tank] = initial_speed_sigmas(sample.speeds.kept, params.wheels)
+    decay[first_tank:] = 1.0
+    return decay, spread

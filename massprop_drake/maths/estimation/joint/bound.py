@@ -60,28 +60,32 @@ class BoundStep(NamedTuple):
 
 
 def predict_interval_end(
-    state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
+    state: JointState, sample: JointSample, truth: Array | None, params: JointParams, filter_root: Array | None = None
 ) -> IntervalEnd:
     """Predicts truth, and root of the bound's covariance, at an interval's end before its readings are used.
 
     Args:
         state: before it; its mean is the truth then.
         sample: of it; of its readings it only counts which are missing.
-        mean: the truth at its end, shape (size,); None: what is predicted.
-        doubt: root of a covariance of all the state; products of its errors are noise then, as to the filter.
+        truth: the truth at its end, shape (size,); None: what is predicted.
+        filter_root: root of a covariance of all the state; products of its errors are noise then, as to the filter.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
     stamped_too, _ = update_by_stamp(state, sample.timing, at_truth)
     before = stamped_too._replace(mean=at)
-    acting = make_drive(before, sample, at_truth)
+    forces = make_drive(before, sample, at_truth)
     read, around = combine_gyros(sample.rates, at, params), (sample.frames, sample.speeds)
-    read = read._replace(rate=np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE]))
-    prediction = predict(before, acting, read, at_truth, around)
-    if doubt is not None:
-        prediction = prediction._replace(noise=predict(before._replace(root=doubt), acting, read, params, around).noise)
+    read = read._replace(
+        rate=np.full(3, np.nan) if truth is None else np.where(np.isnan(read.rate), np.nan, truth[RATE])
+    )
+    prediction = predict(before, forces, read, at_truth, around)
+    if filter_root is not None:
+        prediction = prediction._replace(
+            noise=predict(before._replace(root=filter_root), forces, read, params, around).noise
+        )
     root = propagate_root(before.root, prediction, at_truth)
-    there = prediction.mean if mean is None else mean
-    return IntervalEnd(acting, prediction, there, root, state.spin + prediction.spin)
+    there = prediction.mean if truth is None else truth
+    return IntervalEnd(forces, prediction, there, root, state.spin + prediction.spin)
 
 
 def update_bound(
@@ -100,8 +104,8 @@ def update_bound(
     jacobian = predict_outputs(end.mean, state.reference, end.spin, params)[1][counts]
     half_gain, upper = np.zeros((root.shape[0], 0)), np.zeros((0, 0))
     if used.any():
-        found = joseph_update(root, jacobian @ root, variances[counts], np.zeros(counts.shape[0]), first)
-        root, half_gain, upper = found.root, found.half_gain, found.upper
+        update = joseph_update(root, jacobian @ root, variances[counts], np.zeros(counts.shape[0]), first)
+        root, half_gain, upper = update.root, update.half_gain, update.upper
     else:
         root = compress_root(root, first)
     firing = end.acting.firing
@@ -119,7 +123,7 @@ def update_bound(
 
 
 def advance_force_effects(
-    before: tuple[Array, Array], state: JointState, course: BoundStep, first: int, params: JointParams
+    effects: tuple[Array, Array], state: JointState, step: BoundStep, first_column: int, params: JointParams
 ) -> tuple[Array, Array]:
     """Propagates errors by constant leaks and losses of jets, and their information, over an interval.
 
@@ -127,34 +131,34 @@ def advance_force_effects(
     it fires.
 
     Args:
-        before: both before the interval.
+        effects: both before the interval.
         state: likewise.
-        first: column of the first of these forces.
+        first_column: column of the first of these forces.
     """
-    carried, shown = before
-    carried = propagate_root(carried, course.end.prediction, params)[:, : carried.shape[1]]
-    carried[:, first : first + 2 * params.places.jets] += _unit_force_effects(state, course.end, params)
-    if course.upper.shape[0] > 0:
-        seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
-        carried = carried - course.half_gain @ seen
-        shown = shown + seen.T @ seen
+    carried, shown = effects
+    carried = propagate_root(carried, step.end.prediction, params)[:, : carried.shape[1]]
+    carried[:, first_column : first_column + 2 * params.places.jets] += _unit_force_effects(state, step.end, params)
+    if step.upper.shape[0] > 0:
+        whitened = np.linalg.solve(step.upper.T, step.jacobian @ carried)
+        carried = carried - step.half_gain @ whitened
+        shown = shown + whitened.T @ whitened
     return carried, shown
 
 
 def _unit_force_effects(state: JointState, end: IntervalEnd, params: JointParams) -> Array:
     """Computes changes of rate and velocities by a unit of each leak or loss over an interval, shape (size, f)."""
     prediction, places = end.prediction, params.places
-    jets, extra = np.tile(np.arange(places.jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), places.jets)
+    jets, on_top = np.tile(np.arange(places.jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), places.jets)
     n = jets.size
-    wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
+    slot_params = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
     mean = np.append(state.mean[: places.force], np.zeros(n))
-    slots = state._replace(mean=mean, slot_jet=jets, slot_sign=2.0 * extra - 1.0, slot_on_top=extra)
-    turned, pushed = (rows[:, places.force :] for rows in error_rows(slots, end.acting, wide))
+    slots = state._replace(mean=mean, slot_jet=jets, slot_sign=2.0 * on_top - 1.0, slot_on_top=on_top)
+    rate_rows, velocity_rows = (rows[:, places.force :] for rows in error_rows(slots, end.acting, slot_params))
     result = np.zeros((places.size, n))
-    result[RATE] = turned
+    result[RATE] = rate_rows
     arms = params.accelerometer_positions - state.mean[CENTER]
     by_end = arm_turning_integrals(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        result[part] = pushed + by_end[package] @ turned
+        result[part] = velocity_rows + by_end[package] @ rate_rows
     return result

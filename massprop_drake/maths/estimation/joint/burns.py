@@ -71,28 +71,28 @@ def shut_engine_settings(n: int) -> EngineSettings:
 
 
 def make_burn(
-    before: EngineSettings, read: Array, duration_s: float, engines: EngineParams
+    settings: EngineSettings, reading: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Burn, EngineSettings]:
     """Returns levels and gimbal angles of the engines over an interval, and their settings after it.
 
     Args:
-        before: at the start of the interval.
-        read: at its end, NaN where missing, shape (n, 3).
+        settings: at the start of the interval.
+        reading: at its end, NaN where missing, shape (n, 3).
     """
-    measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
-    shown = np.where(missing, before.told, read)
-    shown[:, 0] = np.where(shown[:, 0] < engines.least, 0.0, shown[:, 0])
-    followed, mean = follow_command(before.now, before.told, duration_s, engines)
-    end = np.where(measured, shown, followed)
-    middle = np.where(measured, 0.5 * (before.now + end), 1.5 * mean - 0.25 * (before.now + end))
-    going_on = np.where(before.since_s < 0.0, before.since_s, before.since_s + duration_s)
-    since_s = np.where(missing, going_on, 0.0)
+    measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(reading)
+    target = np.where(missing, settings.told, reading)
+    target[:, 0] = np.where(target[:, 0] < engines.least, 0.0, target[:, 0])
+    followed, mean = follow_command(settings.now, settings.told, duration_s, engines)
+    end = np.where(measured, target, followed)
+    middle = np.where(measured, 0.5 * (settings.now + end), 1.5 * mean - 0.25 * (settings.now + end))
+    elapsed_s = np.where(settings.since_s < 0.0, settings.since_s, settings.since_s + duration_s)
+    since_s = np.where(missing, elapsed_s, 0.0)
     lasting_s = np.where(measured, since_s, 0.0)  # a command holds until there is another
-    moved = np.where(measured, np.abs(end - before.now), 0.0)
-    when = _UNIFORM * moved * np.maximum(1.0 - moved / (engines.rates * duration_s), 0.0)
-    misread = reading_std(0.5 * (before.now + end), engines)
-    std = np.sqrt(misread**2 + (engines.rates * np.maximum(lasting_s, 0.0)) ** 2 + when**2)
-    return Burn(np.stack((before.now, middle, end), axis=1), std), EngineSettings(end, shown, since_s)
+    moved = np.where(measured, np.abs(end - settings.now), 0.0)
+    timing_std = _UNIFORM * moved * np.maximum(1.0 - moved / (engines.rates * duration_s), 0.0)
+    reading_error = reading_std(0.5 * (settings.now + end), engines)
+    std = np.sqrt(reading_error**2 + (engines.rates * np.maximum(lasting_s, 0.0)) ** 2 + timing_std**2)
+    return Burn(np.stack((settings.now, middle, end), axis=1), std), EngineSettings(end, target, since_s)
 
 
 class EngineImpulse(NamedTuple):
@@ -140,26 +140,26 @@ def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: Engine
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
     for k in range(n):
-        given, by, full, flow = single_engine_impulses(
+        impulses, derivatives, full, flow = single_engine_impulses(
             k, burn.points[k], errors[N_ERRORS * k : N_ERRORS * (k + 1)], duration_s, engines
         )
-        impulse += given[0]
-        by_errors[N_ERRORS * k : N_ERRORS * (k + 1)] = by[:, 0]
+        impulse += impulses[0]
+        by_errors[N_ERRORS * k : N_ERRORS * (k + 1)] = derivatives[:, 0]
         noise[N_CHANNELS * k] = burn.std[k, 0] * full[0]
-        noise[N_CHANNELS * k + 1] = burn.std[k, 1] * by[2, 0]
-        noise[N_CHANNELS * k + 2] = burn.std[k, 2] * by[3, 0]
+        noise[N_CHANNELS * k + 1] = burn.std[k, 1] * derivatives[2, 0]
+        noise[N_CHANNELS * k + 2] = burn.std[k, 2] * derivatives[3, 0]
         used += flow[0]
     return EngineImpulse(impulse, by_errors, noise, used)
 
 
 @kernel
 def single_engine_impulses(
-    which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
+    engine: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Array, Array, Array, Array]:
     """Computes impulses of one engine over m intervals, their derivatives, and the propellant used.
 
     Args:
-        which: index of the engine.
+        engine: index of the engine.
         points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
         errors: its six, shape (6,).
 
@@ -167,22 +167,22 @@ def single_engine_impulses(
         The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),
         and the propellant used, shape (m,).
     """
-    given, level, normals = thrust(which, points, errors, engines), points[:, 0], engines.normals[which]
-    force, each = given.force.reshape(-1, 1), engines.thrusts[which] * given.along
-    full = wrenches_of(given.place, each)
-    by = np.zeros((N_ERRORS, points.shape[0], 6))
-    by[0], by[1] = (level * (1.0 - level)).reshape(-1, 1) * full, (level * level).reshape(-1, 1) * full
-    by[2] = wrenches_of(given.place, force * given.by_angles[0])
-    by[3] = wrenches_of(given.place, force * given.by_angles[1])
-    acting = force * given.along
-    by[4, :, :3], by[5, :, :3] = acting @ skew(normals[0]).T, acting @ skew(normals[1]).T
+    produced, level, normals = thrust(engine, points, errors, engines), points[:, 0], engines.normals[engine]
+    force, unit_force = produced.force.reshape(-1, 1), engines.thrusts[engine] * produced.along
+    full = wrenches_of(produced.place, unit_force)
+    by_error = np.zeros((N_ERRORS, points.shape[0], 6))
+    by_error[0], by_error[1] = (level * (1.0 - level)).reshape(-1, 1) * full, (level * level).reshape(-1, 1) * full
+    by_error[2] = wrenches_of(produced.place, force * produced.by_angles[0])
+    by_error[3] = wrenches_of(produced.place, force * produced.by_angles[1])
+    force_vectors = force * produced.along
+    by_error[4, :, :3], by_error[5, :, :3] = force_vectors @ skew(normals[0]).T, force_vectors @ skew(normals[1]).T
     derivatives = np.empty((N_ERRORS, points.shape[0] // 3, 6))
     for error in range(N_ERRORS):
-        derivatives[error] = _simpson_integrals(by[error], duration_s)
-    flows = np.interp(level, engines.levels, engines.flows[which]).reshape(-1, 1)
+        derivatives[error] = _simpson_integrals(by_error[error], duration_s)
+    flows = np.interp(level, engines.levels, engines.flows[engine]).reshape(-1, 1)
     used = _simpson_integrals(flows, duration_s).ravel()
     return (
-        _simpson_integrals(wrenches_of(given.place, acting), duration_s),
+        _simpson_integrals(wrenches_of(produced.place, force_vectors), duration_s),
         derivatives,
         _simpson_integrals(full, duration_s),
         used,

@@ -47,26 +47,26 @@ def empty_update(root: Array) -> Update:
 
 
 @kernel
-def order_root_rows(columns: Array, first: int) -> Array:
+def order_root_rows(columns: Array, first_row: int) -> Array:
     """Returns a covariance's root with its first rows moved to the end, the order of `compress_root`."""
-    return np.vstack((columns[first:], columns[:first]))
+    return np.vstack((columns[first_row:], columns[:first_row]))
 
 
 @kernel
-def compress_root(columns: Array, first: int) -> Array:
+def compress_root(columns: Array, first_row: int) -> Array:
     """Returns a triangular root, shape (n, n), of the same covariance as a root of k >= n columns.
 
     Args:
         columns: any root, shape (n, k).
-        first: row that comes first in the order in which it becomes triangular, with all after it; `Places.thrust`.
+        first_row: row that comes first in the order in which it becomes triangular, with all after it; `Places.thrust`.
     """
-    n, rows = columns.shape[0], order_root_rows(columns, first)
+    n, rows = columns.shape[0], order_root_rows(columns, first_row)
     done = triangular_rows(rows)
     root = np.zeros((n, n))
     root[:, :done] = rows[:, :done]
     if done < n:
         root[done:, done:] = lower_factor(np.ascontiguousarray(rows[done:, done:]))
-    return np.vstack((root[n - first :], root[: n - first]))
+    return np.vstack((root[n - first_row :], root[: n - first_row]))
 
 
 @kernel
@@ -83,7 +83,7 @@ def semidefinite_root(matrix: Array) -> Array:
 
 
 @kernel
-def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
+def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first_row: int) -> Update:
     """Updates a covariance's root by a measurement in Joseph's form; returns correction, new root and gain.
 
     Args:
@@ -91,10 +91,10 @@ def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Arr
         outputs: H times the root, shape (m, k).
         variances: of the measurement noise, positive, shape (m,).
         innovation: e, shape (m,).
-        first: see `compress_root`.
+        first_row: see `compress_root`.
     """
     wide = joseph_update_uncompressed(root, outputs, variances, innovation)
-    return Update(wide.correction, compress_root(wide.root, first), wide.half_gain, wide.upper)
+    return Update(wide.correction, compress_root(wide.root, first_row), wide.half_gain, wide.upper)
 
 
 @kernel

@@ -40,38 +40,38 @@ class Crossing(NamedTuple):
 
 @kernel
 def update_by_crossings(
-    state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
+    state: JointState, linearization_point: Array, sample: JointSample, floors: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
     """Updates the state by pending readings whose quantized value now changes; returns it, gain and likelihood.
 
     Args:
         state: after the last sample.
-        about: the ten parameters at which outputs are linearized, shape (10,).
+        linearization_point: the ten parameters at which outputs are linearized, shape (10,).
         sample: the next one, whose readings show which have changed.
-        least: see `floors`.
+        floors: see `floors`.
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
-    chosen = (state.fresh > 0.0) & find_changed(
+    changed = (state.fresh > 0.0) & find_changed(
         readings(sample.rates, sample.velocities, sample.attitudes), state.read, params
     )
-    if not chosen.any():
+    if not changed.any():
         return clear_pending(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
-    there = state.mean.copy()
-    there[:N_PROPERTIES] = about
-    values, jacobian = predict_outputs(there, state.reference, state.spin, params)
-    values = values + jacobian @ (state.mean - there)
-    counts = np.flatnonzero(chosen)
-    projected = sparse_product(jacobian[counts], state.root)
-    told = make_sites(chosen, projected, state.read - values, (params.cells, least))
-    change = joseph_update_uncompressed(state.root, projected, told.variance, told.innovation)
-    whitened = np.linalg.solve(change.upper.T, jacobian[counts])
-    for place in range(counts.shape[0]):
-        rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
-    mean = state.mean + change.correction
+    point = state.mean.copy()
+    point[:N_PROPERTIES] = linearization_point
+    values, jacobian = predict_outputs(point, state.reference, state.spin, params)
+    values = values + jacobian @ (state.mean - point)
+    indices = np.flatnonzero(changed)
+    projected = sparse_product(jacobian[indices], state.root)
+    sites = make_sites(changed, projected, state.read - values, (params.cells, floors))
+    update = joseph_update_uncompressed(state.root, projected, sites.variance, sites.innovation)
+    whitened = np.linalg.solve(update.upper.T, jacobian[indices])
+    for place in range(indices.shape[0]):
+        rows[indices[place]], half_gain[:, indices[place]] = whitened[place], update.half_gain[:, place]
+    mean = state.mean + update.correction
     level = levels_at_estimates((state.level, state.slope, state.tick_slope), state.mean, mean, params)
-    after = clear_pending(replace_levels(state, mean, change.root, level, state.tick_slope))
-    return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
+    after = clear_pending(replace_levels(state, mean, update.root, level, state.tick_slope))
+    return after, Crossing(rows, half_gain, update.correction, sites.log_likelihood.sum())
 
 
 @kernel

@@ -93,56 +93,56 @@ def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level:
     along = lost * lost / drawn
     apart = level * math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
     drawn, along = level * drawn, level * along
-    each = np.ones(a.shape[1])
-    return Wander((1.0 - lost) * each, a * (constant * lost), a * (constant * drawn), along * each, apart * each)
+    ones = np.ones(a.shape[1])
+    return Wander((1.0 - lost) * ones, a * (constant * lost), a * (constant * drawn), along * ones, apart * ones)
 
 
 @kernel
-def join_courses(one: Wander, other: Wander) -> Wander:
+def join_courses(first: Wander, second: Wander) -> Wander:
     """Joins decay, effects and noise of two sets of slow states, components of the second after the first's."""
     return Wander(
-        np.concatenate((one.kept, other.kept)),
-        np.hstack((one.begun, other.begun)),
-        np.hstack((one.drawn, other.drawn)),
-        np.concatenate((one.along, other.along)),
-        np.concatenate((one.apart, other.apart)),
+        np.concatenate((first.kept, second.kept)),
+        np.hstack((first.begun, second.begun)),
+        np.hstack((first.drawn, second.drawn)),
+        np.concatenate((first.along, second.along)),
+        np.concatenate((first.apart, second.apart)),
     )
 
 
 @kernel
-def append_constant_states(wander: Wander, n: int) -> Wander:
+def append_constant_states(slow_states: Wander, n: int) -> Wander:
     """Appends n components to slow states that neither decay nor change nor act on rate and velocity."""
-    return join_courses(wander, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
+    return join_courses(slow_states, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
 
 
 @kernel
-def disturbance_effect(wander: Wander, value: Array) -> Array:
+def disturbance_effect(disturbance: Wander, value: Array) -> Array:
     """Computes the change of rate and velocity by a disturbance of given value at an interval's start, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
-        change += wander.begun[:, component] * value[component]
+        change += disturbance.begun[:, component] * value[component]
     return change
 
 
 @kernel
-def disturbance_noise_root(wander: Wander) -> Array:
+def disturbance_noise_root(disturbance: Wander) -> Array:
     """Computes a root of a disturbance's noise covariance of rate, velocity, z, shape (6 + n, 2 n_moving)."""
-    moving = np.flatnonzero(wander.along + wander.apart > 0.0)
+    moving = np.flatnonzero(disturbance.along + disturbance.apart > 0.0)
     n = moving.shape[0]
-    columns = np.zeros((6 + wander.drawn.shape[1], 2 * n))
+    columns = np.zeros((6 + disturbance.drawn.shape[1], 2 * n))
     for column in range(n):
         component = moving[column]
-        columns[:6, column] = wander.drawn[:, component]
-        columns[6 + component, column] = wander.along[component]
-        columns[6 + component, n + column] = wander.apart[component]
+        columns[:6, column] = disturbance.drawn[:, component]
+        columns[6 + component, column] = disturbance.along[component]
+        columns[6 + component, n + column] = disturbance.apart[component]
     return columns
 
 
 @kernel
-def disturbance_noise(wander: Wander) -> Array:
+def disturbance_noise(disturbance: Wander) -> Array:
     """Computes the covariance that a disturbance's noise adds to rate and velocity in an interval, shape (6, 6)."""
     covariance = np.zeros((6, 6))
-    for component in range(wander.drawn.shape[1]):
-        column = wander.drawn[:, component]
+    for component in range(disturbance.drawn.shape[1]):
+        column = disturbance.drawn[:, component]
         covariance += np.outer(column, column)
     return covariance

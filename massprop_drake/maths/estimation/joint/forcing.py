@@ -82,8 +82,8 @@ def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     away_s = state.mean[places.ticks : places.ticks + 2] * params.tick_sigma - timing.about_s
     later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
     amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
-    moved = replace_firing(firing, amount, level)
-    return Drive(moved, lag_slope, sample.outside, timing.spreads, by_ticks, tick_slope, anything, engines)
+    at_estimate = replace_firing(firing, amount, level)
+    return Drive(at_estimate, lag_slope, sample.outside, timing.spreads, by_ticks, tick_slope, anything, engines)
 
 
 @kernel
@@ -117,13 +117,13 @@ def wrenches_of(mean: Array, params: JointParams) -> Array:
 
 
 @kernel
-def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
+def error_rows(state: JointState, forces: Drive, params: JointParams) -> tuple[Array, Array]:
     """Computes derivatives of changes of rate and velocity by errors of thrust, lag, ticks, failure forces.
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
     """
-    mean, places, firing = state.mean, params.places, acting.firing
+    mean, places, firing = state.mean, params.places, forces.firing
     inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
     wrenches = wrenches_of(mean, params)
@@ -135,26 +135,26 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         sigma = (params.thrust_sigma * firing.amount).reshape(-1, 1)
         rate_rows[:, columns] = (rate_effect * sigma).T
         velocity_rows[:, columns] = (velocity_effect * sigma).T
-        outside = (acting.outside + acting.engines.impulse).reshape(1, 6)
+        outside = (forces.outside + forces.engines.impulse).reshape(1, 6)
         rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
     if places.n_engine > 0:
         of_known, columns = _known_impulse_scale(mean, params), slice(places.engine, places.engine + places.n_engine)
-        rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
-        velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
+        rate_rows[:, columns] = of_known * (moments_of(forces.engines.by_errors, mean) @ inverse).T
+        velocity_rows[:, columns] = (of_known * reciprocal) * forces.engines.by_errors[:, 3:].T
     if places.n_mount > 0:
-        each, columns = params.mounting, slice(places.mount, places.mount + places.n_mount)
-        given = effective_seconds(state, firing, params)[each.jets].reshape(-1, 1) * each.wrenches
-        rate_rows[:, columns] = (moments_of(given, mean) @ inverse).T
-        velocity_rows[:, columns] = reciprocal * given[:, 3:].T
+        mounting, columns = params.mounting, slice(places.mount, places.mount + places.n_mount)
+        impulses = effective_seconds(state, firing, params)[mounting.jets].reshape(-1, 1) * mounting.wrenches
+        rate_rows[:, columns] = (moments_of(impulses, mean) @ inverse).T
+        velocity_rows[:, columns] = reciprocal * impulses[:, 3:].T
     if places.n_lag > 0:
-        weight = firing.amount_slope * acting.lag_slope * lagged
+        weight = firing.amount_slope * forces.lag_slope * lagged
         of_kinds = weight * (np.arange(places.n_lag).reshape(-1, 1) == params.kinds)
         columns = slice(places.lag, places.lag + places.n_lag)
         rate_rows[:, columns] = (of_kinds @ rate_effect).T
         velocity_rows[:, columns] = (of_kinds @ velocity_effect).T
     if places.n_ticks > 0:
-        by_ticks = params.tick_sigma.reshape(2, 1) * acting.by_ticks * lagged
+        by_ticks = params.tick_sigma.reshape(2, 1) * forces.by_ticks * lagged
         rate_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ rate_effect).T
         velocity_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ velocity_effect).T
     for slot in range(places.n_force):
@@ -190,7 +190,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 
 @kernel
 def impulse_rows(
-    state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
+    state: JointState, forces: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
 ) -> tuple[Array, Array]:
     """Computes derivatives of changes of rate and velocity under impulses by the state, shape (3, size) each.
 
@@ -199,7 +199,7 @@ def impulse_rows(
         impulse: linear, and angular about the center of mass, shape (3,) each.
         flow: mass that is used, slug or kg.
     """
-    rate_rows, velocity_rows = error_rows(state, acting, params)
+    rate_rows, velocity_rows = error_rows(state, forces, params)
     linear, moment = impulse
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = take_elements(state.mean, ELEMENT) @ skew(linear)
@@ -215,11 +215,11 @@ def _known_impulse_scale(mean: Array, params: JointParams) -> float:
 
 
 @kernel
-def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
+def known_impulse(mean: Array, forces: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
     """Returns impulse of outside forces, engines and wheels, shape (6,); wheel momenta, (2, 3); thrust scale."""
     scale = _known_impulse_scale(mean, params)
     momenta = scale * wheel_momenta(speeds, wheel_factors(mean, params), params.wheels)
-    impulse = scale * (acting.outside + acting.engines.impulse)
+    impulse = scale * (forces.outside + forces.engines.impulse)
     impulse[:3] -= momenta[1] - momenta[0]
     return impulse, momenta, scale
 
@@ -234,27 +234,27 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 
 @kernel
-def add_wheel_errors(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
+def add_wheel_errors(rate_rows: Array, mean: Array, wheel_impulses: Array, scale: float, params: JointParams) -> Array:
     """Adds to the derivative of the change of rate that by errors of wheel inertias and thrust scale.
 
     Args:
-        rows: without that, shape (3, size).
+        rate_rows: without that, shape (3, size).
         mean: before the interval, shape (size,).
-        exchange: E_k, shape (n_wheels, 3).
+        wheel_impulses: E_k, shape (n_wheels, 3).
         scale: 1 - sigma_T s.
     """
-    if exchange.shape[0] == 0:
-        return rows
-    places, result, turns = params.places, rows.copy(), exchange @ take_elements(mean, ELEMENT)
+    if wheel_impulses.shape[0] == 0:
+        return rate_rows
+    places, result, rate_changes = params.places, rate_rows.copy(), wheel_impulses @ take_elements(mean, ELEMENT)
     if places.n_wheel > 0:
-        result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * turns.T
+        result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * rate_changes.T
     if places.n_scale > 0:
-        result[:, places.scale] -= params.thrust_sigma * (wheel_factors(mean, params) @ turns)
+        result[:, places.scale] -= params.thrust_sigma * (wheel_factors(mean, params) @ rate_changes)
     return result
 
 
 @kernel
-def thrust_bow_impulses(state: JointState, acting: Drive, params: JointParams) -> Array:
+def thrust_bow_impulses(state: JointState, forces: Drive, params: JointParams) -> Array:
     """Computes the jets' angular impulse beyond that of steady thrust: mean, first moment, RMS, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
-    return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)
+    return moments_of((forces.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

@@ -42,7 +42,7 @@ def update_guard(state: JointState, commanded: bool, params: JointParams) -> Joi
     return set_guard_status(state, True, 1.0 if commanded else 0.0)
 
 
-def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bool_] | None = None) -> bool:
+def knows_rotation(state: JointState, params: JointParams, jet_mask: NDArray[np.bool_] | None = None) -> bool:
     """Tests whether jets' effects on rates are known well enough for linear statistics of rates to hold.
 
     Rates are products of what is unknown: inverse inertia, and torque about the center of mass. With e the relative
@@ -51,9 +51,9 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
     which nothing turns the vehicle.
 
     Args:
-        acting: which jets turn the vehicle, shape (n_jets,); None: any may.
+        jet_mask: which jets turn the vehicle, shape (n_jets,); None: any may.
     """
-    wrenches = params.wrenches if acting is None else params.wrenches[acting]
+    wrenches = params.wrenches if jet_mask is None else params.wrenches[jet_mask]
     effects = parameter_effects(state.mean, wrenches)[:3] @ state.root[:N_PROPERTIES]
     sigma = np.sqrt(np.sum(effects**2, axis=2)).max(axis=1, initial=0.0)
     largest = np.abs(effects_of(params.wrenches, state.mean)[:, :3]).max(axis=0, initial=0.0)

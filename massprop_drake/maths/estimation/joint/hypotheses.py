@@ -134,13 +134,13 @@ class Score(NamedTuple):
     gyro_nis: float = 0.0
     gyro_degrees: float = 0.0
 
-    def plus(self, part: Score) -> Score:
+    def plus(self, score: Score) -> Score:
         """Returns the sum of two scores: log likelihood, NIS and degrees of freedom."""
-        return Score(*(whole + more for whole, more in zip(self, part, strict=True)))
+        return Score(*(whole + more for whole, more in zip(self, score, strict=True)))
 
-    def without(self, part: Score) -> Score:
+    def without(self, score: Score) -> Score:
         """Returns the difference of two scores: log likelihood, NIS and degrees of freedom."""
-        return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
+        return Score(*(whole - less for whole, less in zip(self, score, strict=True)))
 
     @property
     def excess(self) -> float:
@@ -190,17 +190,17 @@ class Runner(NamedTuple):
         return self.cycle - self.onset
 
 
-def false_reading_cost(component: int, params: JointParams, moved: float = np.inf) -> float:
+def false_reading_cost(component: int, params: JointParams, change: float = np.inf) -> float:
     """Computes the log likelihood lost by taking a reading for false, nats, relative to that of its cell.
 
     Args:
         component: index of it.
-        moved: by how much it differs from the lie before: one that stands still says the same again, another anything
+        change: by how much it differs from the lie before: one that stands still says the same again, another anything
             in the sensor's range.
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
-    among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
-    return float(np.log(among * spread / (params.cells[component] or 1.0)))
+    alternatives = _STILL if abs(change) <= _MOVED * params.quanta[component] else _RANGE
+    return float(np.log(alternatives * spread / (params.cells[component] or 1.0)))
 
 
 def stronger_disturbances(state: JointState, params: JointParams) -> list[int]:
@@ -215,21 +215,21 @@ def unstated_disturbance_sigmas(level: float, params: JointParams) -> tuple[floa
     Returns:
         Torque and force, ft-lbf and lbf, or N-m and N; NaN in place of a force without an accelerometer.
     """
-    acts, nominal = level * params.unstated, params.nominal
-    torques = np.linalg.solve(nominal[:6][ELEMENT], acts[:3])
-    forces = acts[3:] / nominal[MASS]
+    accelerations, nominal = level * params.unstated, params.nominal
+    torques = np.linalg.solve(nominal[:6][ELEMENT], accelerations[:3])
+    forces = accelerations[3:] / nominal[MASS]
     torque, force = (math.sqrt(np.sum(part**2) / 3.0) for part in (torques, forces))
     return torque, force if params.places.accelerometers else math.nan
 
 
 def failure_slot(state: JointState, jet: int, sign: int) -> int:
     """Returns the index of the state's slot for a jet's failure: its own, else the first free, -1: none."""
-    own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
+    existing = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
     free = np.flatnonzero(state.slot_jet < 0)
-    return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
+    return int(existing[0]) if existing.shape[0] else int(free[0]) if free.shape[0] else -1
 
 
-def jump_sigma(params: JointParams, share: float) -> Array:
+def jump_sigma(params: JointParams, mass_share: float) -> Array:
     """Computes the 1-sigma added to the ten mass parameters by a payload of a given mass share, shape (10,).
 
     A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
@@ -237,63 +237,63 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     and of the mass always the largest share, since a heavy payload near the center of mass shifts little else.
 
     Args:
-        share: of the mass, 1 sigma.
+        mass_share: of the mass, 1 sigma.
     """
-    sigma = share * params.increment_sigma
-    sigma[CENTER] = share * params.arm / np.sqrt(3.0)
+    sigma = mass_share * params.increment_sigma
+    sigma[CENTER] = mass_share * params.arm / np.sqrt(3.0)
     sigma[MASS] = JUMP_SHARES[0] * params.increment_sigma[MASS]
     return sigma
 
 
 def jump_variances(params: JointParams) -> Array:
     """Computes variances of a jump of each of `JUMP_SHARES` relative to the first, shape (len(JUMP_SHARES), 10)."""
-    sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
+    sigmas = np.array([jump_sigma(params, mass_share) for mass_share in JUMP_SHARES])
     result: Array = (sigmas / sigmas[0]) ** 2
     return result
 
 
 def apply_cause(
     state: JointState,
-    cause: Cause,
+    fault: Cause,
     params: JointParams,
-    share: float = JUMP_SHARES[0],
-    expected: tuple[tuple[float, float], ...] = (),
+    jump_share: float = JUMP_SHARES[0],
+    force_priors: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
     """Adds a fault's prior uncertainty at its onset to the state: of jets, jump, attitude, engine or disturbance.
 
     Args:
         state: before the first interval that it bears on.
-        share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
-        expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
+        jump_share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
+        force_priors: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
     places, size = params.places, state.root.shape[0]
-    if cause.kind == Kind.JUMP:
+    if fault.kind == Kind.JUMP:
         columns = np.zeros((size, N_PROPERTIES))
-        np.fill_diagonal(columns, jump_sigma(params, share))
+        np.fill_diagonal(columns, jump_sigma(params, jump_share))
         return reset_guard(_add_uncertainty(fix_velocity_reference(state, params), columns, params))
-    if cause.kind == Kind.TURN:
+    if fault.kind == Kind.TURN:
         return _add_uncertainty(state, TURNED * np.eye(size)[:, places.attitude : places.attitude + 3], params)
-    if cause.kind == Kind.WANDER:
-        level, constant_s = STIRS[cause.component]
-        jumps = float(state.stir == 0.0 or share > 0.0)  # else what acts is known, and only changes faster from now on
+    if fault.kind == Kind.WANDER:
+        level, constant_s = STIRS[fault.component]
+        jumps = float(state.stir == 0.0 or jump_share > 0.0)  # else it only changes faster from now on
         columns = jumps * level * np.eye(size)[:, places.unstated : places.unstated + places.n_unstated]
         return _add_uncertainty(state, columns, params)._replace(stir=level, stir_s=constant_s)
-    if cause.kind == Kind.ENGINE:
-        engine, channel = divmod(cause.component - first_engine_index(places), N_CHANNELS)
-        columns, own = np.zeros((size, 1)), places.engine + N_ERRORS * engine
+    if fault.kind == Kind.ENGINE:
+        engine, channel = divmod(fault.component - first_engine_index(places), N_CHANNELS)
+        columns, first_error = np.zeros((size, 1)), places.engine + N_ERRORS * engine
         if channel == 0:
-            columns[own : own + 2] = STUCK_THRUST
+            columns[first_error : first_error + 2] = STUCK_THRUST
         else:
-            columns[own + 1 + channel] = STUCK_SHARE * params.engines.stops[engine, channel]
+            columns[first_error + 1 + channel] = STUCK_SHARE * params.engines.stops[engine, channel]
         return _add_uncertainty(state, columns, params)
-    if cause.kind != Kind.JETS:
+    if fault.kind != Kind.JETS:
         return state
-    mean, columns = state.mean.copy(), np.zeros((size, len(cause.jets)))
+    mean, columns = state.mean.copy(), np.zeros((size, len(fault.jets)))
     slot_jet, slot_sign, slot_on_top = state.slot_jet.copy(), state.slot_sign.copy(), state.slot_on_top.copy()
-    for index, (jet, sign, on_top) in enumerate(zip(cause.jets, cause.signs, cause.on_top, strict=True)):
+    for index, (jet, sign, on_top) in enumerate(zip(fault.jets, fault.signs, fault.on_top, strict=True)):
         slot = failure_slot(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
         slot_jet[slot], slot_sign[slot], slot_on_top[slot] = jet, sign, on_top
-        change, sigma = expected[index] if expected else (0.0, params.thrusts[jet])
+        change, sigma = force_priors[index] if force_priors else (0.0, params.thrusts[jet])
         mean[places.force + slot] += change
         columns[places.force + slot, index] = sigma
     failed = state._replace(mean=mean, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
@@ -305,60 +305,62 @@ def _add_uncertainty(state: JointState, columns: Array, params: JointParams) -> 
     return state._replace(root=compress_root(np.hstack((state.root, columns)), params.places.thrust))
 
 
-def add_failure_impulses(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
+def add_failure_impulses(
+    state: JointState, fault: Cause, force_sigmas: Array, interval: Link, params: JointParams
+) -> JointState:
     """Adds to the state's covariance the uncertain impulses of failed jets in an interval at their onset.
 
     What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
 
     Args:
         state: before the interval.
-        kicks: 1-sigma of the force of each, lbf or N.
-        over: the interval, of any filter that is near.
+        force_sigmas: 1-sigma of the force of each, lbf or N.
+        interval: the interval, of any filter that is near.
     """
-    places, jets = params.places, list(cause.jets)
-    impulses = unit_force_errors(over, places)[:, jets] * kicks
+    places, jets = params.places, list(fault.jets)
+    impulses = unit_force_errors(interval, places)[:, jets] * force_sigmas
     products = np.zeros((6, 6))
     if params.second_order:
-        share = (kicks * over.duration_s / params.thrusts[jets]).reshape(-1, 1)
-        effects = parameter_effects(state.mean, params.wrenches[jets]) * share
+        relative_impulse = (force_sigmas * interval.duration_s / params.thrusts[jets]).reshape(-1, 1)
+        effects = parameter_effects(state.mean, params.wrenches[jets]) * relative_impulse
         uncertain = (effects @ state.root[:N_PROPERTIES]).reshape(6, -1)
         products = semidefinite_root(uncertain @ uncertain.T)
     bowed = np.zeros((state.root.shape[0], 3))
     turns = np.zeros((state.root.shape[0], places.n_attitude))
     changed = np.sqrt(np.sum(impulses[RATE] ** 2))
-    bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
+    bowed[RATE] = BOW * interval.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
-    turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
-    further = np.hstack((impulses, impulse_columns(products, over, places), bowed, turns))
-    return _add_uncertainty(state, further, params)
+    turns[attitude] = UNTIMED * interval.duration_s * changed * np.eye(places.n_attitude)
+    columns = np.hstack((impulses, impulse_columns(products, interval, places), bowed, turns))
+    return _add_uncertainty(state, columns, params)
 
 
-def add_disturbance_drift(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
+def add_disturbance_drift(state: JointState, old_level: float, duration_s: float, params: JointParams) -> JointState:
     """Inflates the mass parameters' covariance for an unstated disturbance that acted before it was recognized.
 
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
 
     Args:
         state: with what acts, of level L.
-        before: level that was thought to act.
+        old_level: level that was thought to act.
     """
     unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
-    noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
+    noise, old_noise = (1.0 + level**2 * np.max(unit) for level in (state.stir, old_level))
     root = state.root.copy()
-    root[:N_PROPERTIES] *= np.sqrt(max(noise / told, 1.0))
+    root[:N_PROPERTIES] *= np.sqrt(max(noise / old_noise, 1.0))
     return state._replace(root=compress_root(root, params.places.thrust))
 
 
-def _add_jump_time_noise(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
+def _add_jump_time_noise(state: JointState, mass_share: float, interval: Link, params: JointParams) -> JointState:
     """Adds to the state's covariance jets' effects in a mass jump's interval, whose time within is unknown."""
-    fired = np.flatnonzero(over.amount > 0.0)
+    fired = np.flatnonzero(interval.amount > 0.0)
     if fired.shape[0] == 0:
         return state
-    gave = share * params.thrusts[fired] * over.amount[fired] / over.duration_s
-    return _add_uncertainty(state, unit_force_errors(over, params.places)[:, fired] * gave, params)
+    mean_forces = mass_share * params.thrusts[fired] * interval.amount[fired] / interval.duration_s
+    return _add_uncertainty(state, unit_force_errors(interval, params.places)[:, fired] * mean_forces, params)
 
 
-def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) -> Array | None:
+def extra_impulse_sigmas(hypothesis: Runner, duration_s: float, params: JointParams) -> Array | None:
     """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, or None: no more.
 
     What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
@@ -367,45 +369,45 @@ def extra_impulse_sigmas(run: Runner, duration_s: float, params: JointParams) ->
     Args:
         duration_s: of an interval, s.
     """
-    known = len(run.kicks)
-    if run.age < 0 or known == 0:
+    known = len(hypothesis.kicks)
+    if hypothesis.age < 0 or known == 0:
         return None
-    if run.age < known:
-        return np.array(run.kicks[run.age])
-    lag = estimated_lags(run.state.mean, params)[0][list(run.cause.jets)]
-    left = np.exp(-duration_s * (run.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
-    return np.array(run.kicks[-1]) * left if left.max() > _LEFT else None
+    if hypothesis.age < known:
+        return np.array(hypothesis.kicks[hypothesis.age])
+    lag = estimated_lags(hypothesis.state.mean, params)[0][list(hypothesis.cause.jets)]
+    left = np.exp(-duration_s * (hypothesis.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
+    return np.array(hypothesis.kicks[-1]) * left if left.max() > _LEFT else None
 
 
-def add_force_noise(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
+def add_force_noise(state: JointState, slot_noise: np.ndarray, params: JointParams) -> JointState:
     """Returns the state with forces of intermittent jets redrawn from N(f, T^2), and drifting ones walked on.
 
     Args:
         state: before an interval.
-        erratic: 1 for each slot whose jet gives something else every time; of one that drifts the share of its thrust
+        slot_noise: 1 for each slot whose jet gives something else every time; of one that drifts the share of its thrust
             that it may change by in an interval, 1 sigma; shape (n_force,).
     """
-    slots = np.flatnonzero(erratic)
+    slots = np.flatnonzero(slot_noise)
     if slots.shape[0] == 0:
         return state
     rows = params.places.force + slots
     root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
-    root[rows[erratic[slots] == 1.0]] = 0.0
-    columns[rows, np.arange(slots.shape[0])] = erratic[slots] * params.thrusts[state.slot_jet[slots].astype(np.intp)]
+    root[rows[slot_noise[slots] == 1.0]] = 0.0
+    columns[rows, np.arange(slots.shape[0])] = slot_noise[slots] * params.thrusts[state.slot_jet[slots].astype(np.intp)]
     return _add_uncertainty(state._replace(root=root), columns, params)
 
 
-def add_push_impulse(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
+def add_push_impulse(state: JointState, push: float, interval: Link, params: JointParams) -> JointState:
     """Returns the state with covariance of an unknown push over an interval, independent of earlier ones.
 
     Args:
         state: before the interval.
         push: 1-sigma of it, in terms of what every jet gives at full thrust; zero: nothing pushes.
-        over: the interval, of any filter that is near.
+        interval: the interval, of any filter that is near.
     """
     if push == 0.0:
         return state
-    return _add_uncertainty(state, unit_force_errors(over, params.places) * (push * params.thrusts), params)
+    return _add_uncertainty(state, unit_force_errors(interval, params.places) * (push * params.thrusts), params)
 
 
 def without_increments(params: JointParams) -> JointParams:
@@ -416,11 +418,11 @@ def without_increments(params: JointParams) -> JointParams:
 def _mask_component(sample: JointSample, component: int) -> JointSample:
     """Returns a sample with one component of its readings set to NaN, as missing."""
     parts = sample.rates, sample.velocities, sample.attitudes
-    read = readings(*parts)
-    if component < read.size:
-        read[component] = np.nan
+    reading = readings(*parts)
+    if component < reading.size:
+        reading[component] = np.nan
     ends = np.cumsum([part.size for part in parts])
-    rates, velocities, attitudes, _ = (part.reshape(-1, 3) for part in np.split(read, ends))
+    rates, velocities, attitudes, _ = (part.reshape(-1, 3) for part in np.split(reading, ends))
     return sample._replace(rates=rates, velocities=velocities, attitudes=attitudes)
 
 
@@ -434,37 +436,41 @@ def _is_inconsistent(report: Report, component: int, params: JointParams) -> boo
 
 
 def prepare_cycle(
-    run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+    hypothesis: Runner, sample: JointSample, interval: Link, slot_noise: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
     """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings.
 
     Args: as of `step_runner`.
     """
     state, crossing = update_by_crossings(
-        run.state, run.state.mean[:N_PROPERTIES], sample, prediction_floors(run.state, params), params
+        hypothesis.state,
+        hypothesis.state.mean[:N_PROPERTIES],
+        sample,
+        prediction_floors(hypothesis.state, params),
+        params,
     )
-    if run.age == 0:
-        state = apply_cause(state, run.cause, params, run.share, run.expected)
-        if run.cause.kind in (Kind.SPEED, Kind.ENGINE):
-            state = state._replace(assumed=_hold_untrusted(state.assumed, run.cause, sample, params))
-        if run.cause.kind == Kind.WANDER:
-            state = add_disturbance_drift(state, run.state.stir, over.duration_s, params)
-        if run.cause.kind == Kind.JUMP:
-            state = _add_jump_time_noise(state, run.share, over, params)
-    kicks = extra_impulse_sigmas(run, over.duration_s, params)
-    if kicks is not None:
-        state = add_failure_impulses(state, run.cause, kicks, over, params)
-    return add_push_impulse(add_force_noise(state, erratic, params), push, over, params), crossing.log_likelihood
+    if hypothesis.age == 0:
+        state = apply_cause(state, hypothesis.cause, params, hypothesis.share, hypothesis.expected)
+        if hypothesis.cause.kind in (Kind.SPEED, Kind.ENGINE):
+            state = state._replace(assumed=_hold_untrusted(state.assumed, hypothesis.cause, sample, params))
+        if hypothesis.cause.kind == Kind.WANDER:
+            state = add_disturbance_drift(state, hypothesis.state.stir, interval.duration_s, params)
+        if hypothesis.cause.kind == Kind.JUMP:
+            state = _add_jump_time_noise(state, hypothesis.share, interval, params)
+    force_sigmas = extra_impulse_sigmas(hypothesis, interval.duration_s, params)
+    if force_sigmas is not None:
+        state = add_failure_impulses(state, hypothesis.cause, force_sigmas, interval, params)
+    return add_push_impulse(add_force_noise(state, slot_noise, params), push, interval, params), crossing.log_likelihood
 
 
-def _hold_untrusted(assumed: Array, cause: Cause, sample: JointSample, params: JointParams) -> Array:
+def _hold_untrusted(assumed: Array, fault: Cause, sample: JointSample, params: JointParams) -> Array:
     """Returns assumed speeds, levels and angles with the distrusted one held at its present reading."""
     assumed, places = assumed.copy(), params.places
-    if cause.kind == Kind.SPEED:
-        wheel = cause.component - places.outputs
+    if fault.kind == Kind.SPEED:
+        wheel = fault.component - places.outputs
         assumed[wheel] = sample.speeds.start[wheel]
         return assumed
-    place = cause.component - first_engine_index(places)
+    place = fault.component - first_engine_index(places)
     engine, channel = divmod(place, N_CHANNELS)
     assumed[places.wheels + place] = sample.burn.points[engine, 0, channel]
     return assumed
@@ -476,30 +482,32 @@ def first_engine_index(places: Places) -> int:
 
 
 def step_runner(
-    run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+    hypothesis: Runner, sample: JointSample, interval: Link, slot_noise: np.ndarray, push: float, params: JointParams
 ) -> Runner:
     """Advances a hypothesis by one cycle of its filter; returns it with new state and score.
 
     Args:
-        run: before; it opens when its onset is the last cycle done.
-        over: the cycle of any filter that is near.
-        erratic: see `add_force_noise`.
+        hypothesis: before; it opens when its onset is the last cycle done.
+        interval: the cycle of any filter that is near.
+        slot_noise: see `add_force_noise`.
         push: see `add_push_impulse`.
         params: without increments.
     """
-    state, likelihood = prepare_cycle(run, sample, over, erratic, push, params)
+    state, likelihood = prepare_cycle(hypothesis, sample, interval, slot_noise, push, params)
     after, report = step(state, sample, params)
-    lying, lie, component = run.lying, run.lie, run.cause.component
-    score = run.score.plus(Score(likelihood, 0.0, 0.0))
-    if lying and run.cycle >= run.onset:
+    lying, lie, component = hypothesis.lying, hypothesis.lie, hypothesis.cause.component
+    score = hypothesis.score.plus(Score(likelihood, 0.0, 0.0))
+    if lying and hypothesis.cycle >= hypothesis.onset:
         lying = _is_inconsistent(report, component, params)
         if lying:
             if report.used[component]:
-                cost = false_reading_cost(component, params, over.read[component] - lie)
+                cost = false_reading_cost(component, params, interval.read[component] - lie)
                 score = score._replace(likelihood=score.likelihood - cost)
             after, report = step(state, _mask_component(sample, component), params)
-            lie = float(over.read[component])
-    return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(cycle_score(report)), lying=lying, lie=lie)
+            lie = float(interval.read[component])
+    return hypothesis._replace(
+        cycle=hypothesis.cycle + 1, state=after, score=score.plus(cycle_score(report)), lying=lying, lie=lie
+    )
 
 
 def cycle_score(report: Report) -> Score:

@@ -54,13 +54,13 @@ class Expected(NamedTuple):
 
 
 @kernel
-def predict_cycle(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
+def predict_cycle(state: JointState, forces: Drive, sample: JointSample, params: JointParams) -> Expected:
     """Predicts state, covariance and readings at an interval's end, with the selection of readings used."""
-    read = combine_gyros(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
+    rate_read = combine_gyros(sample.rates, state.mean, params)
+    prediction = predict(state, forces, rate_read, params, (sample.frames, sample.speeds))
     root = propagate_root(state.root, prediction, params)
-    about = (prediction.mean[:N_PROPERTIES], prediction_floors(state, params))
-    return predict_readings(state, prediction, root, about, sample, params)
+    properties_and_floors = (prediction.mean[:N_PROPERTIES], prediction_floors(state, params))
+    return predict_readings(state, prediction, root, properties_and_floors, sample, params)
 
 
 @kernel
@@ -68,7 +68,7 @@ def predict_readings(
     state: JointState,
     prediction: Prediction,
     root: Array,
-    about: tuple[Array, Array],
+    properties_and_floors: tuple[Array, Array],
     sample: JointSample,
     params: JointParams,
 ) -> Expected:
@@ -77,34 +77,34 @@ def predict_readings(
     At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
     """
     spin = state.spin + prediction.spin
-    there = prediction.mean.copy()
-    properties, least = about
-    there[:N_PROPERTIES], there[RATE] = properties, prediction.end
-    values, jacobian = predict_outputs(there, state.reference, spin, params)
-    values = values + jacobian @ (prediction.mean - there)
+    point = prediction.mean.copy()
+    properties, floors = properties_and_floors
+    point[:N_PROPERTIES], point[RATE] = properties, prediction.end
+    values, jacobian = predict_outputs(point, state.reference, spin, params)
+    values = values + jacobian @ (prediction.mean - point)
     projected = sparse_product(jacobian, root)
-    read = readings(sample.rates, sample.velocities, sample.attitudes)
+    reading = readings(sample.rates, sample.velocities, sample.attitudes)
     variances = params.variances
     if params.places.n_attitude > 0:
-        variances, least = add_tracker_variances(read - values, projected, prediction.end, least, params)
-    counts, least = select_counting(read, state.read, values, (projected**2).sum(axis=1), least, params)
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least, variances)
+        variances, floors = add_tracker_variances(reading - values, projected, prediction.end, floors, params)
+    used, floors = select_counting(reading, state.read, values, (projected**2).sum(axis=1), floors, params)
+    return Expected(prediction, root, spin, jacobian, projected, reading - values, used, floors, variances)
 
 
 @kernel
-def sum_by_sensor_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
+def sum_by_sensor_kind(values: Array, used: np.ndarray, default: float, params: JointParams) -> tuple[float, float]:
     """Sums values over the gyros' components used, and over the accelerometers', one sum each.
 
     Args:
         values: of each that counts, shape (number,).
         used: which components count, shape (m,).
-        nothing: in place of a sum of none.
+        default: in place of a sum of none.
     """
     places = params.places
     gyros = int(used[: 3 * places.gyros].sum())
     both = int(used[: 3 * (places.gyros + places.accelerometers)].sum())
-    of_gyros = values[:gyros].sum() if gyros > 0 else nothing
-    return of_gyros, values[gyros:both].sum() if both > gyros else nothing
+    of_gyros = values[:gyros].sum() if gyros > 0 else default
+    return of_gyros, values[gyros:both].sum() if both > gyros else default
 
 
 @kernel
@@ -118,17 +118,17 @@ def prediction_floors(state: JointState, params: JointParams) -> Array:
 
 
 @kernel
-def make_sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
+def make_sites(used: np.ndarray, projected: Array, innovation: Array, quanta_and_floors: tuple[Array, Array]) -> Sites:
     """Makes the Gaussian measurements equivalent to the quantized readings used, from their innovation.
 
     Args:
         used: which components count, shape (m,).
         projected: their rows of H times the root, shape (number, k).
         innovation: of all components, shape (m,).
-        given: quanta, and floors, of all components, shape (m,).
+        quanta_and_floors: quanta, and floors, of all components, shape (m,).
     """
-    counts, (cells, least) = np.flatnonzero(used), given
-    return match_moments(innovation[counts], projected @ projected.T, cells[counts], least[counts])
+    indices, (cells, floors) = np.flatnonzero(used), quanta_and_floors
+    return match_moments(innovation[indices], projected @ projected.T, cells[indices], floors[indices])
 
 
 @kernel
@@ -142,13 +142,13 @@ def make_expected_sites(expected: Expected, params: JointParams) -> Sites:
 def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
     """Updates a covariance's root by a sample's readings used; returns update and equivalent measurements."""
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
-    told = make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
-    return joseph_update(root, projected, told.variance, told.innovation, params.places.thrust), told
+    sites = make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return joseph_update(root, projected, sites.variance, sites.innovation, params.places.thrust), sites
 
 
 @kernel
 def count_reopened_degrees(
-    expected: Expected, acting: Drive, mean: Array, params: JointParams
+    expected: Expected, forces: Drive, mean: Array, params: JointParams
 ) -> tuple[float, float, float]:
     """Counts degrees of freedom of readings that only show impulses of jets of unknown command.
 
@@ -158,28 +158,28 @@ def count_reopened_degrees(
     Returns:
         Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.
     """
-    counts = np.flatnonzero(expected.used)
-    if acting.anything.number == 0.0 or counts.shape[0] == 0:
+    indices = np.flatnonzero(expected.used)
+    if forces.anything.number == 0.0 or indices.shape[0] == 0:
         return 0.0, 0.0, 0.0
-    jacobian, places = expected.jacobian[counts], params.places
-    opened = acting.anything.spread * acting.anything.basis
+    jacobian, places = expected.jacobian[indices], params.places
+    directions = forces.anything.spread * forces.anything.basis
     arms = params.accelerometer_positions - mean[CENTER]
-    turned = arm_turning_integrals(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
-    wide = jacobian[:, RATE] @ opened[:3]
+    arm_effects = arm_turning_integrals(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
+    wide = jacobian[:, RATE] @ directions[:3]
     for package in range(places.accelerometers):
         part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
-        wide += part @ (opened[3:] + turned[package] @ opened[:3])
-    wide = wide / np.sqrt(expected.variances[counts]).reshape(-1, 1)
-    every = _degrees_along(wide)
+        wide += part @ (directions[3:] + arm_effects[package] @ directions[:3])
+    wide = wide / np.sqrt(expected.variances[indices]).reshape(-1, 1)
+    total = _degrees_along(wide)
     number = int(expected.used[: 3 * places.gyros].sum())
     gyros = _degrees_along(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
-    return gyros, max(every - gyros, 0.0), every * (np.log(acting.anything.spread) + EXPECTED)
+    return gyros, max(total - gyros, 0.0), total * (np.log(forces.anything.spread) + EXPECTED)
 
 
 @kernel
-def _degrees_along(wide: Array) -> float:
+def _degrees_along(effects: Array) -> float:
     """Computes the number of degrees of freedom that directions absorb, from their effects in sigmas of readings."""
-    squares = np.linalg.svd(wide)[1] ** 2
+    squares = np.linalg.svd(effects)[1] ** 2
     return float((squares / (1.0 + squares)).sum())
 
 

@@ -127,13 +127,13 @@ class JointEvidence(NamedTuple):
 
 
 def step(
-    state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray = OWN_CHOICE
+    state: JointState, sample: JointSample, params: JointParams, used_mask: np.ndarray = OWN_CHOICE
 ) -> tuple[JointState, Report]:
     """Advances the joint filter by one sample: initialization, or prediction and update; returns state and report.
 
     Args:
         state: after the last sample.
-        counts: see `run_cycle`.
+        used_mask: see `run_cycle`.
 
     Raises:
         NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
@@ -144,9 +144,9 @@ def step(
             if not state.started:
                 after, report = _step_first(state, sample, params)
             elif params.compiled is None:
-                after, report = run_cycle(state, sample, params.thresholds, counts, params)
+                after, report = run_cycle(state, sample, params.thresholds, used_mask, params)
             else:
-                after, report = params.compiled.run_cycle(state, sample, params.thresholds, counts)
+                after, report = params.compiled.run_cycle(state, sample, params.thresholds, used_mask)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "the joint estimator") from None
         except np.linalg.LinAlgError:
@@ -176,77 +176,77 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
         state: after the last sample, `started`.
     """
     state, _ = update_by_stamp(state, sample.timing, params)
-    acting = make_drive(state, sample, params)
-    firing = acting.firing
-    begun_by = state._replace(
-        level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope, level_std=firing.level_std
+    forces = make_drive(state, sample, params)
+    firing = forces.firing
+    initial = state._replace(
+        level=firing.level, slope=firing.slope, tick_slope=forces.tick_slope, level_std=firing.level_std
     )
-    return _step_first(begun_by, sample, params)
+    return _step_first(initial, sample, params)
 
 
 @kernel
 def make_drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     """Computes forces and impulses over a sample's interval; jets of unknown command as readings show them."""
-    acting = drive(state, sample, params)
-    if acting.anything.number == 0.0:
-        return acting
-    read = combine_gyros(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
-    there = prediction.mean.copy()
-    there[RATE] = prediction.end
-    values, _ = predict_outputs(there, state.reference, state.spin + prediction.spin, params)
-    shown, begin = np.zeros(6), 3 * params.places.gyros
-    shown[:3] = read.rate - prediction.mean[RATE]
+    forces = drive(state, sample, params)
+    if forces.anything.number == 0.0:
+        return forces
+    rate_read = combine_gyros(sample.rates, state.mean, params)
+    prediction = predict(state, forces, rate_read, params, (sample.frames, sample.speeds))
+    point = prediction.mean.copy()
+    point[RATE] = prediction.end
+    values, _ = predict_outputs(point, state.reference, state.spin + prediction.spin, params)
+    error, begin = np.zeros(6), 3 * params.places.gyros
+    error[:3] = rate_read.rate - prediction.mean[RATE]
     for axis in range(3):
         present = 0
         for package in range(params.places.accelerometers):
             if not np.isnan(sample.velocities[package, axis]):
                 present += 1
-                shown[3 + axis] += sample.velocities[package, axis] - values[begin + 3 * package + axis]
-        shown[3 + axis] = shown[3 + axis] / present if present > 0 else np.nan
+                error[3 + axis] += sample.velocities[package, axis] - values[begin + 3 * package + axis]
+        error[3 + axis] = error[3 + axis] / present if present > 0 else np.nan
     return Drive(
-        firing_shown_by_readings(shown, state.mean, acting.firing, acting.anything, params),
-        acting.lag_slope,
-        acting.outside,
-        acting.spreads,
-        acting.by_ticks,
-        acting.tick_slope,
-        acting.anything,
-        acting.engines,
+        firing_shown_by_readings(error, state.mean, forces.firing, forces.anything, params),
+        forces.lag_slope,
+        forces.outside,
+        forces.spreads,
+        forces.by_ticks,
+        forces.tick_slope,
+        forces.anything,
+        forces.engines,
     )
 
 
 @kernel
 def run_cycle(
-    state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
+    state: JointState, sample: JointSample, thresholds: Array, used_mask: np.ndarray, params: JointParams
 ) -> tuple[JointState, Report]:
     """Advances the joint filter by a sample after the first, convergence test included; returns state, report.
 
     Args:
         state: after the last sample.
         thresholds: in place of those of the parameters.
-        counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
+        used_mask: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
             (m,); or `OWN_CHOICE`, shape (0,).
     """
-    least = prediction_floors(state, params)
-    state, crossing = update_by_crossings(state, state.mean[:N_PROPERTIES], sample, least, params)
+    floors = prediction_floors(state, params)
+    state, crossing = update_by_crossings(state, state.mean[:N_PROPERTIES], sample, floors, params)
     state, stamp = update_by_stamp(state, sample.timing, params)
-    acting = make_drive(state, sample, params)
-    state, firing = separate_scale(state, acting.firing.amount, params), acting.firing
+    forces = make_drive(state, sample, params)
+    state, firing = separate_scale(state, forces.firing.amount, params), forces.firing
     commanded = firing.commanded or has_outside_impulse(sample, params)
-    expected = predict_cycle(state, acting, sample, params)
-    if counts.size > 0:
-        expected = replace_counting(expected, counts & ~np.isnan(expected.innovation))
-    innovation, incremented, likelier = expected.innovation, False, 0.0
+    expected = predict_cycle(state, forces, sample, params)
+    if used_mask.size > 0:
+        expected = replace_counting(expected, used_mask & ~np.isnan(expected.innovation))
+    innovation, incremented, lag_gain = expected.innovation, False, 0.0
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + expected.variances)
-    told = make_expected_sites(expected, params)
-    gyro_nis, accelerometer_nis = sum_by_sensor_kind(told.nis, expected.used, np.nan, params)
-    gyro_degrees, accelerometer_degrees = sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)
-    anything = count_reopened_degrees(expected, acting, state.mean, params)
-    if acting.anything.number > 0.0:
-        spread = acting.anything.spread
-        gyro_nis, gyro_degrees = reduced_nis(gyro_nis, gyro_degrees - anything[0], spread)
-        accelerometer_degrees -= anything[1]
+    sites = make_expected_sites(expected, params)
+    gyro_nis, accelerometer_nis = sum_by_sensor_kind(sites.nis, expected.used, np.nan, params)
+    gyro_degrees, accelerometer_degrees = sum_by_sensor_kind(sites.degrees, expected.used, 0.0, params)
+    untestable = count_reopened_degrees(expected, forces, state.mean, params)
+    if forces.anything.number > 0.0:
+        spread = forces.anything.spread
+        gyro_nis, gyro_degrees = reduced_nis(gyro_nis, gyro_degrees - untestable[0], spread)
+        accelerometer_degrees -= untestable[1]
         accelerometer_nis, accelerometer_degrees = reduced_nis(accelerometer_nis, accelerometer_degrees, spread)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
@@ -256,22 +256,22 @@ def run_cycle(
             wider = replace_counting(predict_cycle(opened, given, sample, params), expected.used)
             nis, _ = sum_by_sensor_kind(make_expected_sites(wider, params).nis, wider.used, np.nan, params)
             if nis <= thresholds[count - 1]:  # a lag that is not as stated explains it
-                state, acting, expected, likelier = opened, given, wider, more
+                state, forces, expected, lag_gain = opened, given, wider, more
             else:
                 incremented = True
                 state = replace_estimate(state, state.mean, incremented_root(state.root, params))
-                expected = replace_counting(predict_cycle(state, acting, sample, params), expected.used)
+                expected = replace_counting(predict_cycle(state, forces, sample, params), expected.used)
 
-    change = empty_update(expected.root)
+    update = empty_update(expected.root)
     if expected.used.any():
-        change, told = update_root(expected, expected.root, params)
-    after = update_state(state, sample, acting, expected, change, params)
+        update, sites = update_root(expected, expected.root, params)
+    after = update_state(state, sample, forces, expected, update, params)
     if state.guarded:  # before, second orders may be taken for what a lag does
-        after, likelier = switch_lag_priors(after, params)
+        after, lag_gain = switch_lag_priors(after, params)
     after = update_guard(after, commanded, params)
     estimate, rows = parameters_with_scale(after, params)
-    nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
-    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2] + likelier
+    nis, degrees = float(sites.nis.sum()), max(float(sites.degrees.sum()) - untestable[0] - untestable[1], 0.0)
+    log_likelihood = crossing.log_likelihood + float(sites.log_likelihood.sum()) + untestable[2] + lag_gain
     report = Report(
         estimate,
         rows @ rows.T,
@@ -287,7 +287,7 @@ def run_cycle(
         accelerometer_degrees,
         incremented,
         expected.prediction.coupled,
-        Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood),
+        Course(crossing, stamp, forces, expected, update, nis, degrees, log_likelihood),
         False,
         False,
         False,
@@ -297,32 +297,32 @@ def run_cycle(
 
 @kernel
 def update_state(
-    state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
+    state: JointState, sample: JointSample, forces: Drive, expected: Expected, update: Update, params: JointParams
 ) -> JointState:
     """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
 
     Args:
         state: before it.
-        change: of no meaning where no component counted.
+        update: of no meaning where no component counted.
     """
-    mean, root, firing = expected.prediction.mean, change.root, acting.firing
+    mean, root, firing = expected.prediction.mean, update.root, forces.firing
     if expected.used.any():
-        mean = mean + change.correction
+        mean = mean + update.correction
     elif root.shape[1] > root.shape[0]:
         root = compress_root(root, params.places.thrust)
-    read = readings(sample.rates, sample.velocities, sample.attitudes)
-    there = ~np.isnan(read)
+    reading = readings(sample.rates, sample.velocities, sample.attitudes)
+    present = ~np.isnan(reading)
     return JointState(
         mean,
         root,
-        levels_at_estimates((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
+        levels_at_estimates((firing.level, firing.slope, forces.tick_slope), state.mean, mean, params),
         firing.slope,
-        acting.tick_slope,
+        forces.tick_slope,
         firing.level_std,
         expected.spin,
         state.reference,
-        np.where(there, read, state.read),
-        np.where(there & ~expected.used, 1.0, 0.0),
+        np.where(present, reading, state.read),
+        np.where(present & ~expected.used, 1.0, 0.0),
         state.slot_jet,
         state.slot_sign,
         state.slot_on_top,

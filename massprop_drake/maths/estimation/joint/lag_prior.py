@@ -45,32 +45,32 @@ def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[flo
 def log_odds(state: JointState, params: JointParams) -> Array:
     """Returns log odds of the wide against the stated lag prior of each jet kind, shape (n_lag,); -inf: certain."""
     places = params.places
-    found = np.full(places.n_lag, -np.inf)
+    result = np.full(places.n_lag, -np.inf)
     for kind in range(places.n_lag):
         if params.prior_sigma[places.lag - places.thrust + kind] > 0.0:
             _, _, ratio = _other_prior(state, kind, params)
-            found[kind] = _ODDS + (-ratio if state.lag_open[kind] > 0.0 else ratio)
-    return found
+            result[kind] = _ODDS + (-ratio if state.lag_open[kind] > 0.0 else ratio)
+    return result
 
 
 @kernel
-def switch_lag_priors(state: JointState, params: JointParams, before: float = _ODDS) -> tuple[JointState, float]:
+def switch_lag_priors(state: JointState, params: JointParams, log_prior: float = _ODDS) -> tuple[JointState, float]:
     """Switches uncertain lags to the wide prior where likelier; returns state and log likelihood gained, nats.
 
     Args:
-        before: log odds of that prior before any reading; infinity: every lag is switched.
+        log_prior: log odds of that prior before any reading; infinity: every lag is switched.
 
     Returns:
         The state, and by how much the readings so far are likelier for it, nats.
     """
-    more = 0.0
+    gain = 0.0
     for kind in range(params.places.n_lag):
         if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
             mean, variance, ratio = _other_prior(state, kind, params)
-            if before + ratio > 0.0:
+            if log_prior + ratio > 0.0:
                 state = _widen_lag(state, kind, mean, variance, params)
-                more += ratio
-    return state, more
+                gain += ratio
+    return state, gain
 
 
 @kernel
@@ -89,24 +89,24 @@ def _widen_lag(state: JointState, kind: int, mean: float, variance: float, param
     return widen_lag_prior(state, after, compress_root(root, params.places.thrust), still_open)
 
 
-def choose_lag_priors(entry: JointState, end: JointState, params: JointParams) -> JointState:
+def choose_lag_priors(initial: JointState, final: JointState, params: JointParams) -> JointState:
     """Returns a smoothing pass's initial state with the lag priors that its last end state finds likelier.
 
     Args:
-        entry: with the stated priors of lags of which it knows nothing.
-        end: state after the earlier pass, or the filter's.
+        initial: with the stated priors of lags of which it knows nothing.
+        final: state after the earlier pass, or the filter's.
     """
-    for kind in np.flatnonzero(log_odds(end, params) > 0.0).tolist():
-        if entry.lag_open[kind] == 0.0:
-            mean, variance, _ = _other_prior(entry, kind, params)
-            entry = _widen_lag(entry, kind, mean, variance, params)
-    return entry
+    for kind in np.flatnonzero(log_odds(final, params) > 0.0).tolist():
+        if initial.lag_open[kind] == 0.0:
+            mean, variance, _ = _other_prior(initial, kind, params)
+            initial = _widen_lag(initial, kind, mean, variance, params)
+    return initial
 
 
 def log_mixture(state: JointState, params: JointParams) -> float:
     """Returns the log likelihood ratio of the mixture of lag priors over those the filter uses, nats."""
     total = 0.0
     for odds, is_open in zip(log_odds(state, params).tolist(), state.lag_open.tolist(), strict=True):
-        chance, other = (FAR, -odds) if is_open else (1.0 - FAR, odds)
-        total += math.log(chance) + max(other, 0.0) + math.log1p(math.exp(-abs(other)))
+        probability, alternative = (FAR, -odds) if is_open else (1.0 - FAR, odds)
+        total += math.log(probability) + max(alternative, 0.0) + math.log1p(math.exp(-abs(alternative)))
     return total

@@ -66,11 +66,11 @@ class Firing(NamedTuple):
 
 
 @kernel
-def replace_firing(firing: Firing, amount: Array, level: Array) -> Firing:
+def replace_firing(firing: Firing, seconds: Array, level: Array) -> Firing:
     """Returns the jets' thrust over an interval with other seconds of full thrust, and levels at its end."""
     return Firing(
         firing.duration_s,
-        amount,
+        seconds,
         firing.amount_slope,
         firing.bow,
         firing.unknown,
@@ -112,7 +112,7 @@ def fire(
             none: these are known, and what depends on them is zero, shape (0, n_ticks).
     """
     level, slope, level_std = levels
-    amount, amount_slope, deviation = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
+    seconds, seconds_slope, deviation = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
     anything = np.zeros(level.shape, dtype=np.bool_)
     moments = np.zeros((3,) + level.shape)  # noqa: RUF005 (for numba)
     ticks = edges.shape[1]
@@ -130,13 +130,13 @@ def fire(
         remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
         mean = ratio * (1.0 - remaining)
         d = level - u
-        parts = _decay_integrals(ratio, mean)
+        integrals = _decay_integrals(ratio, mean)
         if durations_s.shape[0] == 1:
-            moments = _bow_of_piece(h * d, parts, mean)
+            moments = _bow_of_piece(h * d, integrals, mean)
         else:
-            moments += _moments_of_piece(total, h, (amount, u, d), parts)
-        amount += h * (u + d * mean)
-        amount_slope += h * (d * (mean - remaining) + slope * mean)
+            moments += _moments_of_piece(total, h, (seconds, u, d), integrals)
+        seconds += h * (u + d * mean)
+        seconds_slope += h * (d * (mean - remaining) + slope * mean)
         remaining_slope = remaining / select_where(lagged, ratio, 1.0)
         slope = slope * remaining + d * remaining_slope
         level = u + d * remaining
@@ -150,11 +150,11 @@ def fire(
         deviation += h * mean * level_std
         level_std = select_where(unknown, UNKNOWN_LEVEL, level_std * remaining)
         total += h
-    bow = moments if durations_s.shape[0] == 1 else _bow_of_interval(moments, amount, total)
+    bow = moments if durations_s.shape[0] == 1 else _bow_of_interval(moments, seconds, total)
     return Firing(
         total,
-        amount,
-        amount_slope,
+        seconds,
+        seconds_slope,
         bow,
         anything | (deviation > _SETTLED * total),
         deviation**2,
@@ -207,38 +207,40 @@ def _decay_integrals(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
 
 
 @kernel
-def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
+def _bow_of_piece(deviation: Array, integrals: tuple[Array, Array, Array], mean: Array) -> Array:
     """Computes the departure of each jet's impulse from linear growth, command constant, shape (3, n_jets)."""
-    plain, by_time, square = parts
-    bow = np.empty((3,) + lacking.shape)  # noqa: RUF005 (for numba)
-    bow[0] = lacking * (plain - 0.5 * mean)
-    bow[1] = lacking * (by_time - 0.5 * plain - mean / 12.0)
-    bow[2] = lacking * np.sqrt(np.maximum(square - mean * (2.0 * by_time - mean / 3.0), 0.0))
+    plain, by_time, square = integrals
+    bow = np.empty((3,) + deviation.shape)  # noqa: RUF005 (for numba)
+    bow[0] = deviation * (plain - 0.5 * mean)
+    bow[1] = deviation * (by_time - 0.5 * plain - mean / 12.0)
+    bow[2] = deviation * np.sqrt(np.maximum(square - mean * (2.0 * by_time - mean / 3.0), 0.0))
     return bow
 
 
 @kernel
 def _moments_of_piece(
-    since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
+    begin_s: float, length_s: float, start_values: tuple[Array, Array, Array], integrals: tuple[Array, Array, Array]
 ) -> Array:
     """Computes integrals over a piece of each jet's impulse p, of p t and of p^2, shape (3, n_jets)."""
-    before, u, d = given
-    plain, by_time, square = parts
-    first = before + h * (0.5 * u + d * plain)
+    before, u, d = start_values
+    plain, by_time, square = integrals
+    first = before + length_s * (0.5 * u + d * plain)
     result = np.empty((3, before.shape[0]))
-    result[0] = h * first
-    result[1] = h * (since_s * first + h * (0.5 * before + h * (u / 3.0 + d * by_time)))
-    result[2] = h * (before * (2.0 * first - before) + h * h * (u * (u / 3.0 + 2.0 * d * by_time) + d * d * square))
+    result[0] = length_s * first
+    result[1] = length_s * (begin_s * first + length_s * (0.5 * before + length_s * (u / 3.0 + d * by_time)))
+    result[2] = length_s * (
+        before * (2.0 * first - before) + length_s * length_s * (u * (u / 3.0 + 2.0 * d * by_time) + d * d * square)
+    )
     return result
 
 
 @kernel
-def _bow_of_interval(moments: Array, amount: Array, total: float) -> Array:
+def _bow_of_interval(moments: Array, seconds: Array, duration_s: float) -> Array:
     """Computes the departure of each jet's impulse from linear growth, from its integrals, shape (3, n_jets)."""
     bow = np.empty_like(moments)
-    bow[0] = moments[0] / total - 0.5 * amount
-    bow[1] = (moments[1] / total - 0.5 * moments[0]) / total - amount / 12.0
-    square = (moments[2] - 2.0 * amount * moments[1] / total) / total + amount * amount / 3.0
+    bow[0] = moments[0] / duration_s - 0.5 * seconds
+    bow[1] = (moments[1] / duration_s - 0.5 * moments[0]) / duration_s - seconds / 12.0
+    square = (moments[2] - 2.0 * seconds * moments[1] / duration_s) / duration_s + seconds * seconds / 3.0
     bow[2] = np.sqrt(np.maximum(square, 0.0)) * np.sign(bow[0])
     return bow
 

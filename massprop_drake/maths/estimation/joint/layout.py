@@ -140,28 +140,28 @@ class PartCounts(NamedTuple):
 
 
 def make_places(
-    counts: tuple[int, ...],
+    part_counts: tuple[int, ...],
     n_lag: int,
     uncertain: tuple[bool, ...],
-    thrust: bool,
-    forces: int,
+    uncertain_thrust: bool,
+    n_force: int,
     ticks: int = 0,
 ) -> Places:
     """Returns the index and size of each quantity in a vehicle's filter state.
 
     Args:
-        counts: see `PartCounts`; those left out at the end are zero.
+        part_counts: see `PartCounts`; those left out at the end are zero.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         uncertain: whether the gyros and whether the accelerometers have biases to estimate, and whether the wheels'
             inertias and the tanks' flows are uncertain.
-        thrust: whether thrusts are uncertain.
-        forces: number of slots for the forces of failed jets.
+        uncertain_thrust: whether thrusts are uncertain.
+        n_force: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """
-    n = PartCounts(*counts)
+    n = PartCounts(*part_counts)
     of_gyros, of_accelerometers, of_wheels, of_tanks = (*uncertain, False, False)[:4]
     sizes = (
-        n.jets if thrust else 0,
+        n.jets if uncertain_thrust else 0,
         n_lag,
         3 * n.gyros if of_gyros else 0,
         3 * n.accelerometers if of_accelerometers else 0,
@@ -170,9 +170,9 @@ def make_places(
         n.tanks if of_tanks else 0,
         n.mounts,
         ERRORS * n.parts,
-        1 if thrust else 0,
+        1 if uncertain_thrust else 0,
         ticks,
-        forces,
+        n_force,
     )
     attitude, n_attitude = VELOCITY + 3 * n.accelerometers, 3 if n.trackers else 0
     slow, n_slow = attitude + n_attitude, n.components + n.unstated + n.wheels + n.tanks
@@ -435,42 +435,42 @@ def replace_estimate(state: JointState, mean: Array, root: Array) -> JointState:
 @kernel
 def replace_levels(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
     """Returns the filter state with another mean, root, thrust levels and their derivatives by ticks."""
-    learned, standing = (mean, root, level, tick_slope), (state.guarded, state.firing_count)
-    return _replace_fields(state, learned, state.fresh, standing, state.lag_open)
+    estimate, guard = (mean, root, level, tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, estimate, state.fresh, guard, state.lag_open)
 
 
 @kernel
 def clear_pending(state: JointState) -> JointState:
     """Returns the filter state with no reading marked as not yet used by an update."""
-    learned, standing = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
-    return _replace_fields(state, learned, np.zeros_like(state.fresh), standing, state.lag_open)
+    estimate, guard = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, estimate, np.zeros_like(state.fresh), guard, state.lag_open)
 
 
 @kernel
 def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
     """Returns the filter state with another convergence flag, and count of firing periods since."""
-    learned = state.mean, state.root, state.level, state.tick_slope
-    return _replace_fields(state, learned, state.fresh, (guarded, firing_count), state.lag_open)
+    estimate = state.mean, state.root, state.level, state.tick_slope
+    return _replace_fields(state, estimate, state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
 def widen_lag_prior(state: JointState, mean: Array, root: Array, lag_open: Array) -> JointState:
     """Returns the filter state with another mean and root, and other marks of jet kinds with wide lag prior."""
-    learned, standing = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
-    return _replace_fields(state, learned, state.fresh, standing, lag_open)
+    estimate, guard = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
+    return _replace_fields(state, estimate, state.fresh, guard, lag_open)
 
 
 @kernel
 def _replace_fields(
     state: JointState,
-    learned: tuple[Array, Array, Array, Array],
+    estimate: tuple[Array, Array, Array, Array],
     fresh: Array,
-    standing: tuple[bool, float],
+    guard: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
     """Replaces fields of the filter state, for compiled code, which has no `_replace`."""
-    mean, root, level, tick_slope = learned
-    guarded, firing_count = standing
+    mean, root, level, tick_slope = estimate
+    guarded, firing_count = guard
     return JointState(
         mean,
         root,

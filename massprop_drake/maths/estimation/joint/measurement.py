@@ -61,8 +61,8 @@ def combine_gyros(rates: Array, mean: Array, params: JointParams) -> RateRead:
             for package in range(places.gyros):
                 if not np.isnan(rates[package, axis]):
                     column = places.gyro_bias + 3 * package + axis
-                    share = 1.0 / (params.variances[3 * package + axis] * total)
-                    rows[axis, column] = -share * params.gyro_bias_sigma
+                    relative_weight = 1.0 / (params.variances[3 * package + axis] * total)
+                    rows[axis, column] = -relative_weight * params.gyro_bias_sigma
                     rate[axis] += rows[axis, column] * mean[column]
     return RateRead(rate, rows, variance)
 
@@ -100,33 +100,33 @@ def predict_outputs(mean: Array, reference: Array, spin: Array, params: JointPar
 
 
 @kernel
-def find_changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
+def find_changed(reading: Array, last_reading: Array, params: JointParams) -> np.ndarray:
     """Flags readings that differ from the last ones by half a cell or more, or are first ones, shape (m,).
 
     Args:
-        read: readings, NaN where missing, shape (m,).
-        before: the last reading of each, NaN where there is none, shape (m,).
+        reading: readings, NaN where missing, shape (m,).
+        last_reading: the last reading of each, NaN where there is none, shape (m,).
     """
-    return ~np.isnan(read) & ~(np.abs(read - before) <= 0.5 * params.cells)
+    return ~np.isnan(reading) & ~(np.abs(reading - last_reading) <= 0.5 * params.cells)
 
 
 @kernel
 def select_counting(
-    read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
+    reading: Array, last_reading: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
     """Flags readings used in the update: changed, or outside their cell; returns mask and floors, shape (m,).
 
     Args:
-        read: readings, NaN where missing, shape (m,).
-        before: the last reading of each, shape (m,).
+        reading: readings, NaN where missing, shape (m,).
+        last_reading: the last reading of each, shape (m,).
         predicted: outputs, shape (m,).
         variance: of these, shape (m,).
         floors: see `quantized`, shape (m,).
     """
     half = 0.5 * params.cells
-    off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
-    fresh = (params.dithered > 0.0) | find_changed(read, before, params) | (np.sqrt(variance) > half)
-    return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
+    outside = np.abs(reading - predicted) > half + _OFF * np.sqrt(variance + floors)
+    changed = (params.dithered > 0.0) | find_changed(reading, last_reading, params) | (np.sqrt(variance) > half)
+    return ~np.isnan(reading) & (changed | outside), np.where(outside & ~changed, params.variances, floors)
 
 
 @kernel
@@ -149,11 +149,11 @@ def add_tracker_variances(
     for tracker in range(params.places.trackers):
         rows = slice(begin + 3 * tracker, begin + 3 * tracker + 3)
         variance = trackers.variances[tracker] + trackers.stamp_variances[tracker] * (rate @ rate)
-        share, error = trackers.outliers[tracker], innovation[rows] / np.sqrt(variance)
-        if share > 0.0 and not np.isnan(error).any():
+        outlier_share, error = trackers.outliers[tracker], innovation[rows] / np.sqrt(variance)
+        if outlier_share > 0.0 and not np.isnan(error).any():
             spread = projected[rows] @ projected[rows].T / variance
-            fair = np.log(1.0 - share) + _log_density(error, spread + _IDENTITY)
-            if np.log(share) + _log_density(error, spread + POOR**2 * _IDENTITY) > fair:
+            log_fair = np.log(1.0 - outlier_share) + _log_density(error, spread + _IDENTITY)
+            if np.log(outlier_share) + _log_density(error, spread + POOR**2 * _IDENTITY) > log_fair:
                 variance *= POOR**2
         variances[rows], floors[rows] = variance, variance
     return variances, floors

@@ -134,30 +134,30 @@ def estimated_part_ratios(errors: Array, modes: ModeParams) -> Array:
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
     """
-    factors = np.ones(modes.sigmas.shape)
-    factors[:, POSITION:] = 0.0
+    ratios = np.ones(modes.sigmas.shape)
+    ratios[:, POSITION:] = 0.0
     if errors.shape[0] > 0:
-        off = modes.sigmas * errors.reshape(-1, ERRORS)
-        factors[:, :POSITION] = np.maximum(1.0 + off[:, :POSITION], _LEAST)
-        factors[:, POSITION:] = off[:, POSITION:]
-    return factors
+        scaled_errors = modes.sigmas * errors.reshape(-1, ERRORS)
+        ratios[:, :POSITION] = np.maximum(1.0 + scaled_errors[:, :POSITION], _LEAST)
+        ratios[:, POSITION:] = scaled_errors[:, POSITION:]
+    return ratios
 
 
 @kernel
-def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
+def mode_motion(rigid: Rigid, part_ratios: Array, duration_s: float, modes: ModeParams) -> Swing:
     """Computes transition matrices and coupling of the modes over an interval, at estimated parameters.
 
     Args:
-        factors: see `estimated_part_ratios`.
+        part_ratios: see `estimated_part_ratios`.
     """
     n = modes.frequencies.shape[0]
-    own = factors[modes.parts]
-    push = own[:, SIZE].copy().reshape(-1, 1) * modes.translation
-    turn = own[:, SIZE].copy().reshape(-1, 1) * modes.rotation
+    mode_ratios = part_ratios[modes.parts]
+    push = mode_ratios[:, SIZE].copy().reshape(-1, 1) * modes.translation
+    turn = mode_ratios[:, SIZE].copy().reshape(-1, 1) * modes.rotation
     for mode in range(n):
-        turn[mode] += cross(own[mode, POSITION:] - rigid.center, push[mode])
-    frequencies = own[:, FREQUENCY] * modes.frequencies
-    stiffness, drag = frequencies**2, 2.0 * own[:, DAMPING] * modes.dampings * frequencies
+        turn[mode] += cross(mode_ratios[mode, POSITION:] - rigid.center, push[mode])
+    frequencies = mode_ratios[:, FREQUENCY] * modes.frequencies
+    stiffness, drag = frequencies**2, 2.0 * mode_ratios[:, DAMPING] * modes.dampings * frequencies
     inertia = np.eye(n) - rigid.lightness * (push @ push.T) - turn @ rigid.inverse @ turn.T
     lightness = np.linalg.inv(inertia)
     rates = np.zeros((3 * n, 3 * n))
@@ -180,10 +180,10 @@ def mode_motion(rigid: Rigid, factors: Array, duration_s: float, modes: ModePara
     )
 
 
-def mode_sigmas(displaced: Array, modes: ModeParams) -> Array:
+def mode_sigmas(displacement_sigmas: Array, modes: ModeParams) -> Array:
     """Returns 1-sigmas of modal displacements and rates, shape (2 n,), from those of the displacements.
 
     Args:
-        displaced: of eta, shape (n,).
+        displacement_sigmas: of eta, shape (n,).
     """
-    return np.concatenate((displaced, displaced * modes.frequencies))
+    return np.concatenate((displacement_sigmas, displacement_sigmas * modes.frequencies))

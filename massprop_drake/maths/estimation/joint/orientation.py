@@ -49,29 +49,29 @@ def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_
     turn = duration_s * (0.5 * (rates[0] + rates[1]) + bow) + duration_s**2 / 12.0 * cross(rates[0], rates[1])
     end = multiply(start, from_rotation_vector(turn))
     by_rates = np.empty((2, 3, 3))
-    for place in range(2):
-        mean = (place + 1.0) / 3.0 * rates[0] + (2.0 * place + 1.0) / 12.0 * (rates[1] - rates[0])
-        until = multiply(start, from_rotation_vector(duration_s * mean))
-        by_rates[place] = 0.5 * duration_s * rotation_matrix(until)
+    for point in range(2):
+        mean = (point + 1.0) / 3.0 * rates[0] + (2.0 * point + 1.0) / 12.0 * (rates[1] - rates[0])
+        mean_attitude = multiply(start, from_rotation_vector(duration_s * mean))
+        by_rates[point] = 0.5 * duration_s * rotation_matrix(mean_attitude)
     return to_rotation_vector(multiply(end, conjugate(frames[1]))), by_rates
 
 
 @kernel
-def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
+def shared_attitude(reference: Array, rate: Array, duration_s: float, quaternions: Array) -> tuple[Array, Array]:
     """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers relative to it.
 
     Args:
-        frame: the shared attitude before, shape (4,).
+        reference: the shared attitude before, shape (4,).
         rate: that gyros show, rad/s, shape (3,).
-        read: quaternions, NaN where missing, shape (n, 4).
+        quaternions: quaternions, NaN where missing, shape (n, 4).
     """
-    after, told = propagate_attitude(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)
+    after, relative = propagate_attitude(reference, rate, duration_s), np.full((quaternions.shape[0], 3), np.nan)
     first = True
-    for place in range(read.shape[0]):
-        if np.isnan(read[place]).any():
+    for tracker in range(quaternions.shape[0]):
+        if np.isnan(quaternions[tracker]).any():
             continue
-        unit = read[place] / math.sqrt(float(np.dot(read[place], read[place])))
+        unit = quaternions[tracker] / math.sqrt(float(np.dot(quaternions[tracker], quaternions[tracker])))
         if first:
             after, first = unit, False
-        told[place] = to_rotation_vector(multiply(unit, conjugate(after)))
-    return after, told
+        relative[tracker] = to_rotation_vector(multiply(unit, conjugate(after)))
+    return after, relative

@@ -46,15 +46,15 @@ class Payload(NamedTuple):
 UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # where no filter fits
 
 
-def gained_payload(earlier: JointState, now: JointState, params: JointParams) -> Payload:
+def gained_payload(earlier: JointState, later: JointState, params: JointParams) -> Payload:
     """Computes mass and position of the payload gained since an earlier state, with 1-sigmas.
 
     Args:
         earlier: of the filter before the jump.
-        now: of the filter that has jumped.
+        later: of the filter that has jumped.
     """
-    padded = now._replace(root=np.hstack((now.root, np.zeros_like(now.root))))
-    first, first_rows = _mass_and_moment(_condition_on_present(earlier, now, params), params)
+    padded = later._replace(root=np.hstack((later.root, np.zeros_like(later.root))))
+    first, first_rows = _mass_and_moment(_condition_on_present(earlier, later, params), params)
     last, last_rows = _mass_and_moment(padded, params)
     gained, rows = last - first, last_rows - first_rows
     mass, mass_sigma = float(gained[0]), float(np.linalg.norm(rows[0]))
@@ -65,17 +65,17 @@ def gained_payload(earlier: JointState, now: JointState, params: JointParams) ->
     return Payload(mass, mass_sigma, position, sigma)
 
 
-def _condition_on_present(earlier: JointState, now: JointState, params: JointParams) -> JointState:
+def _condition_on_present(earlier: JointState, later: JointState, params: JointParams) -> JointState:
     """Returns the earlier state conditioned on thrust, lag and other shared errors as estimated now."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)
     by_shared = earlier.root[:N_PROPERTIES] @ np.linalg.pinv(earlier.root[shared], rcond=_EXACT)
-    mean[:N_PROPERTIES] += by_shared @ (now.mean[shared] - earlier.mean[shared])
-    mean[shared] = now.mean[shared]
-    root[:N_PROPERTIES, :size] = by_shared @ now.root[shared]
+    mean[:N_PROPERTIES] += by_shared @ (later.mean[shared] - earlier.mean[shared])
+    mean[shared] = later.mean[shared]
+    root[:N_PROPERTIES, :size] = by_shared @ later.root[shared]
     root[:N_PROPERTIES, size:] -= by_shared @ earlier.root[shared]
-    root[shared, :size], root[shared, size:] = now.root[shared], 0.0
+    root[shared, :size], root[shared, size:] = later.root[shared], 0.0
     return earlier._replace(mean=mean, root=root)
 
 

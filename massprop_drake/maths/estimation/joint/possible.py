@@ -14,27 +14,27 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 
 
-def impossible_force_cost(force: Array, covariance: Array, most: Array) -> Array:
+def impossible_force_cost(force: Array, covariance: Array, largest_force: Array) -> Array:
     """Computes log likelihood lost by bounding jet forces to 0 and their maximum, nats, shape (number,).
 
     Args:
         force: of one or two jets each, lbf or N, shape (number, jets).
         covariance: of them, shape (number, jets, jets).
-        most: that each jet can give, lbf or N, shape (number, jets).
+        largest_force: that each jet can give, lbf or N, shape (number, jets).
     """
-    off = force - np.clip(force, 0.0, most)
+    off = force - np.clip(force, 0.0, largest_force)
     variances = np.diagonal(covariance, axis1=1, axis2=2)
     if force.shape[1] == 1:
         result: Array = 0.5 * off[:, 0] ** 2 / variances[:, 0]
         return result
     # the least is on an edge: one force there at a bound, and the other the likeliest possible given that
-    found = np.full(force.shape[0], np.inf)
-    for one, other in ((0, 1), (1, 0)):
-        slope = covariance[:, one, other] / variances[:, one]
-        left = np.maximum(variances[:, other] - slope * covariance[:, one, other], np.finfo(np.float64).tiny)
-        for bound in (np.zeros_like(most[:, one]), most[:, one]):
-            moved = bound - force[:, one]
-            likeliest = force[:, other] + slope * moved
-            rest = likeliest - np.clip(likeliest, 0.0, most[:, other])
-            found = np.minimum(found, 0.5 * (moved**2 / variances[:, one] + rest**2 / left))
-    return np.where((off == 0.0).all(axis=1), 0.0, found)
+    cost = np.full(force.shape[0], np.inf)
+    for fixed, free in ((0, 1), (1, 0)):
+        slope = covariance[:, fixed, free] / variances[:, fixed]
+        free_variance = np.maximum(variances[:, free] - slope * covariance[:, fixed, free], np.finfo(np.float64).tiny)
+        for bound in (np.zeros_like(largest_force[:, fixed]), largest_force[:, fixed]):
+            shift = bound - force[:, fixed]
+            likeliest = force[:, free] + slope * shift
+            excess = likeliest - np.clip(likeliest, 0.0, largest_force[:, free])
+            cost = np.minimum(cost, 0.5 * (shift**2 / variances[:, fixed] + excess**2 / free_variance))
+    return np.where((off == 0.0).all(axis=1), 0.0, cost)

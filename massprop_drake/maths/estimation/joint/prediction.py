@@ -118,36 +118,36 @@ class Prediction(NamedTuple):
 
 @kernel
 def predict(
-    state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, around: tuple[Array, Spun] = ALONE
+    state: JointState, forces: Drive, rate_read: RateRead, params: JointParams, motion: tuple[Array, Spun] = ALONE
 ) -> Prediction:
     """Predicts the filter's mean over an interval, with its derivatives and process noise; no update.
 
     Args:
         state: before.
         rate_read: rate at the end of the interval as gyros show it.
-        around: frames, see `orientation.turn_attitude`, and speeds of the wheels.
+        motion: frames, see `orientation.turn_attitude`, and speeds of the wheels.
     """
-    mean, places, duration = state.mean, params.places, acting.firing.duration_s
-    speeds = remove_untrusted_speeds(around[1], state.assumed[: places.wheels], duration, params.wheels)
+    mean, places, duration = state.mean, params.places, forces.firing.duration_s
+    speeds = remove_untrusted_speeds(motion[1], state.assumed[: places.wheels], duration, params.wheels)
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
-    seconds = effective_seconds(state, acting.firing, params)
-    known, momenta, scale = known_impulse(mean, acting, speeds, params)
+    seconds = effective_seconds(state, forces.firing, params)
+    known, momenta, scale = known_impulse(mean, forces, speeds, params)
     impulse = seconds @ wrenches_of(mean, params) + known
     linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
-    flow, from_tanks, tank_rows = _draw_from_tanks(state, acting, seconds, params)
+    flow, from_tanks, tank_rows = _draw_from_tanks(state, forces, seconds, params)
 
-    rate_rows, velocity_rows = impulse_rows(state, acting, (linear, moment), flow, params)
-    own = slice(places.slow, places.slow + places.n_slow)
+    rate_rows, velocity_rows = impulse_rows(state, forces, (linear, moment), flow, params)
+    slow = slice(places.slow, places.slow + places.n_slow)
     wander = append_constant_states(
         combine_disturbances(state, speeds, scale * inverse, duration, params), places.tanks
     )
     exchange = wheel_impulses(speeds, mean[RATE], mean[RATE] + inverse @ moment, duration, params.wheels)
     rate_rows = add_wheel_errors(rate_rows, mean, exchange, scale, params)
-    rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
-    rate_rows, velocity_rows = remove_directions(rate_rows, velocity_rows, acting.anything)
-    bias, noise = second_order_moments(state, acting, (linear, exchange), covariance, params)
-    bias, noise = bias + disturbance_effect(wander, mean[own]), noise + white_noise(mean, acting, params)
+    rate_rows[:, slow], velocity_rows[:, slow] = wander.begun[:3], wander.begun[3:]
+    rate_rows, velocity_rows = remove_directions(rate_rows, velocity_rows, forces.anything)
+    bias, noise = second_order_moments(state, forces, (linear, exchange), covariance, params)
+    bias, noise = bias + disturbance_effect(wander, mean[slow]), noise + white_noise(mean, forces, params)
     locked = Moved(
         inverse @ moment + bias[:3] + _rate_change_by_draw(from_tanks.change, inverse, moment, linear),
         linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:],
@@ -159,18 +159,18 @@ def predict(
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
-    share, left = reading_share(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
-    coupled, through, end, bowed = coupled_rate(
-        state, acting, change, (rate_read, share), momenta + modes.momenta, params
+    gain, variance_left = reading_share(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
+    coupled, coupling_terms, end, bowed = coupled_rate(
+        state, forces, change, (rate_read, gain), momenta + modes.momenta, params
     )
     if coupled or places.wheels + places.n_swing > 0:
-        rate_rows = add_coupling_derivative(rate_rows, through, rate_read, share)
-        change = change + through.change
+        rate_rows = add_coupling_derivative(rate_rows, coupling_terms, rate_read, gain)
+        change = change + coupling_terms.change
     if not coupled:
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     if params.second_order:
-        noise[3:, 3:] += left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
+        noise[3:, 3:] += variance_left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
     apart = arm_turning_integrals(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
     middle = apart.sum(axis=1) / max(places.accelerometers, 1)
     apart -= middle.reshape(2, 1, 3, 3)
@@ -183,11 +183,11 @@ def predict(
     after = mean.copy()
     after[RATE] += change
     after = _add_velocity_gain(after, velocity_change, (apart[1], gap), duration, params)
-    after[own] *= wander.kept
+    after[slow] *= wander.kept
     after[places.swing : places.swing + places.n_swing] = modes.after
     turned_until = turning_matrix(mean[RATE], state.reference, state.spin)
     after = _mean_after_draw(after, reciprocal * reciprocal * flow, from_tanks.change, turned_until, params)
-    after, attitude = _propagate_attitude(state, after, acting, (around[0], bowed[0], coupled), params)
+    after, attitude = _propagate_attitude(state, after, forces, (motion[0], bowed[0], coupled), params)
     return Prediction(
         mean=after,
         rate_rows=rate_rows,
@@ -211,12 +211,12 @@ def predict(
 
 @kernel
 def _draw_from_tanks(
-    state: JointState, acting: Drive, seconds: Array, params: JointParams
+    state: JointState, forces: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
     """Computes propellant used, slug or kg; change of mass properties by its draw from tanks; derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
-    flow = float(seconds @ params.flows) + acting.engines.used
+    flow = float(seconds @ params.flows) + forces.engines.used
     if not 0.0 < mean[MASS] < _MOST_LIGHT * params.nominal[MASS]:
         flows, flow = 0.0 * flows, 0.0
     if n == 0:
@@ -227,68 +227,68 @@ def _draw_from_tanks(
         factors = factors + tanks.flow_sigma * mean[places.tank : places.tank + n]
     scale = 1.0 + params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     used, fill = factors * known, slice(places.fill, places.fill + n)
-    found, by = draw_propellant(mean[:N_PROPERTIES], mean[fill], used, scale, tanks), np.zeros((n, places.size))
+    drawn, by_errors = draw_propellant(mean[:N_PROPERTIES], mean[fill], used, scale, tanks), np.zeros((n, places.size))
     flowing = 1.0 if flows.any() else 0.0
     by_jets = (flowing * factors).reshape(n, 1) * by_jets
     if places.n_thrust > 0:
         columns = slice(places.thrust, places.thrust + places.n_thrust)
-        by[:, columns] = by_jets * (params.thrust_sigma * acting.firing.amount)
+        by_errors[:, columns] = by_jets * (params.thrust_sigma * forces.firing.amount)
     if places.n_tank > 0:
         for tank in range(n):
-            by[tank, places.tank + tank] = tanks.flow_sigma[tank] * known[tank]
+            by_errors[tank, places.tank + tank] = tanks.flow_sigma[tank] * known[tank]
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
         if jet >= 0:
-            seconds = slot_weight(state, slot, acting.firing) / params.thrusts[jet]
-            by[:, places.force + slot] = by_jets[:, jet] * seconds
-    rows = found.by_used @ by
-    rows[:, :N_PROPERTIES] += found.by_state[:, :N_PROPERTIES]
-    rows[:, fill] += found.by_state[:, N_PROPERTIES:]
+            seconds = slot_weight(state, slot, forces.firing) / params.thrusts[jet]
+            by_errors[:, places.force + slot] = by_jets[:, jet] * seconds
+    rows = drawn.by_used @ by_errors
+    rows[:, :N_PROPERTIES] += drawn.by_state[:, :N_PROPERTIES]
+    rows[:, fill] += drawn.by_state[:, N_PROPERTIES:]
     if places.n_scale > 0:
         rows[N_PROPERTIES:, places.scale] -= params.thrust_sigma * used
-    return flow + (used.sum() - known.sum()), found, rows
+    return flow + (used.sum() - known.sum()), drawn, rows
 
 
 @kernel
-def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
+def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, impulse: Array) -> Array:
     """Computes the change of the rate by inertia and center of mass of drawn propellant, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
-    return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
+    return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(impulse, change[CENTER]))
 
 
 @kernel
-def _mean_after_draw(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
+def _mean_after_draw(mean: Array, reciprocal_gain: float, change: Array, turning: Array, params: JointParams) -> Array:
     """Returns the predicted mean with mass properties and tank fills after propellant use, shape (size,)."""
-    n, places, result = change.shape[0] - N_PROPERTIES, params.places, after.copy()
-    result[MASS] += lighter
+    n, places, result = change.shape[0] - N_PROPERTIES, params.places, mean.copy()
+    result[MASS] += reciprocal_gain
     if n <= 0:
         return result
     result[:MASS] += change[:MASS]
     result[places.fill : places.fill + n] += change[N_PROPERTIES:]
     for package in range(places.accelerometers):
-        result[VELOCITY + 3 * package : VELOCITY + 3 * package + 3] += turned @ change[CENTER]
+        result[VELOCITY + 3 * package : VELOCITY + 3 * package + 3] += turning @ change[CENTER]
     return result
 
 
 @kernel
 def _add_modes(
     state: JointState,
-    moved: Moved,
-    linear: Array,
-    come_in: tuple[Array, Wander],
-    about: tuple[float, float],
+    locked: Moved,
+    impulse: Array,
+    noise_wander: tuple[Array, Wander],
+    scale_time: tuple[float, float],
     params: JointParams,
 ) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
     """Adds modal motion to changes of rate and velocity, derivatives and noise; returns these and the modes."""
-    (noise, wander), (scale, duration_s) = come_in, about
+    (noise, wander), (scale, duration_s) = noise_wander, scale_time
     if params.places.n_swing == 0:
-        whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
+        whole = (locked.rate, locked.velocity), (locked.rate_rows, locked.velocity_rows)
         return whole, modes_at_rest(0, params.places.size), noise, wander
     places, turning_back = params.places, known_coupling_change(state, duration_s)
     column = places.scale if places.n_scale > 0 else -1
-    own = SwingParams(params.modes, places.swing, places.moving, places.n_moving, column, params.thrust_sigma)
-    felt, modes = swing_modes(state.mean, moved, linear, (scale, turning_back), duration_s, own)
+    swing_params = SwingParams(params.modes, places.swing, places.moving, places.n_moving, column, params.thrust_sigma)
+    felt, modes = swing_modes(state.mean, locked, impulse, (scale, turning_back), duration_s, swing_params)
     back = modes.given_back
     with_back = Wander(wander.kept, wander.begun, back @ wander.drawn, wander.along, wander.apart)
     whole = (felt.rate, felt.velocity), (felt.rate_rows, felt.velocity_rows)
@@ -297,32 +297,32 @@ def _add_modes(
 
 @kernel
 def _add_velocity_gain(
-    after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
+    mean: Array, velocity_change: Array, by_end_and_gap: tuple[Array, Array], duration_s: float, params: JointParams
 ) -> Array:
     """Returns the predicted mean with each accelerometer's velocity gain over the interval, shape (size,)."""
-    places, result, (by_end, gap) = params.places, after.copy(), apart
+    places, result, (by_end, gap) = params.places, mean.copy(), by_end_and_gap
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        result[part] += change + by_end[package] @ gap
+        result[part] += velocity_change + by_end[package] @ gap
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
-            result[part] += duration_s * params.acceleration_bias_sigma * after[begin : begin + 3]
+            result[part] += duration_s * params.acceleration_bias_sigma * mean[begin : begin + 3]
     return result
 
 
 @kernel
 def _propagate_attitude(
-    state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
+    state: JointState, predicted: Array, forces: Drive, motion: tuple[Array, Array, bool], params: JointParams
 ) -> tuple[Array, Array]:
     """Returns the predicted mean with the attitude propagated, shape (size,), and its derivatives by rates."""
     if params.places.n_attitude == 0:
-        return after, np.zeros((2, 0, 3))
-    mean, (frames, bow, coupled) = state.mean, over
+        return predicted, np.zeros((2, 0, 3))
+    mean, (frames, bow, coupled) = state.mean, motion
     if not coupled:
-        bow = (thrust_bow_impulses(state, acting, params) @ take_elements(mean, ELEMENT))[0]
-    own = slice(params.places.attitude, params.places.attitude + 3)
-    rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
-    result[own], by_rates = turn_attitude(mean[own], frames, rates, bow, acting.firing.duration_s)
+        bow = (thrust_bow_impulses(state, forces, params) @ take_elements(mean, ELEMENT))[0]
+    attitude = slice(params.places.attitude, params.places.attitude + 3)
+    rates, result = np.stack((mean[RATE], predicted[RATE])), predicted.copy()
+    result[attitude], by_rates = turn_attitude(mean[attitude], frames, rates, bow, forces.firing.duration_s)
     return result, by_rates
 
 
@@ -340,25 +340,25 @@ def propagate_root(root: Array, prediction: Prediction, params: JointParams) -> 
     """Propagates the covariance's root over an interval, process noise as more columns, shape (size, k + more)."""
     places = params.places
     after = root.copy()
-    moved = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)
-    after[RATE] += moved[:3]
-    common = moved[3:]
+    changes = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)
+    after[RATE] += changes[:3]
+    common = changes[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    slow, come_in = slice(places.slow, places.slow + places.n_slow), disturbance_noise_root(prediction.wander)
-    first = 6 + come_in.shape[1]  # of the columns of what drifts
+    slow, disturbance = slice(places.slow, places.slow + places.n_slow), disturbance_noise_root(prediction.wander)
+    first = 6 + disturbance.shape[1]  # of the columns of what drifts
     columns = np.zeros((places.size, first + drifting.shape[0]))
-    columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]
+    columns[RATE, :6], columns[RATE, 6:first] = noise[:3], disturbance[:3]
     if places.n_swing > 0:
-        own, shaken = slice(places.swing, places.swing + places.n_swing), prediction.swung.shaken
-        after[own] = prediction.swung.rows @ root
-        columns[own, :6], columns[own, 6:first] = shaken @ noise, shaken @ come_in[:6].copy()
+        swing, shaken = slice(places.swing, places.swing + places.n_swing), prediction.swung.shaken
+        after[swing] = prediction.swung.rows @ root
+        columns[swing, :6], columns[swing, 6:first] = shaken @ noise, shaken @ disturbance[:6].copy()
     after[slow] *= prediction.wander.kept.reshape(-1, 1)
-    columns[slow, 6:first] = come_in[6:]
+    columns[slow, 6:first] = disturbance[6:]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         after[part] += common
-        columns[part, :6], columns[part, 6:first] = noise[3:], come_in[3:6]
+        columns[part, :6], columns[part, 6:first] = noise[3:], disturbance[3:6]
         if places.accelerometers > 1:
             by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
             after[part] += by_start @ root[RATE] + by_end @ after[RATE]

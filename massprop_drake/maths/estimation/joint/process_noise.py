@@ -41,31 +41,31 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @kernel
-def noise_through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
+def noise_through_turning(noise: Array, disturbance: Wander, by_end: Array) -> tuple[Array, Wander]:
     """Adds the lever-arm effect of rate noise to velocity noise, shape (6, 6), and to disturbances' effects."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
-    drawn = wander.drawn.copy()
+    drawn = disturbance.drawn.copy()
     drawn[3:] += by_end @ drawn[:3]
-    return turned, Wander(wander.kept, wander.begun, drawn, wander.along, wander.apart)
+    return turned, Wander(disturbance.kept, disturbance.begun, drawn, disturbance.along, disturbance.apart)
 
 
 @kernel
-def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
+def white_noise(mean: Array, forces: Drive, params: JointParams) -> Array:
     """Computes covariance of rate and velocity by walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
-    noise, firing = reopening_covariance(acting.anything), acting.firing
+    noise, firing = reopening_covariance(forces.anything), forces.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
     if variance.any():
         effects = effects_of(params.wrenches, mean)
         noise += (effects * variance.reshape(-1, 1)).T @ effects
-    if acting.spreads.any():
-        seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(-1, 1)
+    if forces.spreads.any():
+        seconds = firing.by_tick * np.sqrt(forces.spreads).reshape(-1, 1)
         late = effects_of(seconds @ params.wrenches, mean)
         noise += late.T @ late
     if params.places.engines > 0:
-        unsteady = effects_of(acting.engines.noise, mean)
+        unsteady = effects_of(forces.engines.noise, mean)
         noise += unsteady.T @ unsteady
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
     noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
@@ -73,17 +73,17 @@ def white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
 
 
 @kernel
-def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
+def propellant_drift(properties: Array, used_mass: float, tank_fraction: float, arm: float) -> Array:
     """Computes variances of the ten mass parameters by the unknown place of used propellant, shape (10,).
 
     Args:
         properties: the ten parameters, shape (10,) or more.
-        used: mass of it, slug or kg.
+        used_mass: mass of it, slug or kg.
         tank_fraction, arm: see `JointParams`.
     """
-    share = properties[MASS] * used
-    if share > 0.0 and tank_fraction > 0.0:
-        return _relative_drift(properties, 0.01 * tank_fraction**2 * share, arm)
+    mass_share = properties[MASS] * used_mass
+    if mass_share > 0.0 and tank_fraction > 0.0:
+        return _relative_drift(properties, 0.01 * tank_fraction**2 * mass_share, arm)
     return np.zeros(N_PROPERTIES)
 
 
@@ -99,81 +99,83 @@ def combine_disturbances(
         inverse: what an impulse of them turns the vehicle by, shape (3, 3).
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
-    wander = join_courses(
+    combined = join_courses(
         disturbance_course(params.disturbance, duration_s), disturbance_course(unstated, duration_s, state.stir)
     )
-    return append_reading_errors(wander, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
+    return append_reading_errors(combined, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
 
 
 @kernel
-def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: float, params: JointParams) -> Array:
+def moving_drift(
+    state: JointState, rate_change: Array, velocity_change: Array, duration_s: float, params: JointParams
+) -> Array:
     """Computes variances added to the ten mass parameters by an unstated disturbance during firing, shape (10,).
 
     What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
     share that what is unstated has in what they give. That share comes anew once in its time constant.
 
     Args:
-        turned, pushed: changes of w and c by what acts, shape (3,) each.
+        rate_change, velocity_change: changes of w and c by what acts, shape (3,) each.
     """
     drift = np.zeros(N_PROPERTIES)
-    if state.stir == 0.0 or not (turned.any() or pushed.any()):
+    if state.stir == 0.0 or not (rate_change.any() or velocity_change.any()):
         return drift
     walked = 2.0 * duration_s / state.stir_s * (state.stir * duration_s) ** 2
-    least = duration_s**2 / params.places.jets  # what fires is a jet at the least
+    minimum = duration_s**2 / params.places.jets  # what fires is a jet at the least
     angular, linear = np.sum(params.unstated[:3] ** 2), np.sum(params.unstated[3:] ** 2)
-    by_turning = walked * angular / max(np.sum(turned**2), least * angular)
+    by_turning = walked * angular / max(np.sum(rate_change**2), minimum * angular)
     if linear == 0.0:
         return _relative_drift(state.mean, by_turning, 0.0)
-    by_pushing = walked * linear / max(np.sum(pushed**2), least * linear)
+    by_pushing = walked * linear / max(np.sum(velocity_change**2), minimum * linear)
     drift = _relative_drift(state.mean, by_turning, np.sqrt(by_pushing / by_turning) * params.arm)
     drift[MASS] = by_pushing * state.mean[MASS] ** 2
     return drift
 
 
 @kernel
-def _relative_drift(properties: Array, each: float, arm: float) -> Array:
+def _relative_drift(properties: Array, relative_variance: float, arm: float) -> Array:
     """Computes variances of inverse inertia and center of mass from one relative variance, shape (10,)."""
     drift = np.zeros(N_PROPERTIES)
     for k, (i, j) in enumerate(_PAIRS):
-        drift[k] = each * abs(properties[i] * properties[j])
-    drift[CENTER] = each * arm**2
+        drift[k] = relative_variance * abs(properties[i] * properties[j])
+    drift[CENTER] = relative_variance * arm**2
     return drift
 
 
 @kernel
 def second_order_moments(
-    state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
+    state: JointState, forces: Drive, impulses: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
     """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
 
     Args:
         state: before the interval.
-        pulls: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
+        impulses: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
         covariance: of the ten parameters.
     """
     bias, noise = np.zeros(6), np.zeros((6, 6))
-    (linear, exchange), places = pulls, params.places
+    (linear, exchange), places = impulses, params.places
     if params.second_order:
         bias[:3], noise[:3, :3] = second_order_terms(covariance[:9, :9], linear)
         if places.n_thrust > 0:
-            bias, noise = _add_moments(bias, noise, _thrust_products(state, acting, covariance, params))
+            bias, noise = _add_moments(bias, noise, _thrust_products(state, forces, covariance, params))
         if places.n_mount > 0:
-            bias, noise = _add_moments(bias, noise, _mounting_products(state, acting, covariance, params))
+            bias, noise = _add_moments(bias, noise, _mounting_products(state, forces, covariance, params))
         if exchange.shape[0] > 0:
             bias, noise = _add_moments(bias, noise, _wheel_products(state, exchange, covariance, params))
         if places.engines > 0:
-            bias, noise = _add_moments(bias, noise, _engine_products(state, acting.engines, covariance, params))
-        if acting.anything.number > 0.0:
-            noise += _opening_products(state.mean, acting.firing, covariance, params)
+            bias, noise = _add_moments(bias, noise, _engine_products(state, forces.engines, covariance, params))
+        if forces.anything.number > 0.0:
+            noise += _opening_products(state.mean, forces.firing, covariance, params)
         if (state.slot_jet >= 0).any():
-            bias, noise = _add_moments(bias, noise, _force_products(state, acting.firing, covariance, params))
-    return bias, intervals_per_period(acting.firing.duration_s, params.rates) * noise
+            bias, noise = _add_moments(bias, noise, _force_products(state, forces.firing, covariance, params))
+    return bias, intervals_per_period(forces.firing.duration_s, params.rates) * noise
 
 
 @kernel
-def _add_moments(bias: Array, noise: Array, further: tuple[Array, Array]) -> tuple[Array, Array]:
+def _add_moments(bias: Array, noise: Array, added: tuple[Array, Array]) -> tuple[Array, Array]:
     """Returns the sums of two means and of two covariances, of independent products of errors."""
-    return bias + further[0], noise + further[1]
+    return bias + added[0], noise + added[1]
 
 
 @kernel
@@ -191,12 +193,12 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 
 @kernel
-def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+def _wheel_products(state: JointState, impulses: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Computes mean and covariance of rate, velocity by wheel times mass parameter errors, (6,) and (6, 6)."""
-    places, n = params.places, exchange.shape[0]
+    places, n = params.places, impulses.shape[0]
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
-    wrenches[:n, :3] = exchange
-    wrenches[n, :3] = wheel_factors(state.mean, params) @ exchange
+    wrenches[:n, :3] = impulses
+    wrenches[n, :3] = wheel_factors(state.mean, params) @ impulses
     if places.n_wheel > 0:
         rows[:n] = params.wheels.sigma * state.root[places.wheel : places.wheel + places.n_wheel]
     rows[n] = _scale_error_row(state, params)
@@ -205,12 +207,12 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 
 @kernel
 def _engine_products(
-    state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
+    state: JointState, engine_impulse: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
     """Computes mean and covariance of rate, velocity by engine times mass parameter errors, (6,) and (6, 6)."""
     places, n = params.places, params.places.n_engine
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
-    wrenches[:n], wrenches[n] = pushed.by_errors, pushed.impulse
+    wrenches[:n], wrenches[n] = engine_impulse.by_errors, engine_impulse.impulse
     rows[:n] = state.root[places.engine : places.engine + n]
     rows[n] = _scale_error_row(state, params)
     return _jet_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
@@ -225,20 +227,20 @@ def _scale_error_row(state: JointState, params: JointParams) -> Array:
 
 
 @kernel
-def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+def _thrust_products(state: JointState, forces: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Computes mean and covariance of rate, velocity by thrust times mass parameter errors, (6,) and (6, 6)."""
     mean, places = state.mean, params.places
-    jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
-    shares = params.thrust_sigma * acting.firing.amount[jets]
+    jets = np.flatnonzero(np.abs(forces.firing.amount) > _FIRES * forces.firing.duration_s)
+    shares = params.thrust_sigma * forces.firing.amount[jets]
     effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
     return _jet_products(state.root[places.thrust + jets], effects, state, covariance)
 
 
 @kernel
-def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+def _mounting_products(state: JointState, forces: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Computes mean and covariance of rate, velocity by mounting times mass parameter errors, (6,), (6, 6)."""
-    seconds = acting.firing.amount[params.mounting.jets]
-    there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
+    seconds = forces.firing.amount[params.mounting.jets]
+    there = np.flatnonzero(np.abs(seconds) > _FIRES * forces.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
     return _jet_products(state.root[params.places.mount + there], effects, state, covariance)
 

@@ -69,9 +69,9 @@ def known_coupling_change(state: JointState, duration_s: float) -> Array:
 @kernel
 def coupled_rate(
     state: JointState,
-    acting: Drive,
-    change: Array,
-    read: tuple[RateRead, Array],
+    forces: Drive,
+    uncoupled_change: Array,
+    reading_and_gain: tuple[RateRead, Array],
     momenta: Array,
     params: JointParams,
 ) -> tuple[bool, Coupling, Array, Array]:
@@ -81,69 +81,69 @@ def coupled_rate(
 
     Args:
         state: before the interval.
-        change: of the rate without coupling, rad/s, shape (3,).
-        read: see `RateRead`, and its share, shape (3,).
+        uncoupled_change: of the rate without coupling, rad/s, shape (3,).
+        reading_and_gain: see `RateRead`, and its share, shape (3,).
         momenta: h at the start and the end, shape (2, 3).
     """
-    mean, duration = state.mean, acting.firing.duration_s
+    mean, duration = state.mean, forces.firing.duration_s
     inverse, start, none = take_elements(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
     counts = _knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
     if not (counts or params.places.wheels + params.places.n_swing > 0):
         nothing = Coupling(none[0], np.zeros((3, 6)), none, none)
-        return False, nothing, _correct_rate(start + change, read[0], read[1]), none
+        return False, nothing, _correct_rate(start + uncoupled_change, reading_and_gain[0], reading_and_gain[1]), none
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia") if counts else none
     turning = inertias[1], momenta
-    of_thrust = thrust_bow_impulses(state, acting, params)
-    line = start + change
-    end = _correct_rate(line, read[0], read[1])
+    of_thrust = thrust_bow_impulses(state, forces, params)
+    line = start + uncoupled_change
+    end = _correct_rate(line, reading_and_gain[0], reading_and_gain[1])
     bows = of_thrust + _coupling_bow_impulses(turning, start, end, duration)
-    found = coupling(inertias, (start, end), momenta, bows, duration)
+    terms = coupling(inertias, (start, end), momenta, bows, duration)
     for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
-        off = _correct_rate(line + found.change, read[0], read[1]) - end
-        if np.abs(off).max() <= _SETTLED * np.abs(end).max():
+        residual = _correct_rate(line + terms.change, reading_and_gain[0], reading_and_gain[1]) - end
+        if np.abs(residual).max() <= _SETTLED * np.abs(end).max():
             break
-        end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
+        end = end + np.linalg.solve(_IDENTITY - (1.0 - reading_and_gain[1]).reshape(3, 1) * terms.by_end, residual)
         bows = of_thrust + _coupling_bow_impulses(turning, start, end, duration)
-        found = coupling(inertias, (start, end), momenta, bows, duration)
-    return counts, found, end, bows @ inverse
+        terms = coupling(inertias, (start, end), momenta, bows, duration)
+    return counts, terms, end, bows @ inverse
 
 
 @kernel
-def add_coupling_derivative(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
+def add_coupling_derivative(rate_rows: Array, terms: Coupling, rate_read: RateRead, gain: Array) -> Array:
     """Returns the derivative of the change of rate by the state, with gyroscopic coupling, shape (3, size)."""
-    rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
-    rows[:, RATE] += through.by_start
-    rows[:, INERTIA] += through.by_inertia
-    end_rows = own * rows + share.reshape(3, 1) * read.rows
+    rows, own = rate_rows.copy(), (1.0 - gain).reshape(3, 1)
+    rows[:, RATE] += terms.by_start
+    rows[:, INERTIA] += terms.by_inertia
+    end_rows = own * rows + gain.reshape(3, 1) * rate_read.rows
     end_rows[:, RATE] += own * _IDENTITY
-    return rows + through.by_end @ np.linalg.solve(_IDENTITY - own * through.by_end, end_rows)
+    return rows + terms.by_end @ np.linalg.solve(_IDENTITY - own * terms.by_end, end_rows)
 
 
 @kernel
-def reading_share(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
+def reading_share(rate_root: Array, noise: Array, rate_read: RateRead) -> tuple[Array, Array]:
     """Computes the Kalman gain of a rate reading on the predicted rate and the variance left, shape (3,) each.
 
     Args:
-        half: root of the covariance of the predicted rate but for the noise, shape (3, k).
+        rate_root: root of the covariance of the predicted rate but for the noise, shape (3, k).
         noise: of the interval, shape (6, 6).
     """
-    share, left = np.zeros(3), np.empty(3)
+    gain, remaining = np.zeros(3), np.empty(3)
     for axis in range(3):
-        variance = half[axis] @ half[axis] + noise[axis, axis]
-        if not np.isnan(read.rate[axis]):
-            total = variance + read.variance[axis]
-            share[axis] = variance / total if total > 0.0 else 1.0
-        left[axis] = (1.0 - share[axis]) * variance
-    return share, left
+        variance = rate_root[axis] @ rate_root[axis] + noise[axis, axis]
+        if not np.isnan(rate_read.rate[axis]):
+            total = variance + rate_read.variance[axis]
+            gain[axis] = variance / total if total > 0.0 else 1.0
+        remaining[axis] = (1.0 - gain[axis]) * variance
+    return gain, remaining
 
 
 @kernel
-def _correct_rate(rate: Array, read: RateRead, share: Array) -> Array:
+def _correct_rate(rate: Array, rate_read: RateRead, gain: Array) -> Array:
     """Returns the predicted rate corrected by the gyros' reading with given gains, rad/s, shape (3,)."""
     result = rate.copy()
     for axis in range(3):
-        if share[axis] > 0.0:
-            result[axis] += share[axis] * (read.rate[axis] - rate[axis])
+        if gain[axis] > 0.0:
+            result[axis] += gain[axis] * (rate_read.rate[axis] - rate[axis])
     return result
 
 
@@ -165,9 +165,9 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
 
 
 @kernel
-def _coupling_bow_impulses(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
+def _coupling_bow_impulses(momentum: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
     """Computes angular impulses by curvature of the rate under gyroscopic coupling, shape (3, 3)."""
-    bows, (inertia, momenta) = np.zeros((3, 3)), turning
+    bows, (inertia, momenta) = np.zeros((3, 3)), momentum
     at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
     bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
     bows[2] = PARABOLA * bows[0]
@@ -215,18 +215,18 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
 
 @kernel
-def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
+def spin_integral(start: Array, end: Array, curvature: Array, duration_s: float) -> Array:
     """Computes the time integral of w w^T for a rate linear but for a bow, six elements, rad^2/s, shape (6,).
 
     Args:
         start, end: rates, rad/s, shape (3,).
-        bowed: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
+        curvature: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
     """
     result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
     for k, (i, j) in enumerate(_PAIRS):
         straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
-        bent = middle[i] * bowed[0, j] + middle[j] * bowed[0, i] + bowed[2, i] * bowed[2, j]
-        bent += gained[i] * bowed[1, j] + gained[j] * bowed[1, i]
+        bent = middle[i] * curvature[0, j] + middle[j] * curvature[0, i] + curvature[2, i] * curvature[2, j]
+        bent += gained[i] * curvature[1, j] + gained[j] * curvature[1, i]
         result[k] = duration_s * (straight + bent)
     return result
 

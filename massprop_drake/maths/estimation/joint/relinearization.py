@@ -36,135 +36,135 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def repeat_start_cycle(
-    state: JointState, sample: JointSample, about: Array, params: JointParams
+    state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
     """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state and NIS.
 
     Args:
         state: after the last sample, not guarded.
-        about: a state's estimate at which it is linearized, shape (size,).
+        linearization_point: a state's estimate at which it is linearized, shape (size,).
 
     Returns:
         The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, course, _ = run_relinearized(state, sample, about, params)
+    after, course, _ = run_relinearized(state, sample, linearization_point, params)
     after, _ = switch_lag_priors(after, params)
     return after, course.nis, course.degrees
 
 
 @kernel
 def run_relinearized(
-    state: JointState, sample: JointSample, about: Array, params: JointParams
+    state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
     """Advances the filter by a sample, linearized at another estimate; returns state, course and gyro NIS.
 
     Args:
         state: after the last sample, not guarded.
-        about: a state's estimate with these, shape (size,).
+        linearization_point: a state's estimate with these, shape (size,).
 
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
     state, crossing = update_by_crossings(
-        state, _parameters_at_propellant(about, state.mean, params), sample, params.floors, params
+        state, _parameters_at_propellant(linearization_point, state.mean, params), sample, params.floors, params
     )
     state, stamp = update_by_stamp(state, sample.timing, params)
-    mean = _linearization_estimate(state.mean, about, params)
-    acting = make_drive(replace_estimate(state, mean, state.root), sample, params)
-    state = separate_scale(state, acting.firing.amount, params)
-    there = replace_estimate(state, mean, state.root.copy())
-    there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    at = predict(there, acting, combine_gyros(sample.rates, mean, params), params, (sample.frames, sample.speeds))
-    away = state.mean - mean
-    mean = at.mean + away
+    mean = _linearization_estimate(state.mean, linearization_point, params)
+    forces = make_drive(replace_estimate(state, mean, state.root), sample, params)
+    state = separate_scale(state, forces.firing.amount, params)
+    point = replace_estimate(state, mean, state.root.copy())
+    point.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
+    base = predict(point, forces, combine_gyros(sample.rates, mean, params), params, (sample.frames, sample.speeds))
+    offset = state.mean - mean
+    mean = base.mean + offset
     swing = slice(params.places.swing, params.places.swing + params.places.n_swing)
-    mean[swing] = at.mean[swing] + at.swung.rows @ away
-    mean[RATE] += at.rate_rows @ away
+    mean[swing] = base.mean[swing] + base.swung.rows @ offset
+    mean[RATE] += base.rate_rows @ offset
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        mean[part] += velocity_gain_rows(at, package) @ away
+        mean[part] += velocity_gain_rows(base, package) @ offset
     if params.places.n_attitude > 0:
         part = slice(params.places.attitude, params.places.attitude + 3)
-        mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
+        mean[part] += base.attitude[0] @ offset[RATE] + base.attitude[1] @ (offset[RATE] + base.rate_rows @ offset)
     if params.places.tanks > 0:
-        more = at.tank_rows @ away
+        more = base.tank_rows @ offset
         mean[:N_PROPERTIES] += more[:N_PROPERTIES]
         mean[params.places.fill : params.places.fill + params.places.tanks] += more[N_PROPERTIES:]
     prediction = Prediction(
         mean,
-        at.rate_rows,
-        at.velocity_rows,
-        at.apart,
-        at.attitude,
-        at.mass_factor,
-        at.noise,
-        at.wander,
-        at.swung,
-        at.drift,
-        at.tank_rows,
-        at.turned,
-        at.spin,
-        at.end,
-        at.duration_s,
-        at.coupled,
+        base.rate_rows,
+        base.velocity_rows,
+        base.apart,
+        base.attitude,
+        base.mass_factor,
+        base.noise,
+        base.wander,
+        base.swung,
+        base.drift,
+        base.tank_rows,
+        base.turned,
+        base.spin,
+        base.end,
+        base.duration_s,
+        base.coupled,
     )
     root = propagate_root(state.root, prediction, params)
-    there_properties = _parameters_at_propellant(about, prediction.mean, params)
-    expected = predict_readings(state, prediction, root, (there_properties, params.floors), sample, params)
+    properties = _parameters_at_propellant(linearization_point, prediction.mean, params)
+    expected = predict_readings(state, prediction, root, (properties, params.floors), sample, params)
     if expected.used.any():
-        change, told = update_root(expected, root, params)
+        update, sites = update_root(expected, root, params)
     else:
-        change, told = empty_update(root), make_expected_sites(expected, params)
-    after = update_state(state, sample, acting, expected, change, params)
-    level = _levels_after_cycle(state, after, acting, params)
-    after = replace_levels(after, after.mean, after.root, level, acting.tick_slope)
-    anything = count_reopened_degrees(expected, acting, there.mean, params)
-    nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
-    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
-    gyro_nis, _ = sum_by_sensor_kind(told.nis, expected.used, 0.0, params)
-    gyro_degrees, _ = sum_by_sensor_kind(told.degrees, expected.used, 0.0, params)
-    course = Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood)
-    return after, course, (gyro_nis, max(gyro_degrees - anything[0], 0.0))
+        update, sites = empty_update(root), make_expected_sites(expected, params)
+    after = update_state(state, sample, forces, expected, update, params)
+    level = _levels_after_cycle(state, after, forces, params)
+    after = replace_levels(after, after.mean, after.root, level, forces.tick_slope)
+    untestable = count_reopened_degrees(expected, forces, point.mean, params)
+    nis, degrees = float(sites.nis.sum()), max(float(sites.degrees.sum()) - untestable[0] - untestable[1], 0.0)
+    log_likelihood = crossing.log_likelihood + float(sites.log_likelihood.sum()) + untestable[2]
+    gyro_nis, _ = sum_by_sensor_kind(sites.nis, expected.used, 0.0, params)
+    gyro_degrees, _ = sum_by_sensor_kind(sites.degrees, expected.used, 0.0, params)
+    course = Course(crossing, stamp, forces, expected, update, nis, degrees, log_likelihood)
+    return after, course, (gyro_nis, max(gyro_degrees - untestable[0], 0.0))
 
 
 @kernel
-def _levels_after_cycle(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
+def _levels_after_cycle(before: JointState, after: JointState, forces: Drive, params: JointParams) -> Array:
     """Returns thrust levels after a cycle for lags as linearized and ticks as estimated, shape (n_jets,)."""
     places, mean = params.places, before.mean.copy()
     lags = slice(places.lag, places.lag + places.n_lag)
     mean[lags] = after.mean[lags]
-    return levels_at_estimates((acting.firing.level, acting.firing.slope, acting.tick_slope), mean, after.mean, params)
+    return levels_at_estimates((forces.firing.level, forces.firing.slope, forces.tick_slope), mean, after.mean, params)
 
 
 @kernel
-def _parameters_at_propellant(about: Array, mean: Array, params: JointParams) -> Array:
+def _parameters_at_propellant(estimate: Array, mean: Array, params: JointParams) -> Array:
     """Returns an estimate's ten mass parameters, moved to the propellant in the tanks of another mean, shape (10,)."""
-    places, result = params.places, about[:N_PROPERTIES].copy()
+    places, result = params.places, estimate[:N_PROPERTIES].copy()
     if places.tanks > 0:
         fill = slice(places.fill, places.fill + places.tanks)
-        used = about[fill] - mean[fill]
-        result[:MASS] += draw_propellant(result, about[fill], used, 1.0, params.tanks).change[:MASS]
+        used = estimate[fill] - mean[fill]
+        result[:MASS] += draw_propellant(result, estimate[fill], used, 1.0, params.tanks).change[:MASS]
         result[MASS] /= 1.0 - result[MASS] * used.sum()
     return result
 
 
 @kernel
-def _linearization_estimate(mean: Array, about: Array, params: JointParams) -> Array:
+def _linearization_estimate(mean: Array, linearization_point: Array, params: JointParams) -> Array:
     """Returns a mean with another's mass properties, lags, forces and gyro biases, and rate to match."""
     places = params.places
     result = mean.copy()
-    result[:N_PROPERTIES] = _parameters_at_propellant(about, mean, params)
-    forces = slice(places.force, places.force + places.n_force)
-    result[forces] = about[forces]
+    result[:N_PROPERTIES] = _parameters_at_propellant(linearization_point, mean, params)
+    slots = slice(places.force, places.force + places.n_force)
+    result[slots] = linearization_point[slots]
     lags = slice(places.lag, places.lag + places.n_lag)
-    result[lags] = about[lags]
+    result[lags] = linearization_point[lags]
     moving = slice(places.moving, places.moving + places.n_moving)
-    result[moving] = about[moving]
+    result[moving] = linearization_point[moving]
     if places.n_gyro_bias > 0:
         biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
-        result[biases] = about[biases]
+        result[biases] = linearization_point[biases]
         for package in range(places.gyros):
             begin = places.gyro_bias + 3 * package
             own = slice(begin, begin + 3)
-            result[RATE] += params.gyro_bias_sigma / places.gyros * (mean[own] - about[own])
+            result[RATE] += params.gyro_bias_sigma / places.gyros * (mean[own] - linearization_point[own])
     return result

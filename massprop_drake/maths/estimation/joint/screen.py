@@ -139,10 +139,10 @@ class Contender(NamedTuple):
 
 
 def begin_screen(
-    start: tuple[JointState, int],
+    state_and_cycle: tuple[JointState, int],
     onsets: tuple[int, ...],
     gaps: tuple[int, ...],
-    read: Array,
+    reading: Array,
     params: JointParams,
     *,
     single: bool = False,
@@ -150,14 +150,14 @@ def begin_screen(
     """Returns the first-order test of faults at given onsets, before its first cycle: all sums zero.
 
     Args:
-        start: state where it begins, and the cycle after which that is.
+        state_and_cycle: state where it begins, and the cycle after which that is.
         onsets, gaps: see `Screen`.
-        read: readings then, shape (m,).
+        reading: readings then, shape (m,).
         single: whether it is about single jets alone, which takes far less.
     """
     places = params.places
-    state, cycle = start
-    h = _KINDS * places.jets + read.shape[0]
+    state, cycle = state_and_cycle
+    h = _KINDS * places.jets + reading.shape[0]
     columns = np.zeros((places.size, N_PROPERTIES + len(onsets) * h))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
@@ -180,17 +180,17 @@ def begin_screen(
     )
 
 
-def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
+def advance_screen(screen: Screen, interval: Link, params: JointParams) -> Screen:
     """Advances the first-order fault test by one cycle: fault effects, information, projections and scores."""
     places = params.places
-    jets, m = places.jets, over.read.shape[0]
+    jets, m = places.jets, interval.read.shape[0]
     h, begun = _KINDS * jets + m, sum(onset <= screen.cycle for onset in screen.onsets)
     live = N_PROPERTIES + begun * h  # columns that are not zero
     forcing = np.zeros((6, live))
     of_onsets = forcing[:, N_PROPERTIES:].reshape(6, begun, h)
-    untold = over.effects.T * (over.duration_s - over.amount)
-    less = over.effects.T * -over.amount
-    impulse = over.effects.T * over.duration_s
+    untold = interval.effects.T * (interval.duration_s - interval.amount)
+    less = interval.effects.T * -interval.amount
+    impulse = interval.effects.T * interval.duration_s
     of_onsets[:, :, :jets] = impulse[:, None]
     of_onsets[:, :, jets : 2 * jets] = less[:, None]
     of_onsets[:, :, 4 * jets : 5 * jets] = untold[:, None]
@@ -199,21 +199,21 @@ def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
             begin = (2 + screen.cycle - onset) * jets
             of_onsets[:, index, begin : begin + jets] = impulse
     known = np.ascontiguousarray(screen.columns[:, :live])
-    after = propagate_to_update(propagate_crossings(known, over, places), forcing, over, places)
-    acting = _update_acting(screen, over)
-    shown = over.jacobian @ after
+    after = propagate_to_update(propagate_crossings(known, interval, places), forcing, interval, places)
+    acting_shares = _update_acting(screen, interval)
+    shown = interval.jacobian @ after
     for index, onset in enumerate(screen.onsets[:begun]):
         if onset == screen.cycle:
             shown[:, live - (begun - index) * h + _KINDS * jets : live - (begun - index - 1) * h] += np.eye(m)
     columns = screen.columns.copy()
-    columns[:, :live] = propagate_update(after, shown, over)
-    score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
+    columns[:, :live] = propagate_update(after, shown, interval)
+    score = screen.scores[-1].plus(Score(interval.log_likelihood, interval.nis, interval.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen, misfit = np.flatnonzero(over.used), screen.misfit
+    chosen, misfit = np.flatnonzero(interval.used), screen.misfit
     if chosen.shape[0] > 0:
-        half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
-        whitened = np.linalg.solve(half, np.column_stack((over.innovation[chosen], shown[chosen])))
+        half = np.linalg.cholesky(interval.covariance[np.ix_(chosen, chosen)])
+        whitened = np.linalg.solve(half, np.column_stack((interval.innovation[chosen], shown[chosen])))
         innovation, whitened = whitened[:, 0], whitened[:, 1:]
         misfit += float(innovation @ innovation) - chosen.shape[0]
         of_jump = whitened[:, :N_PROPERTIES]
@@ -225,13 +225,13 @@ def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
         projection[:begun] += innovation @ of_onsets
         jump_information = jump_information + of_jump.T @ of_jump
         jump_projection = jump_projection + innovation @ of_jump
-    fires = screen.cycle <= screen.onsets[-1] and bool((over.amount > _FIRES * over.duration_s).any())
+    fires = screen.cycle <= screen.onsets[-1] and bool((interval.amount > _FIRES * interval.duration_s).any())
     return screen._replace(
         cycle=screen.cycle + 1,
         fired=screen.fired or fires,
         misfit=misfit,
         columns=columns,
-        acting=acting,
+        acting=acting_shares,
         information=information,
         projection=projection,
         jump_information=jump_information,
@@ -240,13 +240,13 @@ def advance_screen(screen: Screen, over: Link, params: JointParams) -> Screen:
     )
 
 
-def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
+def condition_screen(screen: Screen, rows: np.ndarray, offset: Array, covariance: Array) -> Screen:
     """Returns the fault test conditioned on some parameters of its filter being known from elsewhere.
 
     Args:
         screen: of a filter that estimates them.
         rows: of its state, shape (k,).
-        away: what they are, less its estimates, shape (k,).
+        offset: what they are, less its estimates, shape (k,).
         covariance: of these, shape (k, k).
     """
     weights = np.linalg.inv(covariance)
@@ -254,12 +254,12 @@ def condition_screen(screen: Screen, rows: np.ndarray, away: Array, covariance: 
     n, h = screen.projection.shape
     of_jump = columns[:, :N_PROPERTIES]
     of_onsets = columns[:, N_PROPERTIES:].reshape(rows.size, n, h).transpose(1, 0, 2)
-    pulled = weights @ away
+    weighted_offset = weights @ offset
     return screen._replace(
         information=screen.information + of_onsets.transpose(0, 2, 1) @ weights @ of_onsets,
-        projection=screen.projection + pulled @ of_onsets,
+        projection=screen.projection + weighted_offset @ of_onsets,
         jump_information=screen.jump_information + of_jump.T @ weights @ of_jump,
-        jump_projection=screen.jump_projection + pulled @ of_jump,
+        jump_projection=screen.jump_projection + weighted_offset @ of_jump,
     )
 
 
@@ -270,20 +270,20 @@ def _jet_information(of_onsets: Array, jets: int) -> Array:
     return result
 
 
-def _update_acting(screen: Screen, over: Link) -> Array:
+def _update_acting(screen: Screen, interval: Link) -> Array:
     """Returns the shares of the first intervals in which each fault can have acted, with a cycle added.
 
     A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
     where an onset stands for several intervals, what may have acted in those before it is not known.
     """
-    idle = 1.0 - over.amount / over.duration_s
-    acting = screen.acting.copy()
+    idle = 1.0 - interval.amount / interval.duration_s
+    acting_shares = screen.acting.copy()
     for index, (onset, gap) in enumerate(zip(screen.onsets, screen.gaps, strict=True)):
         place = screen.cycle - onset
         if 0 <= place < len(SHARES):
             shares = np.concatenate((np.ones_like(idle), 1.0 - idle, idle))
-            acting[index, place] = 1.0 if place == 0 and gap > 1 else shares
-    return acting
+            acting_shares[index, place] = 1.0 if place == 0 and gap > 1 else shares
+    return acting_shares
 
 
 def maximize_likelihood(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
@@ -304,8 +304,8 @@ def maximize_likelihood(information: Array, projection: Array, variances: Array)
 
 def largest_jet_forces(params: JointParams) -> Array:
     """Returns the largest force that each jet can give, lbf or N, shape (n_jets,)."""
-    most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
-    return most
+    largest: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
+    return largest
 
 
 def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
@@ -331,31 +331,31 @@ def _log_force_prior(params: JointParams) -> Array:
 
 
 def find_contenders(
-    screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, least: float = 0.0
+    screen: Screen, candidates: np.ndarray, known_forces: Array, params: JointParams, threshold: float = 0.0
 ) -> list[Contender]:
     """Returns fault hypotheses, jumps excepted, at their likeliest onsets, sorted by log likelihood.
 
     Of a screen about single jets alone neither pairs nor lies.
 
     Args:
-        allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
-        known: force of each such failure that is known already, shape (2 n_jets,).
-        least: lead of a single jet above which it is among them, nats.
+        candidates: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
+        known_forces: force of each such failure that is known already, shape (2 n_jets,).
+        threshold: lead of a single jet above which it is among them, nats.
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
-        single = _single_columns(screen, index, allowed, params.places.jets)
-        here = _make_contenders(screen, index, single, known, params, least)
+        single = _single_columns(screen, index, candidates, params.places.jets)
+        here = _make_contenders(screen, index, single, known_forces, params, threshold)
         if not screen.single:
-            pairs = _pair_columns(screen, index, allowed, known, params)
-            here += _make_contenders(screen, index, pairs, known, params)
+            pairs = _pair_columns(screen, index, candidates, known_forces, params)
+            here += _make_contenders(screen, index, pairs, known_forces, params)
             here += _false_reading_contenders(screen, index, params)
         for contender in here:
             best = found.get(contender.cause)
-            tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
+            leads = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             if best is None or contender.lead > best.lead + _later_onset_penalty(screen, best, params):
                 best = contender
-            found[contender.cause] = best._replace(at_onsets=tried)
+            found[contender.cause] = best._replace(at_onsets=leads)
     return sorted(found.values(), key=lambda contender: -contender.lead)
 
 
@@ -365,7 +365,7 @@ def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
     return lead
 
 
-def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> float:
+def _later_onset_penalty(screen: Screen, contender: Contender, params: JointParams) -> float:
     """Returns nats by which a later onset must beat a given one: 1 for a loss of jets idle there, else 0.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
@@ -373,7 +373,7 @@ def _later_onset_penalty(screen: Screen, at: Contender, params: JointParams) -> 
     from the impulse of a jet that is told to fire in no other. Of onsets that stand for several intervals it is not
     known what a jet was told in each.
     """
-    cause, index = at.cause, screen.onsets.index(at.onset)
+    cause, index = contender.cause, screen.onsets.index(contender.onset)
     lost = [screen.acting[index, 0, params.places.jets + jet] for jet in cause.jets]
     return _HAD_NOTHING if max(cause.signs, default=1) < 0 and max(lost) < _FIRES else 0.0
 
@@ -412,14 +412,14 @@ class _Fitted(NamedTuple):
         return result
 
 
-def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
+def _fit_failures(screen: Screen, index: int, columns: np.ndarray, params: JointParams) -> _Fitted:
     """Fits forces of sets of failures at one onset, twice, the second time with onset impulses bounded by force."""
-    jets, failures = params.places.jets, steps.shape[1]
-    thrusts = params.thrusts[steps % jets]
-    sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
+    jets, failures = params.places.jets, columns.shape[1]
+    thrusts = params.thrusts[columns % jets]
+    sets = np.hstack([columns, *((2 + place) * jets + columns % jets for place in range(len(SHARES)))])
     information = screen.information_of(index, sets)
     projection = screen.projection[index][sets]
-    acting = screen.acting[index][:, np.where(steps < 2 * jets, steps, steps - 2 * jets)]
+    acting = screen.acting[index][:, np.where(columns < 2 * jets, columns, columns - 2 * jets)]
     places = np.maximum(acting, _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
     most = thrusts
     for _ in range(2):
@@ -432,66 +432,70 @@ def _fit_failures(screen: Screen, index: int, steps: np.ndarray, params: JointPa
 
 
 def _make_contenders(
-    screen: Screen, index: int, steps: np.ndarray, known: Array, params: JointParams, least: float = 0.0
+    screen: Screen, index: int, columns: np.ndarray, known_forces: Array, params: JointParams, threshold: float = 0.0
 ) -> list[Contender]:
     """Fits sets of failures at one onset, and returns the hypotheses whose forces are possible.
 
     Args:
-        steps: columns of each set, one or two, shape (number, n).
-        known: see `find_contenders`.
-        least: lead that one failure alone must exceed, nats.
+        columns: columns of each set, one or two, shape (number, n).
+        known_forces: see `find_contenders`.
+        threshold: lead that one failure alone must exceed, nats.
     """
-    jets, alone = params.places.jets, steps.shape[1] == 1
-    fitted, had = _fit_failures(screen, index, steps, params), known[_failure_indices(steps, jets)]
-    total, sigma, jet = fitted.force + had, fitted.sigma, steps % jets
-    lead = fitted.lead + _log_force_prior(params)[jet].sum(axis=1) - (0.0 if alone else PAIR_PRIOR)
+    jets, single = params.places.jets, columns.shape[1] == 1
+    fitted, previous = _fit_failures(screen, index, columns, params), known_forces[_failure_indices(columns, jets)]
+    total, sigma, jet = fitted.force + previous, fitted.sigma, columns % jets
+    lead = fitted.lead + _log_force_prior(params)[jet].sum(axis=1) - (0.0 if single else PAIR_PRIOR)
     lead -= excess_force_cost(total, fitted.covariance, jet, params)
     possible = (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < largest_jet_forces(params)[jet])
-    possible &= (columns_matching_forces(steps, total, params) == steps) | (had > 0.0)
-    if alone:
-        possible &= ((fitted.force > 0.0) | (had > 0.0)) & (lead > least).reshape(-1, 1)
+    possible &= (columns_matching_forces(columns, total, params) == columns) | (previous > 0.0)
+    if single:
+        possible &= ((fitted.force > 0.0) | (previous > 0.0)) & (lead > threshold).reshape(-1, 1)
     result = []
     for row in np.flatnonzero(possible.all(axis=1)):
         kicks = tuple(map(tuple, fitted.kicks[:, row].tolist()))
         forces = (tuple(total[row].tolist()), tuple(sigma[row].tolist()), kicks)
-        cause = _cause_of_columns(steps[row].tolist(), jets)
+        cause = _cause_of_columns(columns[row].tolist(), jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
-def _single_columns(screen: Screen, index: int, allowed: np.ndarray, jets: int) -> np.ndarray:
+def _single_columns(screen: Screen, index: int, candidates: np.ndarray, jets: int) -> np.ndarray:
     """Returns the columns of allowed single failures with information in the readings, shape (number, 1)."""
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets))).reshape(-1, 1)
-    return steps[allowed[_failure_indices(steps, jets)[:, 0]] & (screen.information_of(index, steps)[:, 0, 0] > 0.0)]
+    return steps[candidates[_failure_indices(steps, jets)[:, 0]] & (screen.information_of(index, steps)[:, 0, 0] > 0.0)]
 
 
-def _pair_columns(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> np.ndarray:
+def _pair_columns(
+    screen: Screen, index: int, candidates: np.ndarray, known_forces: Array, params: JointParams
+) -> np.ndarray:
     """Returns the columns of likely pairs of failures, leak or stuck on by force found, shape (number, 2)."""
     jets = params.places.jets
     chosen = [
-        _likely_pairs(screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (allowed, known), params)
+        _likely_pairs(
+            screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (candidates, known_forces), params
+        )
         for more in (np.arange(jets), np.arange(4 * jets, 5 * jets))
     ]
-    steps = np.unique(np.concatenate(chosen), axis=0)
-    if steps.shape[0] == 0:
-        return steps
-    had = known[_failure_indices(steps, jets)]
-    at_first = _fit_failures(screen, index, steps, params).force + had
-    return np.unique(np.where(had > 0.0, steps, columns_matching_forces(steps, at_first, params)), axis=0)
+    columns = np.unique(np.concatenate(chosen), axis=0)
+    if columns.shape[0] == 0:
+        return columns
+    previous = known_forces[_failure_indices(columns, jets)]
+    at_first = _fit_failures(screen, index, columns, params).force + previous
+    return np.unique(np.where(previous > 0.0, columns, columns_matching_forces(columns, at_first, params)), axis=0)
 
 
 def _likely_pairs(
-    screen: Screen, index: int, columns: np.ndarray, given: tuple[np.ndarray, Array], params: JointParams
+    screen: Screen, index: int, columns: np.ndarray, candidates_forces: tuple[np.ndarray, Array], params: JointParams
 ) -> np.ndarray:
     """Returns the likeliest pairs of columns for a known onset, shape (number, 2).
 
     One of two that explains no less alone is no pair: with whatever else, it would take the places of all others.
     """
-    jets, (allowed, known) = params.places.jets, given
+    jets, (allowed, known) = params.places.jets, candidates_forces
     information, projection = screen.information[index], screen.projection[index]
-    steps = columns[allowed[_failure_indices(columns, jets)] & (np.diag(information)[columns] > 0.0)]
-    first, second = np.triu_indices(steps.shape[0], 1)
-    one, other = steps[first], steps[second]
+    usable = columns[allowed[_failure_indices(columns, jets)] & (np.diag(information)[columns] > 0.0)]
+    first, second = np.triu_indices(usable.shape[0], 1)
+    one, other = usable[first], usable[second]
     different = one % jets != other % jets
     one, other = one[different], other[different]
     of_one, of_other = params.thrusts[one % jets], params.thrusts[other % jets]
@@ -514,16 +518,16 @@ def _likely_pairs(
     gain[order] -= impossible_force_cost(np.stack((x[order] + had, y[order] + other_had), axis=1), covariance, most)
     order = order[gain[order] > least[order]]
     order = order[np.argsort(-gain[order])][:_PAIRS]
-    alike = _alike_pairs(information, projection, steps)
+    alike = _alike_pairs(information, projection, usable)
     first, second = alike.T
     kept = (first % jets != second % jets) & ~((known[_failure_indices(alike, jets)] > 0.0).all(axis=1))
     return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
 
 
-def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
+def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, forces: Array, params: JointParams) -> Array:
     """Computes log likelihood ratios of single columns for a known onset, at least zero, nats, shape (h,)."""
     jets = params.places.jets
-    thrusts, had = params.thrusts[columns % jets], known[_failure_indices(columns, jets)]
+    thrusts, had = params.thrusts[columns % jets], forces[_failure_indices(columns, jets)]
     projection = screen.projection[index][columns]
     precision = screen.information[index, columns, columns] + thrusts**-2.0
     force = projection / precision
@@ -534,14 +538,14 @@ def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, known: 
     return result
 
 
-def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
+def _alike_pairs(information: Array, projection: Array, columns: np.ndarray) -> np.ndarray:
     """Returns all pairs among the likeliest single column and the three most like it, shape (number, 2)."""
-    if steps.shape[0] == 0:
+    if columns.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)
-    energy = np.diagonal(information)[steps]
-    best = int(np.argmax(np.maximum(projection[steps], 0.0) ** 2 / energy))
-    likeness = information[steps[best], steps] / np.sqrt(energy)
-    group = np.sort(steps[np.argsort(-likeness)][:_ALIKE])
+    energy = np.diagonal(information)[columns]
+    best = int(np.argmax(np.maximum(projection[columns], 0.0) ** 2 / energy))
+    likeness = information[columns[best], columns] / np.sqrt(energy)
+    group = np.sort(columns[np.argsort(-likeness)][:_ALIKE])
     first, second = np.triu_indices(group.shape[0], 1)
     return np.stack((group[first], group[second]), axis=1)
 

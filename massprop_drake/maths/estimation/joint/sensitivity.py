@@ -203,83 +203,83 @@ def make_link(before: JointState, report: Report, sample: JointSample, params: J
 
 
 @kernel
-def link_from_traces(seen: Traces, params: JointParams) -> Link:
+def link_from_traces(terms: Traces, params: JointParams) -> Link:
     """Returns a cycle linearized for error propagation, from its derivatives, noise, gain and readings."""
-    gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
-    counts = np.flatnonzero(seen.used)
+    gain = np.zeros((terms.mean.shape[0], terms.projected.shape[0]))
+    counts = np.flatnonzero(terms.used)
     if counts.shape[0] > 0:
-        columns = np.linalg.solve(seen.upper, seen.half_gain.T)
+        columns = np.linalg.solve(terms.upper, terms.half_gain.T)
         for place in range(counts.shape[0]):
             gain[:, counts[place]] = columns[place]
     return Link(
-        rate_rows=seen.rate_rows,
-        velocity_rows=seen.velocity_rows,
-        attitude=seen.attitude,
-        mass_factor=seen.mass_factor,
-        duration_s=seen.duration_s,
-        noise=_interval_noise(seen, params.places),
-        kept=seen.wander.kept,
-        swing_rows=seen.swung.rows,
-        shaken=seen.swung.shaken,
-        bias_seconds=seen.duration_s * params.acceleration_bias_sigma,
-        jacobian=seen.jacobian,
+        rate_rows=terms.rate_rows,
+        velocity_rows=terms.velocity_rows,
+        attitude=terms.attitude,
+        mass_factor=terms.mass_factor,
+        duration_s=terms.duration_s,
+        noise=_interval_noise(terms, params.places),
+        kept=terms.wander.kept,
+        swing_rows=terms.swung.rows,
+        shaken=terms.swung.shaken,
+        bias_seconds=terms.duration_s * params.acceleration_bias_sigma,
+        jacobian=terms.jacobian,
         gain=gain,
-        innovation=seen.innovation,
-        covariance=seen.projected @ seen.projected.T + np.diag(seen.variances),
-        used=seen.used.astype(np.float64),
-        nis=seen.nis,
-        degrees=seen.degrees,
-        log_likelihood=seen.log_likelihood,
-        correction=seen.correction,
-        effects=_jet_effects(seen, params) / params.thrusts.reshape(-1, 1),
-        amount=seen.amount,
-        read=seen.read,
-        crossing_rows=seen.crossing.rows,
-        crossing_half_gain=seen.crossing.half_gain,
-        crossing_correction=seen.crossing.correction,
-        stamp_row=seen.stamp.row,
-        stamp_gain=seen.stamp.gain,
-        stamp_correction=seen.stamp.correction,
-        ticks_kept=seen.stamp.kept,
+        innovation=terms.innovation,
+        covariance=terms.projected @ terms.projected.T + np.diag(terms.variances),
+        used=terms.used.astype(np.float64),
+        nis=terms.nis,
+        degrees=terms.degrees,
+        log_likelihood=terms.log_likelihood,
+        correction=terms.correction,
+        effects=_jet_effects(terms, params) / params.thrusts.reshape(-1, 1),
+        amount=terms.amount,
+        read=terms.read,
+        crossing_rows=terms.crossing.rows,
+        crossing_half_gain=terms.crossing.half_gain,
+        crossing_correction=terms.crossing.correction,
+        stamp_row=terms.stamp.row,
+        stamp_gain=terms.stamp.gain,
+        stamp_correction=terms.stamp.correction,
+        ticks_kept=terms.stamp.kept,
     )
 
 
 @kernel
-def _jet_effects(seen: Traces, params: JointParams) -> Array:
+def _jet_effects(terms: Traces, params: JointParams) -> Array:
     """Computes rate and velocity change per second of each jet at full thrust, with modes, shape (n_jets, 6)."""
-    effects = effects_of(params.wrenches, seen.mean)
-    return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
+    effects = effects_of(params.wrenches, terms.mean)
+    return effects @ terms.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
-def _interval_noise(seen: Traces, places: Places) -> Array:
+def _interval_noise(terms: Traces, places: Places) -> Array:
     """Computes process noise covariance of rate, velocity, slow states z over an interval, shape (d, d)."""
     if places.n_slow == 0:
-        return seen.noise
-    columns = disturbance_noise_root(seen.wander)
+        return terms.noise
+    columns = disturbance_noise_root(terms.wander)
     noise = columns @ columns.T
-    noise[:6, :6] += seen.noise
+    noise[:6, :6] += terms.noise
     return noise
 
 
-def propagate_crossings(columns: Array, over: Link, places: Places) -> Array:
+def propagate_crossings(columns: Array, interval: Link, places: Places) -> Array:
     """Propagates errors through updates before prediction, by pending readings and stamp, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
     """
-    if over.crossing_half_gain.any():
-        columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
-    if not over.stamp_row.any():
+    if interval.crossing_half_gain.any():
+        columns = columns - interval.crossing_half_gain @ (interval.crossing_rows @ columns)
+    if not interval.stamp_row.any():
         return columns
     kept = columns.copy()
-    kept[places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
-    result: Array = kept - np.outer(over.stamp_gain, over.stamp_row @ kept)
+    kept[places.ticks : places.ticks + places.n_ticks] *= interval.ticks_kept
+    result: Array = kept - np.outer(interval.stamp_gain, interval.stamp_row @ kept)
     return result
 
 
 @kernel
-def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
+def propagate_to_update(columns: Array, forcing: Array, interval: Link, places: Places) -> Array:
     """Propagates errors over an interval under forcing, up to the update by its readings, shape (size, h).
 
     Args:
@@ -287,54 +287,54 @@ def propagate_to_update(columns: Array, forcing: Array, over: Link, places: Plac
         forcing: what acts on w and c over it, shape (6, h).
     """
     after = columns.copy()
-    after[RATE] += over.rate_rows @ columns + forcing[:3]
-    common = over.velocity_rows @ columns + forcing[3:]
+    after[RATE] += interval.rate_rows @ columns + forcing[:3]
+    common = interval.velocity_rows @ columns + forcing[3:]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         after[part] += common
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
-            after[part] += over.bias_seconds * columns[begin : begin + 3]
+            after[part] += interval.bias_seconds * columns[begin : begin + 3]
     if places.n_attitude > 0:
-        by_start, by_end = over.attitude[0], over.attitude[1]
+        by_start, by_end = interval.attitude[0], interval.attitude[1]
         after[places.attitude : places.attitude + 3] += by_start @ np.ascontiguousarray(
             columns[RATE]
         ) + by_end @ np.ascontiguousarray(after[RATE])
-    after[places.slow : places.slow + places.n_slow] *= over.kept.reshape(-1, 1)
+    after[places.slow : places.slow + places.n_slow] *= interval.kept.reshape(-1, 1)
     if places.n_swing > 0:
-        after[places.swing : places.swing + places.n_swing] = over.swing_rows @ columns + over.shaken @ forcing
-    after[MASS] *= over.mass_factor
+        after[places.swing : places.swing + places.n_swing] = interval.swing_rows @ columns + interval.shaken @ forcing
+    after[MASS] *= interval.mass_factor
     return after
 
 
-def propagate_update(columns: Array, shown: Array, over: Link) -> Array:
+def propagate_update(columns: Array, innovation_change: Array, interval: Link) -> Array:
     """Propagates errors through the update by an interval's readings, shape (size, h).
 
     Args:
         columns: errors before it, shape (size, h).
-        shown: what they add to the innovation, shape (m, h).
+        innovation_change: what they add to the innovation, shape (m, h).
     """
-    result: Array = columns - over.gain @ shown
+    result: Array = columns - interval.gain @ innovation_change
     return result
 
 
-def unit_force_errors(over: Link, places: Places) -> Array:
+def unit_force_errors(interval: Link, places: Places) -> Array:
     """Computes state errors by each jet's unit force acting for an interval, shape (size, n_jets)."""
-    return impulse_columns(over.duration_s * over.effects.T, over, places)
+    return impulse_columns(interval.duration_s * interval.effects.T, interval, places)
 
 
-def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
+def impulse_columns(changes: Array, interval: Link, places: Places) -> Array:
     """Computes state errors at an interval's end by changes of rate and velocity at its start, shape (size, n).
 
     Args:
-        columns: changes, rad/s and ft/s or m/s, shape (6, n).
+        changes: changes, rad/s and ft/s or m/s, shape (6, n).
     """
-    result = np.zeros((places.size, columns.shape[1]))
-    result[RATE] = columns[:3]
+    result = np.zeros((places.size, changes.shape[1]))
+    result[RATE] = changes[:3]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        result[part] = columns[3:]
+        result[part] = changes[3:]
     if places.n_attitude > 0:
-        result[places.attitude : places.attitude + 3] = -over.attitude[0] @ columns[:3]
-    result[places.swing : places.swing + places.n_swing] = over.shaken @ columns
+        result[places.attitude : places.attitude + 3] = -interval.attitude[0] @ changes[:3]
+    result[places.swing : places.swing + places.n_swing] = interval.shaken @ changes
     return result

@@ -39,75 +39,77 @@ class Separation(NamedTuple):
 
 
 def find_separation(
-    screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
+    screen: Screen, interval: Link, onset: int, members: list[tuple[int, int, float]], level: float, params: JointParams
 ) -> Separation:
     """Finds whether firing one jet or coasting separates the first jet from a group soonest; returns which.
 
     Args:
         screen: at the present.
-        over: the newest cycle.
+        interval: the newest cycle.
         onset: of the first member, one of the screen's.
         members: jet, sign and force of each, lbf or N; the likeliest first.
-        least: separation at which they are told apart.
+        level: separation at which they are told apart.
     """
     jets = params.places.jets
     index = screen.onsets.index(onset)
-    h = 5 * jets + over.read.shape[0]
+    h = 5 * jets + interval.read.shape[0]
     ways = np.array([jet + (jets if sign < 0 else 0) for jet, sign, _ in members])
     steps = columns_matching_forces(ways, np.array([force for _, _, force in members]), params)
     columns = screen.columns[:, N_PROPERTIES + index * h + steps]
     information = screen.information[index][np.ix_(steps, steps)]
     force = members[0][2]
 
-    def separations(alone: int) -> Array:
+    def separations(single: int) -> Array:
         """Computes log-likelihood separation of the first jet from the nearest other per cycle, shape (cycles,)."""
-        return _least_separation(information, _predicted_information(columns, steps, over, alone, params), force)
+        return _least_separation(information, _predicted_information(columns, steps, interval, single, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
-    soonest = {jet: np.flatnonzero(found >= least) for jet, found in by_jet.items()}
+    soonest = {jet: np.flatnonzero(found >= level) for jet, found in by_jet.items()}
     firing = [(int(when[0]), -float(by_jet[jet][-1]), jet) for jet, when in soonest.items() if when.shape[0] > 0]
-    coasting_s = _coasting_s(separations(_NOBODY), least, over.duration_s)
-    if firing and not coasting_s <= (min(firing)[0] + 1) * over.duration_s:
+    coasting_s = _coasting_s(separations(_NOBODY), level, interval.duration_s)
+    if firing and not coasting_s <= (min(firing)[0] + 1) * interval.duration_s:
         return Separation(min(firing)[2])
     return Separation(coasting_s=coasting_s)
 
 
-def _predicted_information(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
+def _predicted_information(
+    columns: Array, indices: np.ndarray, interval: Link, single: int, params: JointParams
+) -> Array:
     """Predicts information gained per future cycle with one jet firing alone, or none, shape (cycles, k, k)."""
     jets = params.places.jets
-    jet = steps % jets
-    less, stuck = (jets <= steps) & (steps < 2 * jets), steps >= 4 * jets
-    acts = np.where(less, np.where(jet == alone, -1.0, 0.0), np.where(stuck & (jet == alone), 0.0, 1.0))
-    forcing = over.duration_s * over.effects[jet].T * acts
-    present = np.flatnonzero(~np.isnan(over.read))
-    half = np.linalg.cholesky(over.covariance[np.ix_(present, present)])
-    gained = np.zeros((_CYCLES, steps.shape[0], steps.shape[0]))
+    jet = indices % jets
+    less, stuck = (jets <= indices) & (indices < 2 * jets), indices >= 4 * jets
+    acts = np.where(less, np.where(jet == single, -1.0, 0.0), np.where(stuck & (jet == single), 0.0, 1.0))
+    forcing = interval.duration_s * interval.effects[jet].T * acts
+    present = np.flatnonzero(~np.isnan(interval.read))
+    half = np.linalg.cholesky(interval.covariance[np.ix_(present, present)])
+    gained = np.zeros((_CYCLES, indices.shape[0], indices.shape[0]))
     for cycle in range(_CYCLES):
-        columns = propagate_to_update(columns, forcing, over, params.places)
-        shown = over.jacobian @ columns
-        columns = propagate_update(columns, shown, over)
+        columns = propagate_to_update(columns, forcing, interval, params.places)
+        shown = interval.jacobian @ columns
+        columns = propagate_update(columns, shown, interval)
         whitened = np.linalg.solve(half, shown[present])
         gained[cycle] = whitened.T @ whitened
     return gained
 
 
-def _least_separation(information: Array, gained: Array, force: float) -> Array:
+def _least_separation(information: Array, gained_information: Array, force: float) -> Array:
     """Computes the least separation of the first jet from any other after each cycle, shape (cycles,)."""
-    total = information + np.cumsum(gained, axis=0)
+    total = information + np.cumsum(gained_information, axis=0)
     others = np.diagonal(total, axis1=1, axis2=2)[:, 1:]
     shared = np.divide(total[:, 0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
     result: Array = force**2 * (total[:, :1, 0] - shared).min(axis=1)
     return result
 
 
-def _coasting_s(separation: Array, least: float, period_s: float) -> float:
+def _coasting_s(separation: Array, threshold: float, period_s: float) -> float:
     """Returns seconds until a separation exceeds its threshold, extrapolated linearly; NaN: too long."""
-    enough = np.flatnonzero(separation >= least)
+    enough = np.flatnonzero(separation >= threshold)
     if enough.shape[0] > 0:
         return float(enough[0] + 1) * period_s
     half = separation.shape[0] // 2
     rate = float(separation[-1] - separation[half]) / (separation.shape[0] - 1 - half)
     if rate <= 0.0:
         return float(np.nan)
-    seconds = (separation.shape[0] + (least - float(separation[-1])) / rate) * period_s
+    seconds = (separation.shape[0] + (threshold - float(separation[-1])) / rate) * period_s
     return seconds if seconds <= _LONGEST_S else float(np.nan)

@@ -84,17 +84,17 @@ BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 
 
 def advance_start(
-    start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
+    start: Start, before: JointState, after_and_report: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
     """Stores a sample of the start, advances its smoothing; returns the start and the filter's state.
 
     Args:
         start: before the cycle.
         before: the filter's state before it.
-        done: its own state after it, and what it says.
+        after_and_report: its own state after it, and what it says.
         latest: its sample.
     """
-    after, report = done
+    after, report = after_and_report
     if not start.under_way:
         return OVER, after
     acting = has_impulse(latest.sample, params)
@@ -109,23 +109,23 @@ def advance_start(
         incremented=start.incremented or report.incremented,
         contradicted=False,
     )
-    under_pass = start.under_pass
-    if under_pass is None:
+    smoothing = start.under_pass
+    if smoothing is None:
         if not (after.guarded or (not start.tried and knows_rotation(after, params))):
             return start, after
-        under_pass = _begin_pass(start, after, 1, params)
-    under_pass, arrived = _advance_pass(start, under_pass, params)
+        smoothing = _begin_pass(start, after, 1, params)
+    smoothing, arrived = _advance_pass(start, smoothing, params)
     if not arrived:
-        return start._replace(under_pass=under_pass), reset_guard(after)
-    if not _is_consistent(under_pass):
+        return start._replace(under_pass=smoothing), reset_guard(after)
+    if not _is_consistent(smoothing):
         if after.guarded or start.tried:
             return CONTRADICTED, after
         return start._replace(under_pass=None, contradicted=True, tried=True), after
-    found = update_guard(under_pass.state, acting, params)
-    if found.guarded:
-        return OVER, found
-    rotation = knows_rotation(found, params)
-    return start._replace(under_pass=None, tried=start.tried or rotation, rotation=rotation), found
+    smoothed = update_guard(smoothing.state, acting, params)
+    if smoothed.guarded:
+        return OVER, smoothed
+    rotation = knows_rotation(smoothed, params)
+    return start._replace(under_pass=None, tried=start.tried or rotation, rotation=rotation), smoothed
 
 
 def _begin_pass(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
@@ -139,40 +139,40 @@ def _begin_pass(start: Start, end: JointState, number: int, params: JointParams)
     return Pass(end.mean.copy(), begins, 0, 0.0, 0.0, number)
 
 
-def _advance_pass(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
+def _advance_pass(start: Start, smoothing: Pass, params: JointParams) -> tuple[Pass, bool]:
     """Advances a smoothing pass by some cycles; returns the pass, and whether smoothing has finished."""
-    made = params.compiled
+    compiled = params.compiled
     for _ in range(STEPS):
-        sample, anew = start.kept[under_pass.done]
+        sample, anew = start.kept[smoothing.done]
         if anew:
-            state, _report = restart(under_pass.state, sample, params)
-            under_pass = under_pass._replace(state=state, done=under_pass.done + 1)
+            state, _report = restart(smoothing.state, sample, params)
+            smoothing = smoothing._replace(state=state, done=smoothing.done + 1)
         else:
             with np.errstate(over="ignore", invalid="ignore"):
-                if made is None:
-                    state, nis, components = repeat_start_cycle(under_pass.state, sample, under_pass.about, params)
+                if compiled is None:
+                    state, nis, components = repeat_start_cycle(smoothing.state, sample, smoothing.about, params)
                 else:
-                    state, nis, components = made.repeat_start_cycle(under_pass.state, sample, under_pass.about)
-            under_pass = under_pass._replace(
+                    state, nis, components = compiled.repeat_start_cycle(smoothing.state, sample, smoothing.about)
+            smoothing = smoothing._replace(
                 state=state,
-                done=under_pass.done + 1,
-                nis=under_pass.nis + nis,
-                components=under_pass.components + components,
+                done=smoothing.done + 1,
+                nis=smoothing.nis + nis,
+                components=smoothing.components + components,
             )
-        if under_pass.done == len(start.kept):
-            if is_pass_converged(under_pass.state, under_pass.about, params.places) or under_pass.number == _PASSES:
-                return under_pass, True
-            under_pass = _begin_pass(start, under_pass.state, under_pass.number + 1, params)
-    return under_pass, False
+        if smoothing.done == len(start.kept):
+            if is_pass_converged(smoothing.state, smoothing.about, params.places) or smoothing.number == _PASSES:
+                return smoothing, True
+            smoothing = _begin_pass(start, smoothing.state, smoothing.number + 1, params)
+    return smoothing, False
 
 
-def is_pass_converged(state: JointState, about: Array, places: Places, near: float = _NEAR) -> bool:
+def is_pass_converged(state: JointState, origin: Array, places: Places, sigmas: float = _NEAR) -> bool:
     """Tests whether a smoothing pass ends within some sigmas of the mass properties and lags it started at."""
     which = np.concatenate((np.arange(N_PROPERTIES), np.arange(places.lag, places.lag + places.n_lag)))
     rows = state.root[which]
-    return bool((np.abs(state.mean[which] - about[which]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
+    return bool((np.abs(state.mean[which] - origin[which]) <= sigmas * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
-def _is_consistent(under_pass: Pass) -> bool:
+def _is_consistent(smoothing: Pass) -> bool:
     """Tests whether a smoothing pass's NIS exceeds its expectation by less than a threshold of sigmas."""
-    return under_pass.nis - under_pass.components < _MISFIT * np.sqrt(2.0 * under_pass.components)
+    return smoothing.nis - smoothing.components < _MISFIT * np.sqrt(2.0 * smoothing.components)

@@ -90,13 +90,13 @@ def modes_at_rest(n: int, size: int) -> Swung:
 
 
 @kernel
-def _expected_motion(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
+def _expected_motion(swing: Swing, start: Array, forcing: Array) -> tuple[Array, Array]:
     """Computes modal displacements and rates at start, middle, end, shape (3, 2 n), and accelerations, (3, n)."""
-    n = driving.shape[0]
+    n = forcing.shape[0]
     course = np.stack(
-        (begun, swing.half @ begun + swing.half_driven @ driving, swing.over @ begun + swing.driven @ driving)
+        (start, swing.half @ start + swing.half_driven @ forcing, swing.over @ start + swing.driven @ forcing)
     )
-    residual = course[:, :n] * swing.stiffness + course[:, n:] * swing.drag + driving
+    residual = course[:, :n] * swing.stiffness + course[:, n:] * swing.drag + forcing
     return course, -residual @ swing.lightness.T
 
 
@@ -113,10 +113,10 @@ def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array
 
 @kernel
 def _force_derivatives(
-    swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float
+    swing: Swing, rigid: Rigid, motion: tuple[Array, Array], scale: float, thrust_sigma: float
 ) -> Array:
     """Computes derivatives of modal forces by the ten mass parameters and thrust scale, shape (3, n, 11)."""
-    _, accelerations = course
+    _, accelerations = motion
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, N_PROPERTIES + 1))
     given, pushed = accelerations @ swing.turn, accelerations @ swing.push
@@ -134,16 +134,16 @@ def _force_derivatives(
 
 @kernel
 def _part_error_forces(
-    swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams
+    swing: Swing, rigid: Rigid, motion: tuple[Array, Array], part_ratios: Array, modes: ModeParams
 ) -> Array:
     """Computes derivatives of modal forces by the errors of moving parts, shape (3, n, 6 n_parts)."""
-    along, accelerations = course
+    along, accelerations = motion
     n = accelerations.shape[1]
-    residuals = np.zeros((3, n, factors.size))
+    residuals = np.zeros((3, n, part_ratios.size))
     given, pushed = accelerations @ swing.turn, accelerations @ swing.push
     for mode in range(n):
         part = modes.parts[mode]
-        own, at = modes.sigmas[part, :POSITION] / factors[part, :POSITION], ERRORS * part
+        own, at = modes.sigmas[part, :POSITION] / part_ratios[part, :POSITION], ERRORS * part
         shifts = slice(at + POSITION, at + ERRORS)
         alike = rigid.lightness * (swing.push @ swing.push[mode]) + swing.turn @ (rigid.inverse @ swing.turn[mode])
         for point in range(3):
@@ -203,24 +203,24 @@ class _Along(NamedTuple):
 
 @kernel
 def _mode_course(
-    mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams
+    mean: Array, locked: Moved, scale_change: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> _Along:
     """Computes displacements, rates and forces of the modes along an interval, arguments as `swing_modes`."""
-    modes, (scale, by_coupling) = params.modes, about
+    modes, (scale, by_coupling) = params.modes, scale_change
     n = modes.frequencies.shape[0]
-    rate, turned = mean[RATE], moved.rate + by_coupling
+    rate, turned = mean[RATE], locked.rate + by_coupling
     rigid = Rigid(scale * take_elements(mean, ELEMENT), scale * mean[MASS], mean[CENTER])
     factors = estimated_part_ratios(mean[params.moving : params.moving + params.n_moving], modes)
     swing = mode_motion(rigid, factors, duration_s, modes)
     begun = mean[params.swing : params.swing + 2 * n]
-    driving = (swing.push @ moved.velocity + swing.turn @ turned) / duration_s
+    driving = (swing.push @ locked.velocity + swing.turn @ turned) / duration_s
     by_rate, of_others = np.zeros((n, 3)), np.zeros((n, 2 * n))
     for mode in range(n):
         by_rate[mode] = modes.swelling[mode] @ rate
         driving[mode] -= 0.5 * (rate @ by_rate[mode])
         of_others[mode, :n] = modes.crossing[mode] @ turned / duration_s
         of_others[mode, n:] = 2.0 * (modes.crossing[mode] @ (rate + 0.5 * turned))
-        of_others[mode, mode] += (modes.bow[mode] @ moved.velocity + modes.bow_turn[mode] @ turned) / duration_s
+        of_others[mode, mode] += (modes.bow[mode] @ locked.velocity + modes.bow_turn[mode] @ turned) / duration_s
     driving += of_others @ begun
     along, accelerations = _expected_motion(swing, begun, driving)
     rates = np.stack((rate, rate + turned))
@@ -228,46 +228,46 @@ def _mode_course(
 
 
 @kernel
-def _mode_derivatives(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
+def _mode_derivatives(motion: _Along, locked: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
     """Computes derivatives of final modal displacements and rates by the state, shape (2 n, size)."""
-    swing, modes = course.swing, params.modes
+    swing, modes = motion.swing, params.modes
     n = modes.frequencies.shape[0]
-    own, turned = slice(params.swing, params.swing + 2 * n), course.rates[1] - course.rates[0]
-    driving_rows = (swing.push @ moved.velocity_rows + swing.turn @ moved.rate_rows) / duration_s
-    driving_rows[:, RATE] -= course.by_rate
-    driving_rows[:, own] += course.of_others
+    own, turned = slice(params.swing, params.swing + 2 * n), motion.rates[1] - motion.rates[0]
+    driving_rows = (swing.push @ locked.velocity_rows + swing.turn @ locked.rate_rows) / duration_s
+    driving_rows[:, RATE] -= motion.by_rate
+    driving_rows[:, own] += motion.of_others
     for mode in range(n):
-        around = course.begun[n:] @ modes.crossing[mode]
-        driving_rows[mode] += (course.begun[:n] @ modes.crossing[mode] / duration_s + around) @ moved.rate_rows
+        around = motion.begun[n:] @ modes.crossing[mode]
+        driving_rows[mode] += (motion.begun[:n] @ modes.crossing[mode] / duration_s + around) @ locked.rate_rows
         driving_rows[mode, RATE] += 2.0 * around
-        along = modes.bow[mode] @ moved.velocity_rows + modes.bow_turn[mode] @ moved.rate_rows
-        driving_rows[mode] += (course.begun[mode] / duration_s) * along
+        along = modes.bow[mode] @ locked.velocity_rows + modes.bow_turn[mode] @ locked.rate_rows
+        driving_rows[mode] += (motion.begun[mode] / duration_s) * along
         driving_rows[mode, CENTER] -= cross(swing.push[mode], turned) / duration_s
         if params.n_moving > 0:
-            size, column = _participation_error(mode, course.factors, params)
+            size, column = _participation_error(mode, motion.factors, params)
             shifts, sigmas = _shifts_of(mode, params)
-            driving_rows[mode, column] += size * course.driving[mode]
+            driving_rows[mode, column] += size * motion.driving[mode]
             driving_rows[mode, shifts] += cross(swing.push[mode], turned) / duration_s * sigmas
     rows = swing.driven @ driving_rows
-    both = course.along, course.accelerations
+    both = motion.along, motion.accelerations
     answers = _force_responses(
-        swing, _force_derivatives(swing, course.rigid, both, scale, params.thrust_sigma), duration_s
+        swing, _force_derivatives(swing, motion.rigid, both, scale, params.thrust_sigma), duration_s
     )
     rows[:, :N_PROPERTIES] += answers[:, :N_PROPERTIES]
     if params.scale >= 0:
         rows[:, params.scale] += answers[:, N_PROPERTIES]
     if params.n_moving > 0:
-        of_parts = _part_error_forces(swing, course.rigid, both, course.factors, modes)
+        of_parts = _part_error_forces(swing, motion.rigid, both, motion.factors, modes)
         rows[:, params.moving : params.moving + params.n_moving] += _force_responses(swing, of_parts, duration_s)
     rows[:, own] += swing.over
     return rows
 
 
 @kernel
-def _participation_error(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
+def _participation_error(mode: int, part_ratios: Array, params: SwingParams) -> tuple[float, int]:
     """Returns the relative derivative of a mode's participation by its part's error, and that error's index."""
     part = params.modes.parts[mode]
-    return params.modes.sigmas[part, SIZE] / factors[part, SIZE], params.moving + ERRORS * part + SIZE
+    return params.modes.sigmas[part, SIZE] / part_ratios[part, SIZE], params.moving + ERRORS * part + SIZE
 
 
 @kernel
@@ -280,35 +280,35 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 
 @kernel
 def _vehicle_derivatives(
-    course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
+    motion: _Along, locked: Moved, impulse: Array, rows: Array, scale_time: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
     """Computes derivatives of changes of rate and velocity by the state, modes included, shape (3, size)."""
-    swing, rigid, (scale, duration_s) = course.swing, course.rigid, about
-    n = course.driving.shape[0]
-    inverse, middle = rigid.inverse / scale, course.along[1]
-    gained, gained_rows, mean_rows = course.along[2, n:] - course.begun[n:], rows[n:].copy(), 0.5 * rows[n:]
+    swing, rigid, (scale, duration_s) = motion.swing, motion.rigid, scale_time
+    n = motion.driving.shape[0]
+    inverse, middle = rigid.inverse / scale, motion.along[1]
+    gained, gained_rows, mean_rows = motion.along[2, n:] - motion.begun[n:], rows[n:].copy(), 0.5 * rows[n:]
     for mode in range(n):
         gained_rows[mode, params.swing + n + mode] -= 1.0
         mean_rows[mode, params.swing + n + mode] += 0.5
     by_turn, by_push = rigid.inverse @ swing.turn.T, rigid.lightness * swing.push.T
-    of_momentum = duration_s * (rigid.inverse @ skew(0.5 * (course.rates[0] + course.rates[1])) @ swing.turn.T)
-    rate_rows = moved.rate_rows - by_turn @ gained_rows - of_momentum @ mean_rows
-    velocity_rows = moved.velocity_rows - by_push @ gained_rows
+    of_momentum = duration_s * (rigid.inverse @ skew(0.5 * (motion.rates[0] + motion.rates[1])) @ swing.turn.T)
+    rate_rows = locked.rate_rows - by_turn @ gained_rows - of_momentum @ mean_rows
+    velocity_rows = locked.velocity_rows - by_push @ gained_rows
     turn, push = gained @ swing.turn, gained @ swing.push
-    rate_rows[:, INERTIA] += angular_block(_off_center_impulse(course, linear) - scale * turn)
+    rate_rows[:, INERTIA] += angular_block(_off_center_impulse(motion, impulse) - scale * turn)
     rate_rows[:, CENTER] -= rigid.inverse @ skew(push)
     velocity_rows[:, MASS] -= scale * push
     for mode in range(n):
-        by_own = inverse @ cross(linear, rigid.lightness * swing.push[mode])
-        rate_rows -= np.outer(rigid.inverse @ (params.modes.swelling[mode] @ course.rates[1]), rows[mode])
-        rate_rows[:, params.swing + mode] += by_own + rigid.inverse @ course.by_rate[mode]
-        rising = course.along[2, mode] * rows[n + mode] + course.along[2, n + mode] * rows[mode]
-        rising[params.swing + mode] -= course.begun[n + mode]
-        rising[params.swing + n + mode] -= course.begun[mode]
+        by_own = inverse @ cross(impulse, rigid.lightness * swing.push[mode])
+        rate_rows -= np.outer(rigid.inverse @ (params.modes.swelling[mode] @ motion.rates[1]), rows[mode])
+        rate_rows[:, params.swing + mode] += by_own + rigid.inverse @ motion.by_rate[mode]
+        rising = motion.along[2, mode] * rows[n + mode] + motion.along[2, n + mode] * rows[mode]
+        rising[params.swing + mode] -= motion.begun[n + mode]
+        rising[params.swing + n + mode] -= motion.begun[mode]
         rate_rows -= np.outer(rigid.inverse @ params.modes.bow_turn[mode], rising)
         velocity_rows -= np.outer(rigid.lightness * params.modes.bow[mode], rising)
         if params.n_moving > 0:
-            size, column = _participation_error(mode, course.factors, params)
+            size, column = _participation_error(mode, motion.factors, params)
             rate_rows[:, column] += size * (middle[mode] * by_own - gained[mode] * by_turn[:, mode])
             velocity_rows[:, column] -= (size * gained[mode]) * by_push[:, mode]
             shifts, sigmas = _shifts_of(mode, params)
@@ -320,35 +320,40 @@ def _vehicle_derivatives(
 
 
 @kernel
-def _off_center_impulse(course: _Along, linear: Array) -> Array:
+def _off_center_impulse(motion: _Along, impulse: Array) -> Array:
     """Computes the angular impulse of thrust by center-of-mass displacement of the modes, shape (3,)."""
-    n = course.driving.shape[0]
-    return cross(linear, course.rigid.lightness * (course.along[1, :n] @ course.swing.push))
+    n = motion.driving.shape[0]
+    return cross(impulse, motion.rigid.lightness * (motion.along[1, :n] @ motion.swing.push))
 
 
 @kernel
 def swing_modes(
-    mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
+    mean: Array,
+    locked: Moved,
+    impulse: Array,
+    scale_change: tuple[float, Array],
+    duration_s: float,
+    params: SwingParams,
 ) -> tuple[Moved, Swung]:
     """Advances the modes over an interval; returns changes of rate and velocity with them, and the modes.
 
     Args:
         mean: before it, shape (size,).
-        moved: without modes.
-        linear: impulse, shape (3,).
-        about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
+        locked: without modes.
+        impulse: impulse, shape (3,).
+        scale_change: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
     """
-    course, scale, modes = _mode_course(mean, moved, about, duration_s, params), about[0], params.modes
-    swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()
+    motion, scale, modes = _mode_course(mean, locked, scale_change, duration_s, params), scale_change[0], params.modes
+    swing, rigid, begun, after = motion.swing, motion.rigid, motion.begun, motion.along[2].copy()
     n = modes.frequencies.shape[0]
-    rows = _mode_derivatives(course, moved, scale, duration_s, params)
-    rate_rows, velocity_rows = _vehicle_derivatives(course, moved, linear, rows, (scale, duration_s), params)
+    rows = _mode_derivatives(motion, locked, scale, duration_s, params)
+    rate_rows, velocity_rows = _vehicle_derivatives(motion, locked, impulse, rows, (scale, duration_s), params)
     by_turn, by_push, gained = rigid.inverse @ swing.turn.T, rigid.lightness * swing.push.T, after[n:] - begun[n:]
-    start, end = course.rates[0], course.rates[1]
+    start, end = motion.rates[0], motion.rates[1]
     middle = 0.5 * (start + end)
     own = np.stack((_second_order_momentum(begun, start, modes), _second_order_momentum(after, end, modes)))
-    change = moved.rate - by_turn @ gained - rigid.inverse @ (own[1] - own[0])
-    change += rigid.inverse @ _off_center_impulse(course, linear) / scale
+    change = locked.rate - by_turn @ gained - rigid.inverse @ (own[1] - own[0])
+    change += rigid.inverse @ _off_center_impulse(motion, impulse) / scale
     momenta = (np.stack((begun[n:] @ swing.turn, after[n:] @ swing.turn)) + own) * scale
     before, later = begun[:n] @ by_push.T, after[:n] @ by_push.T
     rising = (after[:n] * after[n:] - begun[:n] * begun[n:]) @ modes.bow
@@ -358,5 +363,5 @@ def swing_modes(
     given_back[:3] -= by_turn @ answers[n:].copy()
     given_back[3:] -= by_push @ answers[n:].copy()
     shaken = answers @ np.linalg.inv(given_back)
-    felt = Moved(change, moved.velocity - by_push @ gained - carried, rate_rows, velocity_rows)
+    felt = Moved(change, locked.velocity - by_push @ gained - carried, rate_rows, velocity_rows)
     return felt, Swung(after, rows, shaken, given_back, momenta)

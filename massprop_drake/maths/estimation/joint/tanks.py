@@ -125,7 +125,7 @@ def draw_propellant(properties: Array, fill: Array, used: Array, scale: float, t
 
 
 @kernel
-def _arm_derivative(inverse: Array, arm: Array, way: Array) -> Array:
+def _arm_derivative(inverse: Array, arm: Array, direction: Array) -> Array:
     """Computes the derivative of J N J, N the parallel-axis matrix, along a direction of the arm, shape (3, 3)."""
-    crossed = np.outer(arm, way)
-    return inverse @ ((2.0 * (arm @ way)) * _IDENTITY - crossed - crossed.T) @ inverse
+    crossed = np.outer(arm, direction)
+    return inverse @ ((2.0 * (arm @ direction)) * _IDENTITY - crossed - crossed.T) @ inverse

@@ -23,14 +23,14 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 @kernel
-def separate_scale(state: JointState, amount: Array, params: JointParams) -> JointState:
+def separate_scale(state: JointState, seconds: Array, params: JointParams) -> JointState:
     """Returns the state with the thrusts' common scale as own variable s, once jets first fire.
 
     Args:
         state: before an interval.
-        amount: seconds for which each jet fires in it, shape (n_jets,).
+        seconds: seconds for which each jet fires in it, shape (n_jets,).
     """
-    places, fires = params.places, amount > 0.0
+    places, fires = params.places, seconds > 0.0
     if places.n_scale == 0 or not fires.any() or state.root[places.scale].any():
         return state
     root = state.root.copy()

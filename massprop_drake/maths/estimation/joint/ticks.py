@@ -185,11 +185,11 @@ def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Ar
     Args:
         clock, stamp_s, commands, pace: see `measure_interval`.
     """
-    command, coming = commands
-    if coming is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
+    command, next_command = commands
+    if next_command is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
         return command
-    told: Array = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
-    return told
+    filled: Array = np.where(np.isnan(command) & (clock.earlier == next_command), next_command, command)
+    return filled
 
 
 def measure_interval(
@@ -202,7 +202,7 @@ def measure_interval(
         stamp_s: of this one, later.
         commands: of the row before, NaN where not known, and of this row, None: not known yet.
     """
-    (told, coming), (period_s, at_stamps) = commands, pace
+    (told, next_commanded), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
     short = length <= LONGEST * period_s
     if is_on_time(clock, stamp_s, period_s):
@@ -217,19 +217,19 @@ def measure_interval(
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
     jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)
-    now = _update_clock(line, stamp_s, (passed, period_s), sigma_s, jitter)
-    if coming is not None:
-        row = np.array([1.0, now.number])
-        variance = float(row @ now.covariance @ row)
-        acted_s, acted, spread = _acting_time_moments(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
-        now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
-    now = now._replace(earlier=told.command, earlier_onset_s=told.onset_s)
-    return now, Elapsed(*_divide_interval(clock, now, coming, jitter, period_s), clock.lost)
+    updated = _update_clock(line, stamp_s, (passed, period_s), sigma_s, jitter)
+    if next_commanded is not None:
+        row = np.array([1.0, updated.number])
+        variance = float(row @ updated.covariance @ row)
+        acted_s, acted, spread = _acting_time_moments(stamp_s - updated.at_s, math.sqrt(max(variance, 0.0)))
+        updated = updated._replace(rest_s=updated.rest_s + acted_s, acted=acted, spread=spread)
+    updated = updated._replace(earlier=told.command, earlier_onset_s=told.onset_s)
+    return updated, Elapsed(*_divide_interval(clock, updated, next_commanded, jitter, period_s), clock.lost)
 
 
-def _update_clock(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
+def _update_clock(clock: Clock, stamp_s: float, periods: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
     """Updates the clock's tick offset and period by one stamp; the command acting by then is left out."""
-    line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
+    line_s, number = clock.tick_s + periods[0] * periods[1], clock.number + periods[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
     off_s, gain = stamp_s - line_s - float(row @ clock.about_s), covariance @ row
@@ -265,28 +265,28 @@ def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, f
 
 
 def _divide_interval(
-    before: Clock, now: Clock, coming: Commanded | None, jitter: float, period_s: float
+    before: Clock, after: Clock, next_commanded: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
     """Divides an interval at command ticks off its stamps; returns durations, commands and their timing."""
-    about_s = now.about_s
+    about_s = after.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
-    earlier, told = (Commanded(one.earlier, one.earlier_onset_s) for one in (before, now))
+    earlier, told = (Commanded(clock.earlier, clock.earlier_onset_s) for clock in (before, after))
     begins = before.acted < 1.0 and not np.array_equal(earlier, told, equal_nan=True)
-    ends = now.acted > 0.0
-    true_s = np.array([before.stamp_s + rest_s, now.at_s - now.rest_s])  # of the share that counts in this interval
+    ends = after.acted > 0.0
+    true_s = np.array([before.stamp_s + rest_s, after.at_s - after.rest_s])  # of the share that counts in this interval
     put_s = true_s.copy()
-    put_s[0] = min(max(true_s[0], before.stamp_s + margin_s), now.stamp_s - 2.0 * margin_s)
-    put_s[1] = min(max(true_s[1], put_s[0] + margin_s), now.stamp_s - margin_s)
+    put_s[0] = min(max(true_s[0], before.stamp_s + margin_s), after.stamp_s - 2.0 * margin_s)
+    put_s[1] = min(max(true_s[1], put_s[0] + margin_s), after.stamp_s - margin_s)
     which = np.flatnonzero([begins, ends])
-    times_s = np.concatenate(([before.stamp_s], put_s[which], [now.stamp_s]))
+    times_s = np.concatenate(([before.stamp_s], put_s[which], [after.stamp_s]))
     begin_s = before.tick_s + about_s[0] + about_s[1] * before.number
     acting = [(told, begin_s, before.number)]  # since when each has been in force, and which tick that is
     if begins:
         acting = [(earlier, begin_s - period_s, before.number - 1.0), *acting]
     if ends:
-        assert coming is not None, "nothing has acted of what is not known"
-        acting = [*acting, (coming, now.at_s, now.number)]
+        assert next_commanded is not None, "nothing has acted of what is not known"
+        acting = [*acting, (next_commanded, after.at_s, after.number)]
     rows = np.zeros((times_s.size, 2 + len(acting)))
     rows[1 + np.arange(which.size), which] = 1.0
     lengths, levels, edges = [], [], [rows[:1]]
@@ -303,13 +303,13 @@ def _divide_interval(
     timing = Timing(
         off=True,
         anew=not before.off,
-        late_s=now.stamp_s - now.tick_s,
+        late_s=after.stamp_s - after.tick_s,
         jitter=jitter,
-        numbers=np.array([before.number, now.number, *(number for _, _, number in acting)]),
+        numbers=np.array([before.number, after.number, *(number for _, _, number in acting)]),
         edges=np.diff(np.concatenate(edges), axis=0),
         beyond_s=np.append(np.where([begins, ends], true_s - put_s, 0.0), others),
-        shares=np.append([1.0 - before.acted, now.acted], others + 1.0),
-        spreads=np.append([before.spread, now.spread], others),
+        shares=np.append([1.0 - before.acted, after.acted], others + 1.0),
+        spreads=np.append([before.spread, after.spread], others),
         about_s=about_s,
     )
     return np.concatenate(lengths), np.concatenate(levels), timing
@@ -361,8 +361,8 @@ def update_by_stamp(state: JointState, timing: Timing, params: JointParams) -> t
     wide = np.hstack((root, columns))
     row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * number
     variance, innovation = np.full(1, timing.jitter), np.full(1, timing.late_s - row @ mean)
-    change = joseph_update(wide, (row @ wide).reshape(1, -1), variance, innovation, places.thrust)
-    correction = change.correction
+    update = joseph_update(wide, (row @ wide).reshape(1, -1), variance, innovation, places.thrust)
+    correction = update.correction
     moved_s = params.tick_sigma * correction[offset : period + 1]
-    after = replace_levels(state, mean + correction, change.root, state.level + moved_s @ tick_slope, tick_slope)
-    return after, Stamped(row, change.half_gain[:, 0] / change.upper[0, 0], correction, 0.0 if timing.anew else 1.0)
+    after = replace_levels(state, mean + correction, update.root, state.level + moved_s @ tick_slope, tick_slope)
+    return after, Stamped(row, update.half_gain[:, 0] / update.upper[0, 0], correction, 0.0 if timing.anew else 1.0)

@@ -61,35 +61,35 @@ def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Dire
     return Directions(float(count), _WIDE * np.sqrt((effects**2).sum(axis=1).max()), basis, dual)
 
 
-def is_untestable(firing: Firing, anything: Directions) -> bool:
+def is_untestable(firing: Firing, directions: Directions) -> bool:
     """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test over an interval."""
-    return bool(anything.number == anything.basis.shape[0] or firing.unknown.all())
+    return bool(directions.number == directions.basis.shape[0] or firing.unknown.all())
 
 
 @kernel
-def reopening_covariance(anything: Directions) -> Array:
+def reopening_covariance(directions: Directions) -> Array:
     """Computes the near-infinite covariance along directions of unknown jets in rate and velocity, shape (6, 6)."""
-    wide = anything.spread * anything.basis
+    wide = directions.spread * directions.basis
     return wide @ wide.T
 
 
 @kernel
-def remove_directions(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
+def remove_directions(rate_rows: Array, velocity_rows: Array, directions: Directions) -> tuple[Array, Array]:
     """Removes components along unknown jets' directions from derivatives of rate and velocity, (3, size) each.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
     """
-    if anything.number == 0.0:
+    if directions.number == 0.0:
         return rate_rows, velocity_rows
     rows = np.vstack((rate_rows, velocity_rows))
-    rows = rows - anything.basis @ (anything.dual.T @ rows)
+    rows = rows - directions.basis @ (directions.dual.T @ rows)
     return rows[:3].copy(), rows[3:].copy()
 
 
 @kernel
 def firing_shown_by_readings(
-    error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams
+    error: Array, mean: Array, firing: Firing, directions: Directions, params: JointParams
 ) -> Firing:
     """Returns the firing with seconds of unknown jets solved from readings, within 0 and the interval.
 
@@ -101,10 +101,10 @@ def firing_shown_by_readings(
     if np.isnan(error).any():
         return firing
     # D U (U^T D^T D U)^-1 U^T error, of the jets that are not known
-    along = (effects_of(params.wrenches, mean) @ anything.dual)[:, : int(anything.number)]
+    along = (effects_of(params.wrenches, mean) @ directions.dual)[:, : int(directions.number)]
     along = along * firing.unknown.reshape(-1, 1)
-    found = along @ np.linalg.solve(along.T @ along, (anything.dual.T @ error)[: int(anything.number)])
-    amount = firing.amount + firing.unknown * found
+    solution = along @ np.linalg.solve(along.T @ along, (directions.dual.T @ error)[: int(directions.number)])
+    amount = firing.amount + firing.unknown * solution
     least, most = np.minimum(firing.amount, 0.0), np.maximum(firing.amount, firing.duration_s)
     return replace_firing(firing, np.minimum(np.maximum(amount, least), most), firing.level)
 
@@ -115,9 +115,9 @@ def reading_sigmas(params: JointParams) -> Array:
     places, sigmas = params.places, np.ones(6)
     for begin, first, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
-            told = 0.0
+            information = 0.0
             for package in range(packages):
-                told += 1.0 / params.variances[first + 3 * package + axis]
-            if told > 0.0:
-                sigmas[begin + axis] = 1.0 / np.sqrt(told)
+                information += 1.0 / params.variances[first + 3 * package + axis]
+            if information > 0.0:
+                sigmas[begin + axis] = 1.0 / np.sqrt(information)
     return sigmas

@@ -65,17 +65,19 @@ UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @kernel
-def interval_wheel_speeds(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
+def interval_wheel_speeds(
+    previous: Array, reading: Array, duration_s: float, wheels: WheelParams
+) -> tuple[Spun, Array]:
     """Returns wheel speeds at both ends of an interval with their noise, and the last speeds read.
 
     Args:
-        before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
-        read: at the end of the interval, NaN where missing, rad/s, shape (n,).
+        previous: speeds that were read last, NaN where none has been, rad/s, shape (n,).
+        reading: at the end of the interval, NaN where missing, rad/s, shape (n,).
     """
-    missing = np.isnan(read)
-    last = np.where(missing, before, read)
+    missing = np.isnan(reading)
+    last = np.where(missing, previous, reading)
     end = select_where(np.isnan(last), 0.0, last)
-    start = np.where(np.isnan(before), end, before)  # z_k is as wide as what nobody has read
+    start = np.where(np.isnan(previous), end, previous)  # z_k is as wide as what nobody has read
     drawn = select_where(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
     return Spun(start, end, missing.astype(np.float64), drawn), last
 
@@ -150,22 +152,22 @@ def wheel_impulses(speeds: Spun, start: Array, end: Array, duration_s: float, wh
 
 
 @kernel
-def append_reading_errors(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
+def append_reading_errors(states: Wander, speeds: Spun, inverse: Array, rotation: Array, wheels: WheelParams) -> Wander:
     """Appends wheel speed reading errors, as slow states with decay and noise, to a disturbance.
 
     Args:
-        wander: of the disturbance alone.
+        states: of the disturbance alone.
         inverse: J, in the scale of known impulses, shape (3, 3).
-        turned: integral of the rate over the interval, rad, shape (3,).
+        rotation: integral of the rate over the interval, rad, shape (3,).
     """
-    n, others = speeds.end.shape[0], wander.kept.shape[0]
+    n, others = speeds.end.shape[0], states.kept.shape[0]
     if n == 0:
-        return wander
-    longer = append_constant_states(wander, n)
+        return states
+    longer = append_constant_states(states, n)
     kept, along, begun, drawn = longer.kept, longer.along, longer.begun, longer.drawn
     for k in range(n):
         step = (wheels.inertias[k] * wheels.speed_std[k]) * wheels.axes[k]
-        direct, by_turning = inverse @ step, 0.5 * (inverse @ cross(turned, step))
+        direct, by_turning = inverse @ step, 0.5 * (inverse @ cross(rotation, step))
         stays, comes = speeds.kept[k], speeds.drawn[k]
         kept[others + k], along[others + k] = stays, comes
         begun[:3, others + k] = (stays - 1.0) * direct + (1.0 + stays) * by_turning
