@@ -36,8 +36,8 @@ class Vehicle(VehicleFields):
 
     @property
     def doubts(self) -> list[Finding]:
-        """Entries that may be meant, but are more likely a slip."""
-        return [found for found in vehicle_findings(self) if not found.impossible]
+        """Doubtful entries of the vehicle, more likely a slip than meant."""
+        return [finding for finding in vehicle_findings(self) if not finding.impossible]
 
 
 def bundled_vehicles() -> list[str]:
