@@ -155,11 +155,7 @@ def _si_factor(powers: tuple[int, int], vehicle: Vehicle) -> float:
 
 
 def parse_limits(limit_texts: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
-    """Parses maneuver limits such as ``{"rate": "0.5 deg/s"}``; a bare number is in the vehicle's units.
-
-    Raises:
-        InputError: for a name or a limit that is none.
-    """
+    """Parses maneuver limits such as ``{"rate": "0.5 deg/s"}``; a bare number is in the vehicle's units."""
     limits = {}
     for name, text in limit_texts.items():
         location = f"design: limit {name}={text}"
@@ -279,12 +275,6 @@ def make_aims(targets: Sequence[Target], suspicion: Suspicion, params: JointPara
     """Makes the aims of the maneuver search: 1-sigmas to reach and failures to separate, each with a margin.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
-
-    Args:
-        targets: targets.
-        suspicion: see `Suspicion`.
-        params: of the joint filter.
-        settings: see `AimSettings`.
     """
     (faults, margin, converging) = settings
     rows = [target.combination for target in targets]

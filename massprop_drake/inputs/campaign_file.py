@@ -323,12 +323,7 @@ def _expand_jets(jet_kind: str, vehicle: Vehicle, location: str) -> tuple[str, .
 
 
 def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Maps each drawn field of the scenario, by dotted key, to its value in the case with these draws.
-
-    Args:
-        campaign: with what is drawn.
-        drawn: the value of each quantity by its label.
-    """
+    """Maps each drawn field of the scenario, by dotted key, to its value in the case with these draws."""
     settings = {}
     for key, value in campaign.file.draw.items():
         if key == MASS_PROPERTIES and _is_dispersion(value):

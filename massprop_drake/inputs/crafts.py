@@ -42,11 +42,7 @@ def make_craft(scenario: Scenario, excluded_jets: frozenset[str] = frozenset()) 
 
 
 def firing_test(scenario: Scenario) -> FiringTest | None:
-    """Makes the settings of test firings that the autopilot flies; None: the scenario has no such block.
-
-    Raises:
-        InputError: when what is asked for is none.
-    """
+    """Makes the settings of test firings that the autopilot flies; None: the scenario has no such block."""
     block, vehicle = scenario.autopilot.test_firing, scenario.vehicle_data
     if block is None:
         return None

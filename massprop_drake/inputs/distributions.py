@@ -28,11 +28,7 @@ class Distribution(Model):
     """Distribution of one quantity that is drawn."""
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among.
-
-        Args:
-            u: in [0, 1), shape (n,).
-        """
+        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among."""
         raise NotImplementedError
 
     def grid(self) -> list[Any] | None:

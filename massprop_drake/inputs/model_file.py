@@ -97,12 +97,7 @@ def _parent_link(joint: ElementTree.Element) -> str:
 
 
 def require_model(text: str, label: str) -> None:
-    """Raises InputError unless a text is complete SDF or URDF whose links all have mass and inertia.
-
-    Args:
-        text: of the model.
-        label: begins the message.
-    """
+    """Raises InputError unless a text is complete SDF or URDF whose links all have mass and inertia."""
     if len(text) > _MOST_LETTERS:
         raise InputError(f"{label}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
     try:

@@ -64,12 +64,7 @@ def update_detector_terms(data: dict[str, Any], default_kind: str) -> tuple[dict
 
 
 def obsolete_detector_keys(former_kind: Any, kind: Any) -> tuple[str, ...]:
-    """Returns the keys of the joint filter's detector to drop where another kind of detector replaces it.
-
-    Args:
-        former_kind: kind that the block had; None: it was not written out.
-        kind: that it has now.
-    """
+    """Returns the keys of the joint filter's detector to drop where another kind of detector replaces it."""
     if former_kind not in (None, FORMER_KIND, PRESENT_KIND) or kind in (FORMER_KIND, PRESENT_KIND):
         return ()
     shared = ("lead", "lead_nothing") if former_kind is None else ()  # with other kinds

@@ -301,15 +301,7 @@ def set_field(data: Any, override: str, set_before: set[FieldPath] | None = None
 
 
 def replace_at(data: Any, path: list[str | int], value: Any, location: str, set_before: set[FieldPath]) -> None:
-    """Sets a field of a scenario's data in place; a block's new kind drops keys that mattered to the former kind.
-
-    Args:
-        data, path, value, where: as `set_at` takes them.
-        set_before: fields that were set before, which stay; the field is added.
-
-    Raises:
-        InputError: when the path leads nowhere.
-    """
+    """Sets a field of a scenario's data in place; a block's new kind drops former keys that are not in `set_before`."""
     *block, last = field = tuple(path)
     former = value_at(data, path) if last == "kind" else None
     of_detector = field == ("detector", "kind")

@@ -123,15 +123,7 @@ def _suggest_unit(name: str) -> str:
 
 
 def si_factor(text: str, *kinds: str) -> float:
-    """Returns the factor from a unit to SI; raises InputError for a unit of other kinds of quantity.
-
-    Args:
-        text: the unit.
-        kinds: such as "rate", "length", "time".
-
-    Raises:
-        InputError: when it is not known, or of another kind.
-    """
+    """Returns the factor from a unit to SI; raises InputError for a unit of other kinds of quantity."""
     unit = parse_unit(text)
     if unit.dimension not in {_KINDS[kind][0] for kind in kinds}:
         of = next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")

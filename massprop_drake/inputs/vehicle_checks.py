@@ -162,7 +162,7 @@ def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
             yield ("tanks",), problem
 
 
-def impossible_figures(vehicle: VehicleFields) -> Iterator[Problem]:
+def impossible_entries(vehicle: VehicleFields) -> Iterator[Problem]:
     """Yields the impossible findings of a vehicle as problems, pairs of field path and sentence."""
     return ((finding.path, finding.problem) for finding in vehicle_findings(vehicle) if finding.impossible)
 
@@ -248,13 +248,7 @@ def _mismatched_jets(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath = ()) -> Iterator[Finding]:
-    """Yields findings of a body that jets accelerate or turn implausibly, or whose inertia misfits its mass.
-
-    Args:
-        body: nominal or true.
-        vehicle: whose jets and sensors it has.
-        path: of the body, if it is not the vehicle's nominal one.
-    """
+    """Yields findings of a body that jets accelerate or turn implausibly, or whose inertia misfits its mass."""
     units, inertia = vehicle.units, path or ("mass_properties", "inertia")
     # a jet's acceleration; that of the kinds counts for the flow
     per_force = unit_in_si("N", units) / (body.mass * unit_in_si("kg", units))
