@@ -281,7 +281,7 @@ def _make_family(
 
 
 def _rank_words(parts: tuple[str, ...], *, named: bool) -> int:
-    """Ranks a column name, with a jet's designation if `named`, by its words: 0 (likely a command) to 2; 3: no command."""
+    """Ranks a column name, with a designation if `named`, by its words: 0 (likely a command) to 2; 3: no command."""
     words = {word for word in parts if word}
     if words & _NO_COMMANDS:
         return 3
