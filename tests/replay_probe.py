@@ -52,7 +52,7 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     source: Any = diagram.GetSubsystemByName("telemetry_source")
     vehicle = scenario.vehicle_data
     gyro = params.gyro(scenario).name if vehicle.gyros else None
-    reader = Reader(telemetry, vehicle, gyro=gyro, after=None, stream=None)
+    reader = Reader(telemetry, vehicle, gyro=gyro, previous=None, stream=None)
     for number, rows in enumerate(reader):
         readings = {**rows.readings, **split_by_sensor(rows, vehicle)}
         own = source.GetMyMutableContextFromRoot(simulator.get_mutable_context())

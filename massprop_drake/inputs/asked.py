@@ -59,26 +59,26 @@ class Target(NamedTuple):
     share: float
 
 
-def parse_targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
+def parse_targets(target_texts: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
     """Parses 1-sigmas by quantity, such as ``{"mass": "1%"}``, to a list of targets, one per quantity of a group.
 
     Args:
-        asked: 1-sigma by name, a share or with a unit.
+        target_texts: 1-sigma by name, a share or with a unit.
         properties: the ten parameters as the vehicle is taken to be, shape (10,).
         vehicle: for its units.
 
     Raises:
         InputError: for a name or a 1-sigma that is none.
     """
-    found = list[Target]()
-    for name, text in asked.items():
+    targets = list[Target]()
+    for name, text in target_texts.items():
         if name not in TARGETS:
             raise InputError(f"design: target '{name}': no such quantity{suggestion(name, TARGETS)}")
         for each in _GROUPS.get(name, (name,)):
-            if each in {one.name for one in found}:
+            if each in {one.name for one in targets}:
                 raise InputError(f"design: target '{each}' is given twice")
-            found.append(_parse_target(name, each, text, properties, vehicle))
-    return found
+            targets.append(_parse_target(name, each, text, properties, vehicle))
+    return targets
 
 
 def derivative_and_value(name: str, properties: Array) -> tuple[Array, float]:
@@ -109,41 +109,41 @@ def _parse_target(group: str, name: str, text: str, properties: Array, vehicle: 
     combination, value = derivative_and_value(name, properties)
     names = vehicle.unit_names
     if name == "mass":
-        unit, powers, share = names["mass"], (0, 1), value
+        unit, powers, reference = names["mass"], (0, 1), value
     elif name in _GROUPS["center"]:
-        unit, powers, share = names["length"], (1, 0), 0.0
+        unit, powers, reference = names["length"], (1, 0), 0.0
     else:
         unit, powers = f"{names['mass']}-{names['length']}^2", (2, 1)
         row, column = {**_MOMENTS, **_PRODUCTS}[name]
         moments = [derivative_and_value(each, properties)[1] for each in _MOMENTS]
-        share = math.sqrt(moments[row] * moments[column])
-    asks = _parse_deviation(text, share, powers, vehicle, f"design: target {group}={text}")
-    return Target(name, unit, value, asks, combination, share)
+        reference = math.sqrt(moments[row] * moments[column])
+    asks = _parse_deviation(text, reference, powers, vehicle, f"design: target {group}={text}")
+    return Target(name, unit, value, asks, combination, reference)
 
 
-def _parse_deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
-    """Parses a 1-sigma, a percentage or in a unit of length and mass to these powers, to the vehicle's units."""
-    number, unit = _split_quantity(text, where)
-    example = "1%" if share else f"5 mm, or in {vehicle.unit_names['length']}"
+def _parse_deviation(text: str, reference: float, powers: tuple[int, int], vehicle: Vehicle, location: str) -> float:
+    """Parses a 1-sigma, in percent of a reference or in a unit of length and mass to these powers."""
+    number, unit = _split_quantity(text, location)
+    example = "1%" if reference else f"5 mm, or in {vehicle.unit_names['length']}"
     if not unit:
-        raise InputError(f"{where}: needs a unit, such as {example}")
-    read = units.parse_unit(unit)
-    if read.dimension == (0, 0, 0, 0) and share:
-        deviation = number * read.factor * share
-    elif read.dimension == (*powers, 0, 0):
-        deviation = number * read.factor / _si_factor(powers, vehicle)
+        raise InputError(f"{location}: needs a unit, such as {example}")
+    parsed = units.parse_unit(unit)
+    if parsed.dimension == (0, 0, 0, 0) and reference:
+        deviation = number * parsed.factor * reference
+    elif parsed.dimension == (*powers, 0, 0):
+        deviation = number * parsed.factor / _si_factor(powers, vehicle)
     else:
-        raise InputError(f"{where}: '{unit}' does not fit; write it like {example}")
+        raise InputError(f"{location}: '{unit}' does not fit; write it like {example}")
     if not (math.isfinite(deviation) and deviation > 0.0):
-        raise InputError(f"{where}: must be above zero")
+        raise InputError(f"{location}: must be above zero")
     return deviation
 
 
-def _split_quantity(text: str, where: str) -> tuple[float, str]:
+def _split_quantity(text: str, location: str) -> tuple[float, str]:
     """Splits a text such as `0.5deg/s` into number and unit; raises InputError for any other text."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise InputError(f"{where}: is no number with a unit, such as 0.5 deg/s or 1%")
+        raise InputError(f"{location}: is no number with a unit, such as 0.5 deg/s or 1%")
     return float(match[1]), match[2]
 
 
@@ -154,29 +154,25 @@ def _si_factor(powers: tuple[int, int], vehicle: Vehicle) -> float:
     return float(FOOT ** powers[0] * SLUG ** powers[1])
 
 
-def parse_limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
-    """Parses maneuver limits such as ``{"rate": "0.5 deg/s"}``; a bare number is in the vehicle's units.
-
-    Raises:
-        InputError: for a name or a limit that is none.
-    """
-    found = {}
-    for name, text in asked.items():
-        where = f"design: limit {name}={text}"
+def parse_limits(limit_texts: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
+    """Parses maneuver limits such as ``{"rate": "0.5 deg/s"}``; a bare number is in the vehicle's units."""
+    limits = {}
+    for name, text in limit_texts.items():
+        location = f"design: limit {name}={text}"
         if name not in LIMITS:
-            raise InputError(f"{where}: no such limit{suggestion(name, LIMITS)}")
-        number, unit = _split_quantity(text, where)
+            raise InputError(f"{location}: no such limit{suggestion(name, LIMITS)}")
+        number, unit = _split_quantity(text, location)
         kind, example = LIMITS[name]
         if unit:
-            read = units.parse_unit(unit)
-            wanted = units.parse_unit(example)
-            if read.dimension != wanted.dimension:
-                raise InputError(f"{where}: '{unit}' does not fit; write it like 1 {example}")
-            number *= read.factor / (_si_factor(_SI[kind], vehicle) if kind in _SI else 1.0)
+            parsed = units.parse_unit(unit)
+            expected = units.parse_unit(example)
+            if parsed.dimension != expected.dimension:
+                raise InputError(f"{location}: '{unit}' does not fit; write it like 1 {example}")
+            number *= parsed.factor / (_si_factor(_SI[kind], vehicle) if kind in _SI else 1.0)
         if not (math.isfinite(number) and number > 0.0):
-            raise InputError(f"{where}: forbids every maneuver; it must be above zero")
-        found[name] = number
-    return ManeuverLimits(**found)
+            raise InputError(f"{location}: forbids every maneuver; it must be above zero")
+        limits[name] = number
+    return ManeuverLimits(**limits)
 
 
 class Suspicion(NamedTuple):
@@ -195,70 +191,70 @@ class Suspicion(NamedTuple):
     loss: bool
 
 
-def parse_suspects(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
+def parse_suspects(suspects: Sequence[str], force: str, vehicle: Vehicle, usable_jets: NDArray[np.int_]) -> Suspicion:
     """Makes the pairs of failed jets to be separated: one suspect from all other jets, several from each other.
 
     Args:
         suspects: designations.
         force: that it leaks, a share of its thrust or with a unit; below zero: that is missing while it fires.
         vehicle: see `Vehicle`.
-        fires: jets that may be used, integers.
+        usable_jets: jets that may be used, integers.
 
     Raises:
         InputError: when a suspect is none, or would never show.
     """
-    places = list[int]()
+    jets = list[int]()
     for name in suspects:
         if name not in vehicle.designations:
             raise InputError(f"design: suspect '{name}': no such jet{suggestion(name, vehicle.designations)}")
-        if vehicle.designations.index(name) in places:
+        if vehicle.designations.index(name) in jets:
             raise InputError(f"design: suspect '{name}' is given twice")
-        places.append(vehicle.designations.index(name))
-    if not places:
+        jets.append(vehicle.designations.index(name))
+    if not jets:
         return Suspicion(np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0), False)
-    signed = parse_failure_forces(force, vehicle, places)
-    loss = bool(signed[places[0]] < 0.0)
-    for place in places if loss else ():
-        if place not in fires:
+    signed = parse_failure_forces(force, vehicle, jets)
+    loss = bool(signed[jets[0]] < 0.0)
+    for jet in jets if loss else ():
+        if jet not in usable_jets:
             raise InputError(
-                f"design: suspect '{vehicle.designations[place]}': gives less only while it fires, and it may not "
+                f"design: suspect '{vehicle.designations[jet]}': gives less only while it fires, and it may not "
                 "fire; leave it out of 'without', or out of the suspects"
             )
-    others = places if len(places) > 1 else list(range(len(vehicle.jets)))
-    pairs = np.array([(one, other) for one in places for other in (*others, -1) if one != other], dtype=int)
+    others = jets if len(jets) > 1 else list(range(len(vehicle.jets)))
+    pairs = np.array([(one, other) for one in jets for other in (*others, -1) if one != other], dtype=int)
     first = pairs[:, 0]
     return Suspicion(pairs, np.abs(signed[first]), np.linalg.norm(vehicle.thrusts, axis=1)[first], loss)
 
 
-def parse_failure_forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
+def parse_failure_forces(text: str, vehicle: Vehicle, jet_indices: Sequence[int]) -> Array:
     """Parses the failure force of each jet, lbf or N, shape (n_jets,); a negative one is missing thrust.
 
     Args:
         text: a share of the thrust, or with a unit.
         vehicle: see `Vehicle`.
-        places: of the jets that it must be possible for.
+        jet_indices: of the jets that it must be possible for.
 
     Raises:
         InputError: when it is none, or more than the thrust of one of these jets.
     """
-    where = f"design: force {text}"
-    number, unit = _split_quantity(text, where)
-    own = units.parse_unit("N" if vehicle.unit_names["force"] == "N" else "lbf")
-    read = units.parse_unit(unit) if unit else own
+    location = f"design: force {text}"
+    number, unit = _split_quantity(text, location)
+    force_unit = units.parse_unit("N" if vehicle.unit_names["force"] == "N" else "lbf")
+    parsed = units.parse_unit(unit) if unit else force_unit
     thrusts: Array = np.linalg.norm(vehicle.thrusts, axis=1)
-    if read.dimension == (0, 0, 0, 0):
-        found = number * read.factor * thrusts
-    elif read.dimension == own.dimension:
-        found = np.full(thrusts.size, number * read.factor / own.factor)
+    if parsed.dimension == (0, 0, 0, 0):
+        forces = number * parsed.factor * thrusts
+    elif parsed.dimension == force_unit.dimension:
+        forces = np.full(thrusts.size, number * parsed.factor / force_unit.factor)
     else:
-        raise InputError(f"{where}: '{unit}' does not fit; write it like 5% or 0.2 N")
+        raise InputError(f"{location}: '{unit}' does not fit; write it like 5% or 0.2 N")
     if number == 0.0 or not math.isfinite(number):
-        raise InputError(f"{where}: a suspect that never pushes cannot be told; give what it leaks, or misses")
-    for place in places:
-        if abs(found[place]) > thrusts[place]:
-            most = f"{thrusts[place]:g} {vehicle.unit_names['force']}"
-            raise InputError(f"{where}: is more than the thrust of {vehicle.designations[place]}, {most}")
-    return found
+        raise InputError(f"{location}: a suspect that never pushes cannot be told; give what it leaks, or misses")
+    for jet in jet_indices:
+        if abs(forces[jet]) > thrusts[jet]:
+            thrust_text = f"{thrusts[jet]:g} {vehicle.unit_names['force']}"
+            raise InputError(f"{location}: is more than the thrust of {vehicle.designations[jet]}, {thrust_text}")
+    return forces
 
 
 class AimSettings(NamedTuple):
@@ -275,21 +271,15 @@ class AimSettings(NamedTuple):
     converging: bool
 
 
-def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, settings: AimSettings) -> Aims:
+def make_aims(targets: Sequence[Target], suspicion: Suspicion, params: JointParams, settings: AimSettings) -> Aims:
     """Makes the aims of the maneuver search: 1-sigmas to reach and failures to separate, each with a margin.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
-
-    Args:
-        wanted: targets.
-        suspected: see `Suspicion`.
-        params: of the joint filter.
-        settings: see `AimSettings`.
     """
     (faults, margin, converging) = settings
-    rows = [target.combination for target in wanted]
-    deviations = [target.asked for target in wanted]
-    if converging or suspected.pairs.size:
+    rows = [target.combination for target in targets]
+    deviations = [target.asked for target in targets]
+    if converging or suspicion.pairs.size:
         scaled = [*range(3), MASS_RECIPROCAL]
         guards = np.append(params.guard_relative * np.abs(params.nominal[scaled]), params.guard_center)
         for element, guard in zip([*scaled, *range(10)[CENTER_OF_MASS]], guards.tolist(), strict=True):
@@ -298,16 +288,16 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
                 deviations.append(guard)
     combinations = np.zeros((len(rows), n_known(params)))
     combinations[:, :10] = np.array(rows).reshape(-1, 10)
-    nothing = suspected.pairs[:, 1] < 0
-    pairs = suspected.pairs + (params.places.jets if suspected.loss else 0)
-    pairs[nothing, 1] = -1
-    given = Priors.stated(faults)
-    sized = zip(suspected.forces.tolist(), suspected.thrusts.tolist(), strict=True)
-    told = [log_failure_probability(*both, 1.0, given, missing=suspected.loss) for both in sized]
-    needed = (declaration_log_odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
+    no_rival = suspicion.pairs[:, 1] < 0
+    pairs = suspicion.pairs + (params.places.jets if suspicion.loss else 0)
+    pairs[no_rival, 1] = -1
+    priors = Priors.stated(faults)
+    sized = zip(suspicion.forces.tolist(), suspicion.thrusts.tolist(), strict=True)
+    logs = [log_failure_probability(*both, 1.0, priors, missing=suspicion.loss) for both in sized]
+    needed = (declaration_log_odds(faults) - np.where(no_rival, logs, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
-    jumps = jump_variances(params), log_jump_probability(1.0, given)
-    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed, *jumps)
+    jumps = jump_variances(params), log_jump_probability(1.0, priors)
+    return Aims(combinations, asks, pairs, suspicion.forces, suspicion.thrusts, needed, *jumps)
 
 
 def declaration_log_odds(faults: FaultsBlock) -> float:

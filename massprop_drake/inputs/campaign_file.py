@@ -60,6 +60,7 @@ class Gate(Model):
 
     @model_validator(mode="after")
     def _require_bound(self) -> Gate:
+        """Raises ValueError where a gate has neither a lower nor an upper bound."""
         if self.min is None and self.max is None:
             raise ValueError("give min, max or both")
         return self
@@ -218,8 +219,8 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     """
     file = validate_data(CampaignFile, document.data, document)
     try:
-        beside = folder / file.base
-        base = load_scenario(beside if exists(beside) else file.base)
+        base_path = folder / file.base
+        base = load_scenario(base_path if exists(base_path) else file.base)
     except InputError as error:
         raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
     for key, value in file.set.items():
@@ -248,24 +249,24 @@ def _require_fields(campaign: CampaignSpec, document: Document) -> None:
             _apply_settings(middle, {key: value}, document.where(("sweep", key, index)))
 
 
-def _apply_settings(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
-    """Returns a scenario with settings applied; errors begin with where they stand in the campaign's file."""
+def _apply_settings(base: Scenario, settings: Mapping[str, Any], location: str) -> Scenario:
+    """Returns a scenario with settings applied; errors begin with the location in the campaign's file."""
     try:
         return with_settings(base, settings)
     except InputError as error:
-        raise InputError(*(f"{where}: {problem.removeprefix('scenario: ')}" for problem in error.problems)) from None
+        raise InputError(*(f"{location}: {problem.removeprefix('scenario: ')}" for problem in error.problems)) from None
 
 
 def campaign_keys() -> list[Key]:
     """Lists every key of a campaign's file, and of the distributions in it, for documentation."""
-    found = list_keys(CampaignFile)
+    keys = list_keys(CampaignFile)
     drawn: dict[str, type[Model]] = {f"draw{{}} ({MASS_PROPERTIES})": Dispersion}
     drawn |= {f"draw{{}}.{tag}": kind for tag, kind in KINDS.items()}
     for name, model in drawn.items():
         meaning = (model.__doc__ or "").strip().partition("\n")[0].removesuffix(".")
-        found.append(Key(name, "mapping", "-", "-", "-", meaning))
-        found += list_keys(model, f"{name}.")
-    return found
+        keys.append(Key(name, "mapping", "-", "-", "-", meaning))
+        keys += list_keys(model, f"{name}.")
+    return keys
 
 
 # ------------------------------------------------------------------------------------ what is drawn
@@ -273,10 +274,10 @@ def campaign_keys() -> list[Key]:
 
 def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
     """Yields label and distribution of every quantity drawn in a value of the block `draw`, in its order."""
-    where = document.where(("draw", *path))
+    location = document.where(("draw", *path))
     label = dotted(path)
     if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
-        validate_data(Dispersion, value, None, where)
+        validate_data(Dispersion, value, None, location)
         normal = Normal(mean=0.0, std=1.0)
         yield Quantity(f"{label}.mass", normal)
         for part in ("center_of_mass", "second_moments", "axes"):
@@ -285,9 +286,9 @@ def _find_quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, do
     try:
         found = distribution_in(value)
     except ValueError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{location}: {error}") from None
     if found is not None:
-        yield Quantity(label, _validate_distribution(*found, vehicle, where))
+        yield Quantity(label, _validate_distribution(*found, vehicle, location))
     elif isinstance(value, dict):
         for name, inner in value.items():
             yield from _find_quantities(key, inner, (*path, name), vehicle, document)
@@ -301,33 +302,28 @@ def _is_dispersion(value: Any) -> bool:
     return isinstance(value, dict) and not {"mass", "inertia"} & set(value)
 
 
-def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
+def _validate_distribution(tag: str, parameters: Any, vehicle: Vehicle, location: str) -> Distribution:
     """Makes a distribution from tag and parameters; a choice of a kind of jets becomes one of designations."""
-    distribution = validate_data(KINDS[tag], parameters, None, f"{where}: {tag}")
+    distribution = validate_data(KINDS[tag], parameters, None, f"{location}: {tag}")
     if isinstance(distribution, Choice) and isinstance(distribution.values, str):
-        return distribution.model_copy(update={"values": _expand_jets(distribution.values, vehicle, where)})
+        return distribution.model_copy(update={"values": _expand_jets(distribution.values, vehicle, location)})
     return distribution
 
 
-def _expand_jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
-    """Returns the designations of all jets, for `all`, or of the jets of a kind; raises InputError for no kind."""
-    if which == "all":
+def _expand_jets(jet_kind: str, vehicle: Vehicle, location: str) -> tuple[str, ...]:
+    """Returns the designations of all jets, for `all`, or of one kind; raises InputError for an unknown kind."""
+    if jet_kind == "all":
         return vehicle.designations
-    if which not in vehicle.jet_kinds:
+    if jet_kind not in vehicle.jet_kinds:
         raise InputError(
-            f"{where}: choice: {which!r} is neither a list, nor 'all', nor a kind of jets of '{vehicle.name}'"
-            f"{suggestion(which, list(vehicle.jet_kinds))}"
+            f"{location}: choice: {jet_kind!r} is neither a list, nor 'all', nor a kind of jets of '{vehicle.name}'"
+            f"{suggestion(jet_kind, list(vehicle.jet_kinds))}"
         )
-    return tuple(jet.designation for jet in vehicle.jets if jet.kind == which)
+    return tuple(jet.designation for jet in vehicle.jets if jet.kind == jet_kind)
 
 
 def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Maps each drawn field of the scenario, by dotted key, to its value in the case with these draws.
-
-    Args:
-        campaign: with what is drawn.
-        drawn: the value of each quantity by its label.
-    """
+    """Maps each drawn field of the scenario, by dotted key, to its value in the case with these draws."""
     settings = {}
     for key, value in campaign.file.draw.items():
         if key == MASS_PROPERTIES and _is_dispersion(value):
@@ -375,15 +371,15 @@ def _adjust_failures(campaign: CampaignSpec, failures: Any) -> Any:
         return failures
     drawn = {quantity.label: quantity.distribution for quantity in campaign.quantities}
     thrusts = {jet.designation: jet.thrust for jet in campaign.base.vehicle_data.jets}
-    taken: list[Any] = []
-    told = []
+    used: list[Any] = []
+    adjusted = []
     for index, failure in enumerate(failures):
         kind, jet, force = failure.get("kind"), failure.get("jet"), failure.get("force")
         choice = drawn.get(f"failures[{index}].jet")
-        if jet in taken and isinstance(choice, Choice):
+        if jet in used and isinstance(choice, Choice):
             begin = choice.values.index(jet)
-            jet = next((name for name in (*choice.values[begin:], *choice.values[:begin]) if name not in taken), jet)
-        taken.append(jet)
+            jet = next((name for name in (*choice.values[begin:], *choice.values[:begin]) if name not in used), jet)
+        used.append(jet)
         kept = {name: part for name, part in failure.items() if name not in _SIZES - _OF_KIND.get(str(kind), set())}
         if isinstance(force, (int, float)) and isinstance(jet, str) and jet in thrusts:
             if f"failures[{index}].force" in drawn:
@@ -392,8 +388,8 @@ def _adjust_failures(campaign: CampaignSpec, failures: Any) -> Any:
                 kept["force"] = force
             elif kind == "degraded" and "fraction" not in failure:
                 kept["fraction"] = max(0.0, 1.0 - force / thrusts[jet])
-        told.append(kept if "jet" not in failure else {**kept, "jet": jet})
-    return told
+        adjusted.append(kept if "jet" not in failure else {**kept, "jet": jet})
+    return adjusted
 
 
 def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
@@ -407,11 +403,11 @@ def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
         InputError: when the result is no scenario.
     """
     data: dict[str, Any] = {name: getattr(base, name) for name in type(base).model_fields}
-    given: set[FieldPath] = set()
+    set_fields: set[FieldPath] = set()
     for key, value in settings.items():
         path = split_key(key, key)
         block = str(path[0])
         if isinstance(data.get(block), (Model, tuple)):
             data[block] = base.model_dump(mode="json", include={block})[block]
-        replace_at(data, path, value, key, given)
+        replace_at(data, path, value, key, set_fields)
     return resolve_scenario(data)

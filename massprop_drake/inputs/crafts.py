@@ -17,23 +17,23 @@ MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the tr
 SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a preference
 
 
-def make_craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
-    """Makes the vehicle that a maneuver is designed for, at rest, with the jets that may be fired and the wheels.
+def make_craft(scenario: Scenario, excluded_jets: frozenset[str] = frozenset()) -> Craft:
+    """Makes the vehicle model of a maneuver design: at rest, with the jets that may be fired and the wheels.
 
     Args:
         scenario: with the joint filter.
-        without: designations of jets that are not to be fired.
+        excluded_jets: designations of jets that are not to be fired.
     """
     vehicle = scenario.vehicle_data
-    made, wheels = params.estimation_params(scenario).filter_params.joint, vehicle.wheels
-    fires = [place for place, name in enumerate(vehicle.designations) if name not in without]
+    joint_params, wheels = params.estimation_params(scenario).filter_params.joint, vehicle.wheels
+    usable_jets = [index for index, name in enumerate(vehicle.designations) if name not in excluded_jets]
     return Craft(
-        params=made,
-        properties=made.nominal,
+        params=joint_params,
+        properties=joint_params.nominal,
         period_s=vehicle.sample_period_s,
         flows=np.array(vehicle.mass_flows),
         least=np.maximum(least_cycles(vehicle.minimum_on_times_s, vehicle.sample_period_s), 1.0).astype(int),
-        jets=np.array(fires, dtype=int),
+        jets=np.array(usable_jets, dtype=int),
         torques=np.array([wheel.torque or 0.0 for wheel in wheels]),
         rate=np.zeros(3),
         speeds=np.array([scenario.plant.wheel_speeds.get(wheel.name, 0.0) for wheel in wheels]),
@@ -42,11 +42,7 @@ def make_craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Cra
 
 
 def firing_test(scenario: Scenario) -> FiringTest | None:
-    """Makes the settings of test firings that the autopilot flies; None: the scenario has no such block.
-
-    Raises:
-        InputError: when what is asked for is none.
-    """
+    """Makes the settings of test firings that the autopilot flies; None: the scenario has no such block."""
     block, vehicle = scenario.autopilot.test_firing, scenario.vehicle_data
     if block is None:
         return None
@@ -57,14 +53,14 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
     for name in block.without:
         if name not in vehicle.designations:
             raise InputError(f"autopilot.test_firing.without: no jet '{name}'{suggestion(name, vehicle.designations)}")
-    own = make_craft(scenario, frozenset(block.without))
-    wanted = asked.parse_targets(block.targets, own.properties, vehicle)
-    nobody = asked.parse_suspects((), block.force, vehicle, own.jets)
-    flow = float(np.median(own.flows[own.jets]))
+    craft = make_craft(scenario, frozenset(block.without))
+    targets = asked.parse_targets(block.targets, craft.properties, vehicle)
+    no_suspects = asked.parse_suspects((), block.force, vehicle, craft.jets)
+    flow = float(np.median(craft.flows[craft.jets]))
     thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
     return FiringTest(
-        craft=own,
-        targets=asked.make_aims(wanted, nobody, own.params, asked.AimSettings(scenario.faults, 0.0, False)),
+        craft=craft,
+        targets=asked.make_aims(targets, no_suspects, craft.params, asked.AimSettings(scenario.faults, 0.0, False)),
         forces=np.abs(asked.parse_failure_forces(block.force, vehicle, range(thrusts.size))),
         thrusts=thrusts,
         odds=asked.declaration_log_odds(scenario.faults),
@@ -80,7 +76,7 @@ def _samples_per_reading(scenario: Scenario) -> NDArray[np.int_]:
     """Returns samples per reading of each sensor component that the joint filter reads, shape (3 n_sensors,)."""
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
-    own_hz = [one.rate_hz for one in packages] + [one.rate_hz for one in params.trackers(scenario)]
-    rate_hz = [one or 1.0 / vehicle.sample_period_s for one in own_hz]
+    own_hz = [sensor.rate_hz for sensor in packages] + [sensor.rate_hz for sensor in params.trackers(scenario)]
+    rate_hz = [sensor or 1.0 / vehicle.sample_period_s for sensor in own_hz]
     samples = [max(1, round(1.0 / (rate * vehicle.sample_period_s))) for rate in rate_hz]
     return np.repeat(np.array(samples, dtype=int), 3)

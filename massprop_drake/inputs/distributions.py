@@ -28,11 +28,7 @@ class Distribution(Model):
     """Distribution of one quantity that is drawn."""
 
     def quantiles(self, u: Array) -> list[Any]:
-        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among.
-
-        Args:
-            u: in [0, 1), shape (n,).
-        """
+        """Computes the quantiles at probabilities u, a list of n plain values: numbers, or whatever is chosen among."""
         raise NotImplementedError
 
     def grid(self) -> list[Any] | None:
@@ -51,6 +47,7 @@ class _Between(Distribution):
 
     @model_validator(mode="after")
     def _require_low_below_high(self) -> _Between:
+        """Raises ValueError where low is not below high, or their difference is infinite."""
         if not self.high > self.low:
             raise ValueError(f"high must be above low, got {self.low:g} to {self.high:g}")
         if math.isinf(self.high - self.low):
@@ -91,6 +88,7 @@ class Triangular(_Between):
 
     @model_validator(mode="after")
     def _require_mode_between_bounds(self) -> Triangular:
+        """Raises ValueError where the mode lies outside low to high."""
         if not self.low <= self.mode <= self.high:
             raise ValueError(f"mode must lie between low and high, got {self.mode:g}")
         return self
@@ -111,6 +109,7 @@ class Integers(_Between):
 
     @model_validator(mode="after")
     def _require_enough_integers(self) -> Integers:
+        """Raises ValueError where more points are asked for than there are whole numbers."""
         if self.points is not None and self.points > self.high - self.low + 1:
             raise ValueError(f"points: there are no {self.points} whole numbers from {self.low} to {self.high}")
         return self
@@ -146,6 +145,7 @@ class Normal(Distribution):
         return self
 
     def _bounds(self) -> tuple[float, float]:
+        """Lower and upper bound, infinite where none is set."""
         return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
 
     def quantiles(self, u: Array) -> list[Any]:
@@ -188,10 +188,12 @@ class Choice(Distribution):
     @model_validator(mode="before")
     @classmethod
     def _wrap_plain_values(cls, value: Any) -> Any:
+        """Returns a plain list of values as a mapping with the key `values`."""
         return value if isinstance(value, dict) else {"values": value}
 
     @model_validator(mode="after")
     def _require_matching_weights(self) -> Choice:
+        """Raises ValueError unless there is a weight per value, one at least above zero."""
         if self.weights is None:
             return self
         if isinstance(self.values, str) or len(self.weights) != len(self.values):
@@ -204,7 +206,7 @@ class Choice(Distribution):
         """Returns the value chosen at each of the probabilities u, by the cumulative weights, as a list."""
         assert not isinstance(self.values, str), "jets are named by the vehicle"
         edges = np.cumsum(np.ones(len(self.values)) if self.weights is None else np.array(self.weights))
-        return [self.values[place] for place in np.searchsorted(edges / edges[-1], u, side="right")]
+        return [self.values[index] for index in np.searchsorted(edges / edges[-1], u, side="right")]
 
     def grid(self) -> list[Any] | None:
         """Lists all values that are chosen among."""

@@ -107,6 +107,7 @@ class EstimationBlock(Model):
 
     @model_validator(mode="after")
     def _require_given_mass_properties(self) -> EstimationBlock:
+        """Raises ValueError where `start: given` comes without `given`, or `given` without it."""
         if (self.start == "given") != (self.given is not None):
             raise ValueError("start: given and the field `given` go together")
         return self
@@ -279,12 +280,12 @@ class JetFaults(Model):
 
     @property
     def gives_more(self) -> bool:
-        """True if a fault mode lets the jet give more thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give more thrust than commanded; all modes count where none are named."""
         return not _MORE.isdisjoint(self.modes or _MODES)
 
     @property
     def gives_less(self) -> bool:
-        """True if a fault mode lets the jet give less thrust than commanded; where none are named, all are meant."""
+        """True if a fault mode lets the jet give less thrust than commanded; all modes count where none are named."""
         return not _LESS.isdisjoint(self.modes or _MODES)
 
 
@@ -327,8 +328,8 @@ class FaultsBlock(Model):
     def _require_consistent_rates(self) -> FaultsBlock:
         """Raises ValidationError for shares that sum above 1, or false declarations as frequent as failures."""
         problems: list[tuple[FieldPath, str]] = []
-        if (both := self.full_thrust + self.drifting) > 1.0 + 1e-12:
-            problem = f"is with drifting {both:g} of all failures; both are shares, and sum to at most 1"
+        if (total := self.full_thrust + self.drifting) > 1.0 + 1e-12:
+            problem = f"is with drifting {total:g} of all failures; both are shares, and sum to at most 1"
             problems.append((("full_thrust",), problem))
         if self.false_per_hour >= self.jet_per_hour:
             problem = (
@@ -342,11 +343,11 @@ class FaultsBlock(Model):
 
     def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:
         """Returns the priors with rate and fault modes of each jet filled in, in the order of the designations."""
-        usual, found = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
+        default, faults_by_jet = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
         for name in designations:
-            own = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)
-            found[name] = usual.model_copy(update=own)
-        return self.model_copy(update={"jets": found})
+            stated = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)
+            faults_by_jet[name] = default.model_copy(update=stated)
+        return self.model_copy(update={"jets": faults_by_jet})
 
 
 class ThrustFactorsBlock(Model):

@@ -90,17 +90,19 @@ def time_factors() -> tuple[Factor, ...]:
     )
 
 
-def factors_near(size: float, among: Sequence[Factor]) -> list[Factor]:
-    """Returns the factors within a ratio of 1.5 of a measured one, nearest first; empty where there is none."""
+def factors_near(size: float, candidates: Sequence[Factor]) -> list[Factor]:
+    """Returns the candidates within a ratio of 1.5 of a measured factor, nearest first."""
     if not (size > 0.0 and math.isfinite(size)):
         return []
-    found = [one for one in among if _log_distance(one.size, size) < math.log(_NEAR)]
-    return sorted(found, key=lambda one: _log_distance(one.size, size))
+    near = [factor for factor in candidates if _log_distance(factor.size, size) < math.log(_NEAR)]
+    return sorted(near, key=lambda factor: _log_distance(factor.size, size))
 
 
-def _log_distance(one: float, other: float) -> float:
-    return abs(math.log(one / other))
+def _log_distance(a: float, b: float) -> float:
+    """Absolute logarithm of the ratio of two sizes."""
+    return abs(math.log(a / b))
 
 
 def _decimal_factors() -> list[Factor]:
+    """Lists factors of powers of ten, without a name."""
     return [Factor(10.0**n, "") for n in _POWERS]

@@ -28,8 +28,8 @@ _USES: dict[Kind, str] = {
 
 def bundled_files(kind: Kind) -> list[str]:
     """Lists the sorted names, without suffix, of the bundled files of a kind; raises InputError for no folder."""
-    every = _bundled_folder(kind).iterdir()
-    return sorted(item.name.removesuffix(".yaml") for item in every if item.name.endswith(".yaml"))
+    items = _bundled_folder(kind).iterdir()
+    return sorted(item.name.removesuffix(".yaml") for item in items if item.name.endswith(".yaml"))
 
 
 def bundled_text(kind: Kind, name: str) -> str:
@@ -65,19 +65,19 @@ def describe_folder(path: Path) -> str | None:
     return None
 
 
-def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
-    """Raises InputError where a file's data are plainly of another kind than the wanted one."""
-    found = file_kind(data)
-    if found != wanted and (found != "scenario" or data.keys() & _OF_A_SCENARIO):
-        raise InputError(f"{source}: is a {found}, not a {wanted}: {_USES[found]}")
+def require_kind(data: Mapping[str, Any], expected: Kind, source: str) -> None:
+    """Raises InputError where a file's data are plainly of another kind than expected."""
+    kind = file_kind(data)
+    if kind != expected and (kind != "scenario" or data.keys() & _OF_A_SCENARIO):
+        raise InputError(f"{source}: is a {kind}, not a {expected}: {_USES[kind]}")
 
 
-def require_known_name(name: str, wanted: Kind) -> None:
+def require_known_name(name: str, expected: Kind) -> None:
     """Raises InputError for a name that is not bundled and, without suffix or folder, is no path of a file."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path():
         return
     for kind in KINDS:
-        if kind != wanted and name in bundled_files(kind):
-            raise InputError(f"'{name}' is a {kind}, not a {wanted}: {_USES[kind]}")
-    raise InputError(f"'{name}' is neither a bundled {wanted} nor a file{suggestion(name, bundled_files(wanted))}")
+        if kind != expected and name in bundled_files(kind):
+            raise InputError(f"'{name}' is a {kind}, not a {expected}: {_USES[kind]}")
+    raise InputError(f"'{name}' is neither a bundled {expected} nor a file{suggestion(name, bundled_files(expected))}")

@@ -36,6 +36,7 @@ RelativeSigma = Annotated[Real, Field(ge=0.0, le=0.3)]
 
 
 def _require_plain_name(value: str) -> str:
+    """Returns a name; raises ValueError for unprintable characters or blanks at its ends."""
     if not value.isprintable() or value != value.strip():
         raise ValueError(f"must be printable characters, with no blank at either end, got {value!r}")
     return value
@@ -149,10 +150,10 @@ def _describe_problems(
     for item in items[:_MOST_PROBLEMS]:
         path = _drop_union_tags(item["loc"], data)
         if document is not None:
-            where = document.where(path)
+            location = document.where(path)
         else:
-            where = ": ".join(part for part in (source, dotted(path)) if part)
-        problems.append(f"{where}: {_problem_sentence(model, data, item, path)}")
+            location = ": ".join(part for part in (source, dotted(path)) if part)
+        problems.append(f"{location}: {_problem_sentence(model, data, item, path)}")
     more = len(items) - _MOST_PROBLEMS
     if more > 0:
         problems.append(f"{document.source if document else source}: {more} more like these")
@@ -165,19 +166,19 @@ def _drop_echoes(items: list[Any]) -> list[Any]:
     Pydantic also reports a list with a bad item as too short, and each value that a short list lacks as missing.
     """
     kept: list[Any] = []
-    lacking: dict[FieldPath, int] = {}
-    above = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
-    places: set[FieldPath] = set()
+    value_counts: dict[FieldPath, int] = {}
+    parent_paths = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
+    kept_paths: set[FieldPath] = set()
     for item in items:
-        place = item["loc"]
-        if item["type"] == "missing" and isinstance(place[-1], int):
-            lacking[place[:-1]] = max(lacking.get(place[:-1], 0), place[-1] + 1)
-            if place[:-1] not in places:
-                kept.append({**item, "type": "too_few_values", "loc": place[:-1], "ctx": lacking})
-                places.add(place[:-1])
-        elif not (item["type"] == "too_short" and place in above):
+        path = item["loc"]
+        if item["type"] == "missing" and isinstance(path[-1], int):
+            value_counts[path[:-1]] = max(value_counts.get(path[:-1], 0), path[-1] + 1)
+            if path[:-1] not in kept_paths:
+                kept.append({**item, "type": "too_few_values", "loc": path[:-1], "ctx": value_counts})
+                kept_paths.add(path[:-1])
+        elif not (item["type"] == "too_short" and path in parent_paths):
             kept.append(item)
-            places.add(place)
+            kept_paths.add(path)
     return kept
 
 
@@ -185,8 +186,8 @@ def _drop_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
     """Returns the path of a pydantic error without the names of union members, which are no keys of the file."""
     path: list[str | int] = []
     for part in location:
-        within = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
-        if within or (isinstance(data, dict) and part in data):
+        is_index = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
+        if is_index or (isinstance(data, dict) and part in data):
             path.append(part)
             data = data[part]
         elif isinstance(data, dict) and part == location[-1] and part != data.get("kind"):
@@ -194,15 +195,15 @@ def _drop_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
     return tuple(path)
 
 
-def _shorten_value(given: Any) -> str:
+def _shorten_value(value: Any) -> str:
     """Returns a value as text for a message, cut off after 80 characters."""
-    text = repr(given)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(given))} characters)"
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(value))} characters)"
 
 
 def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
     """Writes the sentence of one of pydantic's errors, without file and field, in the file's terms."""
-    kind, given = item["type"], item.get("input")
+    kind, value = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
         reason = _required_reason(model, path, data)
         if kind == "missing" or reason:
@@ -221,11 +222,11 @@ def _problem_sentence(model: type[Model], data: Any, item: Any, path: FieldPath)
         return message
     message = (message[0].lower() + message[1:]).replace("tuple", "list").replace("dictionary", "mapping")
     if kind == "literal_error":
-        return f"{_shorten_value(given)} is not one of {item['ctx']['expected']}"
-    if isinstance(given, (str, int, float, bool)) or given is None:
-        return f"{message}, got {_shorten_value(given)}"
-    if isinstance(given, (list, tuple)) and "length" in kind:
-        return f"{message}, got {len(given)}"
+        return f"{_shorten_value(value)} is not one of {item['ctx']['expected']}"
+    if isinstance(value, (str, int, float, bool)) or value is None:
+        return f"{message}, got {_shorten_value(value)}"
+    if isinstance(value, (list, tuple)) and "length" in kind:
+        return f"{message}, got {len(value)}"
     return message
 
 
@@ -243,14 +244,15 @@ def _required_reason(model: type[Model], path: FieldPath, data: Any) -> str:
     """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
-    holder = _choose_member(_models_at(model, path[:-1], data), _value_at(data, path[:-1]))
-    field = holder.model_fields.get(path[-1])
+    owner = _choose_member(_models_at(model, path[:-1], data), _value_at(data, path[:-1]))
+    field = owner.model_fields.get(path[-1])
     extra = None if field is None else field.json_schema_extra
     reason = str(extra.get("reason", "")) if isinstance(extra, dict) else ""
     return f": {reason}" if reason else ""
 
 
 def _value_at(data: Any, path: FieldPath) -> Any:
+    """Returns the value at a path in nested data."""
     for part in path:
         data = data[part]
     return data
@@ -258,37 +260,37 @@ def _value_at(data: Any, path: FieldPath) -> Any:
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
     """Returns the model classes that may describe the data at a path: more than one where there is a union."""
-    here: list[type[Model]] = [model]
+    models: list[type[Model]] = [model]
     for part in path:
-        holder, data = _choose_member(here, data), data[part]
-        if isinstance(part, str) and part in holder.model_fields:
-            here = _models_in(holder.model_fields[part].annotation) or here
-    return here
+        owner, data = _choose_member(models, data), data[part]
+        if isinstance(part, str) and part in owner.model_fields:
+            models = _models_in(owner.model_fields[part].annotation) or models
+    return models
 
 
 def _choose_member(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
     """Returns the model class of a union that the `kind` of the data selects, else the tags, else the first."""
     if len(members) > 1 and isinstance(data, dict):
-        named = (data["kind"],) if "kind" in data else tags
-        return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
+        selected_tags = (data["kind"],) if "kind" in data else tags
+        return next((member for member in members if any(tag in _tags_of(member) for tag in selected_tags)), members[0])
     return members[0]
 
 
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
 
 
-def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: Any) -> list[str]:
+def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former_kind: Any) -> list[str]:
     """Lists keys of a block that its new kind lacks, or that mean something else there than in the former kind.
 
     Args:
         model: of the data.
         data: with the new kind in place.
         path: of the block.
-        former: kind that the block had; None: it was not written out.
+        former_kind: kind that the block had; None: it was not written out.
     """
     block = _value_at(data, path)
     members = {tag: one for one in _models_at(model, path, data) if "kind" in one.model_fields for tag in _tags_of(one)}
-    new, old = members.get(str(block["kind"])), members.get(str(former))
+    new, old = members.get(str(block["kind"])), members.get(str(former_kind))
     if new is None:
         return []
     known = [old] if old else members.values()
@@ -352,6 +354,7 @@ def yaml_text(model: Model) -> str:
 
 @lru_cache(maxsize=8)  # a run's folder and its report hold the same text, a tenth of a second each
 def _yaml_of(json_text: str) -> str:
+    """Returns JSON text as YAML text."""
     return to_yaml(json.loads(json_text))
 
 
@@ -360,14 +363,14 @@ _digests: dict[int, tuple[weakref.ref[Model], str]] = {}  # of models that there
 
 def digest(model: Model) -> str:
     """Computes SHA-256 of a model's full content, hexadecimal; cached while the model exists."""
-    place = id(model)
-    there = _digests.get(place)
-    if there is not None and there[0]() is model:
-        return there[1]
-    found = hashlib.sha256(model.model_dump_json().encode()).hexdigest()
+    key = id(model)
+    cached = _digests.get(key)
+    if cached is not None and cached[0]() is model:
+        return cached[1]
+    value = hashlib.sha256(model.model_dump_json().encode()).hexdigest()
     forget = _digests.pop  # the module's names may be gone when the last models go, at the end of the program
-    _digests[place] = weakref.ref(model, lambda _: forget(place, None)), found
-    return found
+    _digests[key] = weakref.ref(model, lambda _: forget(key, None)), value
+    return value
 
 
 # ----------------------------------------------------------------------------------------- schema
@@ -386,7 +389,7 @@ class Key(typing.NamedTuple):
 
 def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
     """Lists every key of a model class, and of models nested in it, in order, for documentation."""
-    found = []
+    keys = []
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra
         unit = str(extra.get("unit", "-")) if isinstance(extra, dict) else "-"
@@ -396,23 +399,24 @@ def list_keys(model: type[Model], prefix: str = "") -> list[Key]:
             value = field.get_default(call_default_factory=True)
             default = "see below" if isinstance(value, Model) else _format_default(value)
         full = f"{prefix}{name}"
-        found.append(
+        keys.append(
             Key(full, _type_name(field.annotation), unit, default, _bounds_text(field), field.description or "")
         )
         kind = _type_name(field.annotation)
         inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
         members = _models_in(field.annotation)
         for member in members:
-            which = ""
+            tag_text = ""
             if len(members) > 1:
-                which = f" ({', '.join(_tags_of(member))})"
+                tag_text = f" ({', '.join(_tags_of(member))})"
                 meaning = (member.__doc__ or "").strip().removesuffix(".")
-                found.append(Key(f"{full}{inside}{which}", "mapping", "-", "-", "-", meaning))
-            found.extend(list_keys(member, f"{full}{inside}{which}."))
-    return found
+                keys.append(Key(f"{full}{inside}{tag_text}", "mapping", "-", "-", "-", meaning))
+            keys.extend(list_keys(member, f"{full}{inside}{tag_text}."))
+    return keys
 
 
 def _format_default(value: Any) -> str:
+    """Formats a field's default for the documentation of keys."""
     return "(empty)" if value == "" else json.dumps(value).replace('"', "")
 
 

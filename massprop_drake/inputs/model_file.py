@@ -43,14 +43,14 @@ def model_text(model: str, folder: Path) -> str:
     if model.lstrip().startswith("<"):
         require_model(model, "")
         return model
-    beside = Path(os.path.normpath(folder / model))
-    if exists(beside):
-        text = read_text(beside).removeprefix("\ufeff")  # a byte order mark
+    path = Path(os.path.normpath(folder / model))
+    if exists(path):
+        text = read_text(path).removeprefix("\ufeff")  # a byte order mark
     elif model in bundled_models():
         text = resources.files("massprop_drake.scenarios").joinpath("models", model).read_text(encoding="utf-8")
     else:
         known = bundled_models()
-        raise InputError(f"'{model}' is neither a bundled model nor the file {beside}{suggestion(model, known)}")
+        raise InputError(f"'{model}' is neither a bundled model nor the file {path}{suggestion(model, known)}")
     require_model(text, f"{model}: ")
     return text.strip() + "\n"
 
@@ -81,13 +81,13 @@ class ModelJoint(NamedTuple):
 
 def model_joints(text: str) -> tuple[ModelJoint, ...]:
     """Lists the movable joints in a model's SDF or URDF text, in its order, without those of the same name."""
-    found = [
+    joints = [
         ModelJoint(str(joint.get("name")), *_POSITIONS[kind])
         for joint in ElementTree.fromstring(text.strip()).iter("joint")
         if (kind := str(joint.get("type"))) in _POSITIONS and _parent_link(joint) != "world"
     ]
-    names = [joint.name for joint in found]
-    return tuple(joint for joint in found if names.count(joint.name) == 1)
+    names = [joint.name for joint in joints]
+    return tuple(joint for joint in joints if names.count(joint.name) == 1)
 
 
 def _parent_link(joint: ElementTree.Element) -> str:
@@ -96,28 +96,23 @@ def _parent_link(joint: ElementTree.Element) -> str:
     return "" if parent is None else parent.get("link", (parent.text or "").strip())
 
 
-def require_model(text: str, where: str) -> None:
-    """Raises InputError unless a text is complete SDF or URDF whose links all have mass and inertia.
-
-    Args:
-        text: of the model.
-        where: begins the message.
-    """
+def require_model(text: str, label: str) -> None:
+    """Raises InputError unless a text is complete SDF or URDF whose links all have mass and inertia."""
     if len(text) > _MOST_LETTERS:
-        raise InputError(f"{where}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
+        raise InputError(f"{label}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
     try:
         root = ElementTree.fromstring(text.strip())
     except ElementTree.ParseError as error:
-        raise InputError(f"{where}is neither SDF nor URDF: no XML, {error}") from None
+        raise InputError(f"{label}is neither SDF nor URDF: no XML, {error}") from None
     if root.tag not in _NEEDED:
         raise InputError(
-            f"{where}is neither SDF nor URDF, whose first elements are <sdf> and <robot>: found <{root.tag}>"
+            f"{label}is neither SDF nor URDF, whose first elements are <sdf> and <robot>: found <{root.tag}>"
         )
     if root.tag == "sdf" and not root.get("version"):
-        raise InputError(f"{where}has no version; begin with <sdf version='1.9'>")
+        raise InputError(f"{label}has no version; begin with <sdf version='1.9'>")
     for tag, remedy in _ELSEWHERE.items():
         if root.find(f".//{tag}") is not None:
-            raise InputError(f"{where}has <{tag}>, but a run keeps the model's text alone; {remedy}")
+            raise InputError(f"{label}has <{tag}>, but a run keeps the model's text alone; {remedy}")
     for link in root.iter("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
         if root.tag == "robot" and name == "world":
@@ -127,12 +122,12 @@ def require_model(text: str, where: str) -> None:
         )
         if missing:
             raise InputError(
-                f"{where}link '{name}' has no <{missing.rpartition('/')[2]}>: every link needs its own mass and inertia"
+                f"{label}link '{name}' has no <{missing.rpartition('/')[2]}>: every link needs its own mass and inertia"
             )
         mass = inertial.find("mass") if inertial is not None else None
         given = "" if mass is None else mass.get("value", mass.text or "").strip()
         if not _is_positive(given):
-            raise InputError(f"{where}link '{name}': mass must be a positive number, got '{given}'")
+            raise InputError(f"{label}link '{name}': mass must be a positive number, got '{given}'")
 
 
 def _is_positive(number: str) -> bool:

@@ -88,6 +88,7 @@ class Slosh(_MovingPart):
     @field_validator("axes")
     @classmethod
     def _require_orthonormal_axes(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
+        """Raises ValueError unless the axes are unit vectors, square to each other."""
         axes = _directions(value)
         for axis in axes:
             require_unit_length(axis)
@@ -97,6 +98,7 @@ class Slosh(_MovingPart):
 
     @model_validator(mode="after")
     def _require_arm_normal_to_axes(self) -> Slosh:
+        """Raises ValueError unless the arm from pivot to position is square to the axes."""
         if self.pivot is not None:
             arm = np.array(self.position) - np.array(self.pivot)
             length = float(np.linalg.norm(arm))
@@ -160,18 +162,20 @@ class HingedPanel(_MovingPart):
 
     @property
     def _unit_axis(self) -> Array:
+        """Direction of the hinge axis, length 1, shape (3,)."""
         axis = np.array(self.axis)
         return np.asarray(axis / np.linalg.norm(axis))
 
     @property
     def _arm(self) -> Array:
+        """Vector from hinge to the panel's center of mass, ft or m, shape (3,)."""
         return np.array(self.center_of_mass) - np.array(self.hinge)
 
     @property
     def modes(self) -> list[tuple[Array, Array]]:
         """Mode shape of translation and rotation, Phi_v and Phi_w, about the vehicle origin."""
-        push = self.mass * np.cross(self._unit_axis, self._arm) / math.sqrt(self.inertia)
-        return [(push, math.sqrt(self.inertia) * self._unit_axis + np.cross(self.hinge, push))]
+        translation = self.mass * np.cross(self._unit_axis, self._arm) / math.sqrt(self.inertia)
+        return [(translation, math.sqrt(self.inertia) * self._unit_axis + np.cross(self.hinge, translation))]
 
     def swelling(self, center: Array) -> list[Array]:
         """Computes the inertia's derivative I_1 by the modal coordinate, the panel as a point mass, shape (3, 3)."""
@@ -203,6 +207,7 @@ class StatedMode(_MovingPart):
 
     @model_validator(mode="after")
     def _require_motion(self) -> StatedMode:
+        """Raises ValueError for a mode without translation and rotation."""
         if not any((*self.translation, *self.rotation)):
             raise ValueError(f"mode '{self.name}' moves nothing; give translation, rotation or both")
         return self
@@ -236,6 +241,7 @@ def _inertia_derivatives(modes: list[tuple[Array, Array]], arm: Array) -> list[A
 
 
 def _directions(axes: Sequence[str | Vector3]) -> Array:
+    """Returns axes, named x, y, z or given as vectors, as an array, shape (n, 3)."""
     return np.array([_AXES[axis] if isinstance(axis, str) else axis for axis in axes], dtype=np.float64)
 
 
@@ -265,22 +271,22 @@ def moving_parts_problem(
 def _leaves_mass_and_inertia(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]
 ) -> bool:
-    """Tests whether a vehicle without its parts that move has mass and inertia left, arguments as `mode_params`."""
+    """Tests whether mass and inertia stay positive without the moving parts, arguments as `mode_params`."""
     mass, center, inertia = nominal
     pairs = [pair for part in parts for pair in part.modes]
-    push, turn = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
-    turn -= np.cross(center, push)
-    held = push @ push.T / mass + turn @ np.linalg.solve(inertia, turn.T)
-    return bool(np.linalg.eigvalsh(held).max(initial=0.0) < 1.0)
+    translations, rotations = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
+    rotations -= np.cross(center, translations)
+    parts_share = translations @ translations.T / mass + rotations @ np.linalg.solve(inertia, rotations.T)
+    return bool(np.linalg.eigvalsh(parts_share).max(initial=0.0) < 1.0)
 
 
-def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
+def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], shapes: Array, owners: NDArray[np.int_]) -> Array:
     """Computes cross products of the mode shapes of one sloshing mass, over its mass, else zero, shape (n, n, 3)."""
     result = np.zeros((owners.size, owners.size, 3))
-    for one, owner in enumerate(owners):
+    for row, owner in enumerate(owners):
         part = parts[owner]
-        for other in np.flatnonzero(owners == owner) if isinstance(part, Slosh) else ():
-            result[one, other] = np.cross(push[other], push[one]) / part.mass
+        for column in np.flatnonzero(owners == owner) if isinstance(part, Slosh) else ():
+            result[row, column] = np.cross(shapes[column], shapes[row]) / part.mass
     return result
 
 
@@ -297,24 +303,24 @@ def mode_params(
     """
     mass, center, inertia = nominal
     pairs = [pair for part in parts for pair in part.modes]
-    push, turn = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
+    translations, rotations = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
     owners = np.array([index for index, part in enumerate(parts) for _ in part.modes], dtype=np.int_)
     frequencies = np.array([2.0 * math.pi * parts[owner].frequency_hz for owner in owners])
     moments = wrenches[:, :3] - np.cross(center, wrenches[:, 3:])
-    driving = np.abs(push @ wrenches[:, 3:].T / mass)
-    driving += np.abs((turn - np.cross(center, push)) @ np.linalg.solve(inertia, moments.T))
-    held = driving / frequencies[:, None] ** 2
+    accelerations = np.abs(translations @ wrenches[:, 3:].T / mass)
+    accelerations += np.abs((rotations - np.cross(center, translations)) @ np.linalg.solve(inertia, moments.T))
+    held = accelerations / frequencies[:, None] ** 2
     pendulums = [part if isinstance(part, Slosh) else None for part in (parts[owner] for owner in owners)]
     bows = np.array([np.zeros(3) if part is None else part.bow for part in pendulums]).reshape(-1, 3)
-    places = np.array([np.zeros(3) if part is None else part.position for part in pendulums]).reshape(-1, 3)
+    positions = np.array([np.zeros(3) if part is None else part.position for part in pendulums]).reshape(-1, 3)
     weakest = int(np.argmin(np.linalg.norm(wrenches[:, 3:], axis=1)))
     starts = [parts[owner].start_sigma for owner in owners]
     return ModeParams(
-        translation=push,
-        rotation=turn,
-        crossing=_crossing(parts, push, owners),
+        translation=translations,
+        rotation=rotations,
+        crossing=_crossing(parts, translations, owners),
         bow=bows,
-        bow_turn=np.cross(places - center, bows),
+        bow_turn=np.cross(positions - center, bows),
         swelling=np.array([swell for part in parts for swell in part.swelling(center)]).reshape(-1, 3, 3),
         frequencies=frequencies,
         dampings=np.array([parts[owner].damping for owner in owners]),

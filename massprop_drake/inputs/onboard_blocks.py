@@ -109,6 +109,7 @@ class WheelControlBlock(Model):
 
     @model_validator(mode="after")
     def _require_unload_band(self) -> WheelControlBlock:
+        """Raises ValueError where unload_below is not less than unload_above."""
         if self.unload_above is not None and self.unload_below >= self.unload_above:
             raise ValueError(
                 f"unload_below must be less than unload_above, got {self.unload_below:g} and {self.unload_above:g}"
@@ -132,6 +133,7 @@ class FiringTestBlock(Model):
 
     @model_validator(mode="after")
     def _require_matching_targets(self) -> FiringTestBlock:
+        """Raises ValueError where `when: target` comes without targets, or targets without it."""
         if (self.when == "target") != bool(self.targets):
             raise ValueError("targets go with when: target, which needs at least one")
         return self

@@ -58,8 +58,8 @@ def initial_estimate(scenario: Scenario) -> Array:
     estimation, nominal = scenario.estimation, scenario.vehicle_data.nominal
     if estimation.start == "zero":
         return np.zeros(10)
-    given = None if estimation.given is None else estimation.given.mass_properties
-    return (nominal if given is None else given.properties()).vector()
+    stated = None if estimation.given is None else estimation.given.mass_properties
+    return (nominal if stated is None else stated.properties()).vector()
 
 
 def initial_covariance(scenario: Scenario) -> Array:
@@ -122,8 +122,8 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
     accelerations = np.zeros((6, 6))
     accelerations[:3, :3] = np.linalg.inv(np.array(vehicle.mass_properties.inertia))
     accelerations[3:, 3:] = np.eye(3) / vehicle.nominal.mass
-    acting = np.ascontiguousarray((accelerations * sigmas)[:, sigmas > 0.0])
-    return DisturbanceParams(acting, vehicle.disturbance.time_constant_s)
+    scaled = np.ascontiguousarray((accelerations * sigmas)[:, sigmas > 0.0])
+    return DisturbanceParams(scaled, vehicle.disturbance.time_constant_s)
 
 
 def modes(vehicle: Vehicle) -> ModeParams:
@@ -145,39 +145,41 @@ def disturbance_sigmas(vehicle: Vehicle) -> Array:
 def tracking(scenario: Scenario) -> Tracking:
     """Collects the pose filter's data of a vehicle tracked in a fixed frame: valves, surroundings, pose sensors."""
     vehicle = scenario.vehicle_data
-    kinds, around = list(vehicle.jet_kinds.values()), vehicle.surroundings
+    kinds, surroundings = list(vehicle.jet_kinds.values()), vehicle.surroundings
     poses, speeds = vehicle.poses, vehicle.velocities
 
-    def each(key: str) -> Array:
+    def by_kind(key: str) -> Array:
+        """Values of one property of all jet kinds, shape (n_kinds,)."""
         return np.array([getattr(kind, key) for kind in kinds], dtype=float)
 
-    def stds(key: str) -> Array:
+    def by_pose_sensor(key: str) -> Array:
+        """1-sigmas of one measurement by pose sensor, infinite where not measured."""
         return np.array([math.inf if getattr(pose, key) is None else getattr(pose, key) for pose in poses])
 
     estimation = scenario.estimation
-    own = vehicle.mass_std is not None and estimation.start == "nominal" and estimation.std_fraction is None
+    is_stated = vehicle.mass_std is not None and estimation.start == "nominal" and estimation.std_fraction is None
     covariance = initial_covariance(scenario)
     relative = float(np.sqrt(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL])) * vehicle.nominal.mass
     return Tracking(
         positions=vehicle.positions,
         forces=vehicle.thrusts,
         valves=Valves(
-            delays_s=each("command_delay_s"),
-            delay_stds_s=each("command_delay_std_s"),
-            lags_s=each("time_constant_s"),
-            lag_stds=each("lag_uncertainty"),
-            openings_s=each("opening_delay_s"),
-            opening_stds_s=each("opening_delay_std_s"),
-            pulse_scatters=each("pulse_scatter"),
+            delays_s=by_kind("command_delay_s"),
+            delay_stds_s=by_kind("command_delay_std_s"),
+            lags_s=by_kind("time_constant_s"),
+            lag_stds=by_kind("lag_uncertainty"),
+            openings_s=by_kind("opening_delay_s"),
+            opening_stds_s=by_kind("opening_delay_std_s"),
+            pulse_scatters=by_kind("pulse_scatter"),
         ),
-        around=Around(**{name: getattr(around, name) for name in Around._fields}),
-        mass_std=(vehicle.mass_std or 0.0) / vehicle.nominal.mass if own else relative,
+        around=Around(**{name: getattr(surroundings, name) for name in Around._fields}),
+        mass_std=(vehicle.mass_std or 0.0) / vehicle.nominal.mass if is_stated else relative,
         common_std=vehicle.common_scale_uncertainty,
         common_walk=vehicle.common_scale_walk,
         planar=vehicle.motion == "planar",
         fixed=np.isin(NAMES, vehicle.fixed),
-        position_stds=stds("position_std"),
-        attitude_stds=stds("attitude_std"),
+        position_stds=by_pose_sensor("position_std"),
+        attitude_stds=by_pose_sensor("attitude_std"),
         time_stds_s=np.array([pose.time_std_s for pose in poses]),
         outliers=max((pose.outliers for pose in poses), default=0.0),
         points=np.array([pose.point for pose in poses]).reshape(-1, 3),
@@ -225,9 +227,9 @@ def thesis_params(scenario: Scenario) -> ThesisParams:
 
 def mass_params(scenario: Scenario) -> MassParams:
     """Makes the parameters of the thesis's mass filter, for a vehicle with an accelerometer."""
-    found = thesis_params(scenario).mass
-    assert found is not None
-    return found
+    mass = thesis_params(scenario).mass
+    assert mass is not None
+    return mass
 
 
 def estimation_params(scenario: Scenario) -> EstimationParams:
@@ -300,16 +302,16 @@ def non_inertial_sensors(scenario: Scenario) -> tuple[PoseSensor | VelocitySenso
 
 def _make_attitude_sensors(scenario: Scenario) -> AttitudeSensors:
     """Makes the joint filter's parameters of attitude sensors: variances of attitude and stamp, outlier share."""
-    found = trackers(scenario)
-    each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
-    attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
+    sensors = trackers(scenario)
+    rows = ((sensor.attitude_std or math.inf, sensor.time_std_s, sensor.outliers) for sensor in sensors)
+    attitude_std, time_std_s, outliers = np.array(list(rows)).reshape(-1, 3).T
     return AttitudeSensors(attitude_std**2, time_std_s**2, outliers.copy())
 
 
 def vector_sensor_names(scenario: Scenario) -> list[str]:
     """Returns names of the three-component sensors that a filter reads: gyros, accelerometers, trackers."""
     packages: tuple[SensorPackage | PoseSensor, ...] = (*gyros(scenario), *accelerometers(scenario))
-    return [one.name for one in (*packages, *trackers(scenario))]
+    return [sensor.name for sensor in (*packages, *trackers(scenario))]
 
 
 def mass_is_observable(scenario: Scenario) -> bool:
@@ -373,8 +375,8 @@ def scheduled_jet_commands(scenario: Scenario) -> tuple[Array, Array | None]:
     for pulse in scenario.jet_schedule:
         jet = vehicle.jet_index(pulse.jet)
         if vehicle.has_on_times:
-            for sample, since_s, share in pulse_shares(pulse.start_s, pulse.end_s, period, count):
-                table[sample, jet], onset_s[sample, jet] = share, since_s
+            for sample, since_s, fraction in pulse_shares(pulse.start_s, pulse.end_s, period, count):
+                table[sample, jet], onset_s[sample, jet] = fraction, since_s
         else:
             first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
             table[first:last, jet] = 1.0
@@ -450,18 +452,18 @@ def engines(vehicle: Vehicle) -> EngineParams:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     across = normals(directions)
     axes = across.copy()
-    for place, engine in enumerate(stated):
+    for index, engine in enumerate(stated):
         if engine.gimbal is not None:
-            axes[place] = np.array(engine.gimbal.axes)
-            across[place] = normals(directions[[place]], axes[[place], 0])[0]
+            axes[index] = np.array(engine.gimbal.axes)
+            across[index] = normals(directions[[index]], axes[[index], 0])[0]
     axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
     levels = np.unique([0.0, 1.0, *(level for engine in stated for level, _ in engine.impulses)])
-    own = np.array([(one.level_rate, one.level_time_constant_s, 1.0, one.level_noise_std) for one in stated])
+    throttle = np.array([(one.level_rate, one.level_time_constant_s, 1.0, one.level_noise_std) for one in stated])
     fixed = (1.0, 0.0, 0.0, 0.0)
     of_gimbals = np.array(
         [fixed if g is None else (g.rate, g.time_constant_s, g.stop, g.noise_std) for g in (e.gimbal for e in stated)]
     )
-    rates, constants_s, stops, read_std = np.stack((own, of_gimbals, of_gimbals), axis=2).transpose(1, 0, 2)
+    rates, constants_s, stops, read_std = np.stack((throttle, of_gimbals, of_gimbals), axis=2).transpose(1, 0, 2)
     return EngineParams(
         positions=np.array([engine.position for engine in stated]),
         directions=directions,
@@ -481,8 +483,8 @@ def engines(vehicle: Vehicle) -> EngineParams:
 
 def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
     """Computes an engine's propellant flow at some throttle levels, slug/s or kg/s, shape (k,)."""
-    given, impulses = np.array(engine.impulses).T
-    return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
+    stated_levels, impulses = np.array(engine.impulses).T
+    return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, stated_levels, impulses)))
 
 
 def engine_sigmas(vehicle: Vehicle) -> Array:
@@ -501,8 +503,9 @@ def tanks(vehicle: Vehicle) -> TankParams:
     """Makes the parameters of the tanks that jets empty: geometry, capacity, propellant and 1-sigmas."""
     stated, geometry = vehicle.tanks, vehicle.tank_geometry
 
-    def each(key: str) -> Array:
+    def by_tank(key: str) -> Array:
+        """Values of one property of all tanks, shape (n_tanks,)."""
         return np.array([getattr(tank, key) for tank in stated], dtype=float)
 
-    sigmas = each("propellant_std"), each("flow_uncertainty")
-    return TankParams(*geometry, each("capacity"), each("propellant"), *sigmas)
+    sigmas = by_tank("propellant_std"), by_tank("flow_uncertainty")
+    return TankParams(*geometry, by_tank("capacity"), by_tank("propellant"), *sigmas)

@@ -81,14 +81,14 @@ def pulses(scenario: Scenario) -> Pulses:
     vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
     if scenario.open_loop or selected.output == "cycles":
         return whole_cycle_pulses(len(vehicle.jets))
-    place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
+    opening_place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
     return valve_pulses(
-        vehicle.minimum_on_times_s, vehicle.on_time_quanta_s, vehicle.sample_period_s, place, accumulates
+        vehicle.minimum_on_times_s, vehicle.on_time_quanta_s, vehicle.sample_period_s, opening_place, accumulates
     )
 
 
-def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
-    """Makes the parameters of the true vehicle and its autopilot at a sample; ``true``: see `vehicle_params`."""
+def flight_params(scenario: Scenario, plant: VehicleParams) -> FlightParams:
+    """Makes the parameters of the plant, as of `vehicle_params`, and its autopilot at a sample."""
     vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
     flies = not scenario.open_loop
     pilot = PilotParams(
@@ -101,7 +101,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
         pulses(scenario),
     )
     return FlightParams(
-        pack_truth(true),
+        pack_truth(plant),
         pilot,
         flies,
         flies and closes_manifolds(scenario),

@@ -77,7 +77,7 @@ class Finding(NamedTuple):
 
 
 def finding_above(value: float, doubt: float, limit: float, path: FieldPath, problem: str) -> Iterator[Finding]:
-    """Yields a finding where a value is above the doubt; it is impossible where above the limit, too."""
+    """Yields a doubt where a value is above `doubt`; an impossible finding where it is also above `limit`."""
     if not value <= doubt:  # nor a number
         yield Finding(path, problem, not value <= limit)
 
@@ -97,11 +97,11 @@ def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[s
     for name, span, unit in _spans(type(model)):
         if name in skipped:
             continue
-        place, value = (*path, name), getattr(model, name)
+        field_path, value = (*path, name), getattr(model, name)
         if span is not None:
-            yield from compare_with_span(value, span, unit, units, place)
+            yield from compare_with_span(value, span, unit, units, field_path)
         else:
-            for inside, part in _nested_models(value, place):
+            for inside, part in _nested_models(value, field_path):
                 yield from out_of_span(part, units, inside)
 
 
@@ -121,9 +121,9 @@ def compare_with_span(value: Any, span: Span, unit: str, units: str, path: Field
         name = "" if unit == "-" else f" {unit}"
         side, bound = ("below", span.least) if abs(in_si) < span.least else ("above", span.most)
         if not span.least <= abs(in_si) <= span.most:
-            shown = f"{value:g}" if in_si == value else f"{value:g}, in SI units {in_si:.4g}"
+            text = f"{value:g}" if in_si == value else f"{value:g}, in SI units {in_si:.4g}"
             size = "of a size " if value < 0.0 else ""
-            yield Finding(path, f"{shown}{name}, is {size}{side} {bound:g}{name}: {span.why}", True)
+            yield Finding(path, f"{text}{name}, is {size}{side} {bound:g}{name}: {span.why}", True)
 
 
 def unit_in_si(unit: str, units: str) -> float:

@@ -39,6 +39,7 @@ def _unit_validator(*kinds: str) -> AfterValidator:
     """Makes a validator that refuses a text that is no unit of one of some kinds of quantities."""
 
     def check(value: str) -> str:
+        """Returns a unit; raises InputError where it is none of these kinds."""
         si_factor(value, *kinds)
         return value
 
@@ -52,6 +53,7 @@ Signed = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 def _require_each_axis_once(value: tuple[Signed, Signed, Signed]) -> tuple[Signed, Signed, Signed]:
+    """Returns three signed axes; raises ValueError unless x, y and z stand once each."""
     if len({axis[-1] for axis in value}) < 3:
         raise ValueError(f"must name each of x, y and z once, got [{', '.join(value)}]")
     return value
@@ -90,6 +92,7 @@ class Difference(Model):
 
     @model_validator(mode="after")
     def _require_matching_units(self) -> Difference:
+        """Raises ValueError unless both units are angular or both linear."""
         if is_unit_of(self.value_unit, "angle") != is_unit_of(self.rate_unit, "rate"):
             raise ValueError(f"rate_unit {self.rate_unit!r} is none of a rate of {self.value_unit!r}")
         return self
@@ -121,6 +124,7 @@ class RecordTime(Model):
 
     @model_validator(mode="after")
     def _require_time_column(self) -> RecordTime:
+        """Raises ValueError for a fraction or date without a column."""
         if self.fraction is not None and self.column is None:
             raise ValueError("fraction: is added to a column; give column, too")
         if self.date is not None and self.column is None:
@@ -201,6 +205,7 @@ class AccelerometerMap(_Vector, _Read):
 
     @model_validator(mode="after")
     def _require_unit_of_gives(self) -> AccelerometerMap:
+        """Raises ValueError where unit or `every` do not go with `gives`."""
         kind = "velocity" if self.gives in ("integral", "increment") else "acceleration"
         if not is_unit_of(self.unit, kind):
             raise ValueError(f"unit {self.unit!r} does not fit gives: {self.gives}, which is of {kind}")
@@ -257,6 +262,7 @@ class AttitudeMap(_Attitude):
 
     @model_validator(mode="after")
     def _require_attitude(self) -> AttitudeMap:
+        """Raises ValueError where no form of attitude is given."""
         if not self.forms:
             raise ValueError("give quaternion, angles or heading")
         return self
@@ -341,9 +347,9 @@ class CommandMap(_Sampled):
     @model_validator(mode="after")
     def _require_one_form(self) -> CommandMap:
         """Raises ValueError unless one of columns, mask and listed is given, with on and off that differ."""
-        given = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
+        forms = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
+        if len(forms) != 1:
+            raise ValueError(f"give one of columns, mask and listed, got {' and '.join(forms) or 'none'}")
         if self.on == self.off:
             raise ValueError(f"on and off must differ, got {self.off:g}")
         if self.at is not None and not self.is_timed:
@@ -365,7 +371,7 @@ class CommandMap(_Sampled):
         return list(self.listed.names) if self.listed is not None and self.listed.names else None
 
 
-def _column_names(data: Any, within: str = "") -> Iterator[str]:
+def _column_names(data: Any, parent_key: str = "") -> Iterator[str]:
     """Yields the column names in the data, mappings and lists, of a block of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
@@ -375,8 +381,8 @@ def _column_names(data: Any, within: str = "") -> Iterator[str]:
                 yield from _column_names(value, key)
     elif isinstance(data, (list, tuple)):
         for value in data:
-            yield from _column_names(value, within)
-    elif isinstance(data, str) and within in _NAMING:
+            yield from _column_names(value, parent_key)
+    elif isinstance(data, str) and parent_key in _NAMING:
         yield data
 
 
@@ -427,9 +433,9 @@ class RecordMap(Model):
         gyros = [name for name, sensor in self.sensors.items() if sensor.kind == "gyro"]
         return self.rows or [*gyros, *self.sensors][0]
 
-    def topic_of(self, part: _Sampled) -> str:
+    def topic_of(self, map_entry: _Sampled) -> str:
         """Returns the log topic of a sensor or of the commands: its own, else the map's."""
-        return part.topic or self.topic
+        return map_entry.topic or self.topic
 
     @property
     def parts(self) -> list[_Sampled]:

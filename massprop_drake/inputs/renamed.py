@@ -39,38 +39,33 @@ def present_key_name(path: Sequence[str | int]) -> str | None:
     return KEYS.get(re.sub(r"\[\d+\]", "[]", dotted(tuple(path))).removeprefix("vehicle."))
 
 
-def update_detector_terms(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
+def update_detector_terms(data: dict[str, Any], default_kind: str) -> tuple[dict[str, Any], list[str]]:
     """Returns a scenario's data with former terms of the joint filter's detector replaced, and texts on each.
 
     Args:
         data: of a scenario, not validated; unchanged.
-        usual: kind of detector that is meant where none is named.
+        default_kind: kind of detector that is meant where none is named.
     """
     block, faults = data.get("detector"), data.get("faults", {})
-    if not isinstance(block, dict) or block.get("kind", usual) not in (FORMER_KIND, PRESENT_KIND):
+    if not isinstance(block, dict) or block.get("kind", default_kind) not in (FORMER_KIND, PRESENT_KIND):
         return data, []
-    kept, said = dict(block), []
+    kept, messages = dict(block), []
     if kept.get("kind") == FORMER_KIND:
         kept["kind"] = PRESENT_KIND
-        said.append(f"detector.kind: {FORMER_KIND} is now {PRESENT_KIND}")
+        messages.append(f"detector.kind: {FORMER_KIND} is now {PRESENT_KIND}")
     if _MOVED_TO_FAULTS in kept and isinstance(faults, dict) and _MOVED_TO_FAULTS not in faults:
         data = {**data, "faults": {**faults, _MOVED_TO_FAULTS: kept.pop(_MOVED_TO_FAULTS)}}
-        said.append(f"detector.{_MOVED_TO_FAULTS} is now faults.{_MOVED_TO_FAULTS}")
+        messages.append(f"detector.{_MOVED_TO_FAULTS} is now faults.{_MOVED_TO_FAULTS}")
     if gone := [key for key in _WITHOUT_EFFECT if key in kept]:
         names, verb = ", ".join(f"detector.{key}" for key in gone), "has" if len(gone) == 1 else "have"
-        said.append(f"{names} {verb} no effect any more: faults.false_per_hour says how sure a declaration is")
+        messages.append(f"{names} {verb} no effect any more: faults.false_per_hour says how sure a declaration is")
         kept = {key: value for key, value in kept.items() if key not in gone}
-    return ({**data, "detector": kept}, said) if said else (data, [])
+    return ({**data, "detector": kept}, messages) if messages else (data, [])
 
 
-def obsolete_detector_keys(former: Any, kind: Any) -> tuple[str, ...]:
-    """Returns the keys of the joint filter's detector to drop where another kind of detector replaces it.
-
-    Args:
-        former: kind that the block had; None: it was not written out.
-        kind: that it has now.
-    """
-    if former not in (None, FORMER_KIND, PRESENT_KIND) or kind in (FORMER_KIND, PRESENT_KIND):
+def obsolete_detector_keys(former_kind: Any, kind: Any) -> tuple[str, ...]:
+    """Returns the keys of the joint filter's detector to drop where another kind of detector replaces it."""
+    if former_kind not in (None, FORMER_KIND, PRESENT_KIND) or kind in (FORMER_KIND, PRESENT_KIND):
         return ()
-    shared = ("lead", "lead_nothing") if former is None else ()  # with other kinds
+    shared = ("lead", "lead_nothing") if former_kind is None else ()  # with other kinds
     return tuple(key for key in (*_WITHOUT_EFFECT, _MOVED_TO_FAULTS) if key not in shared)

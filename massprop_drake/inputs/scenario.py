@@ -61,18 +61,18 @@ class Scenario(ScenarioFields):
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolve_scenario` beside those
             data = {**data, "vehicle": load_vehicle(data["vehicle"])}
         data = _update_detector_terms(_inline_model_text(data, None, Path()))
-        chosen, given = filter_of(data), dict(data)
+        chosen, filled = filter_of(data), dict(data)
         kinds = {"plant": {"kind": "rigid"}, "estimation": {"filter": chosen}}
         if chosen in DETECTORS_OF:
             kinds["detector"] = {"kind": DETECTORS_OF[chosen][0]}
-        for block, usual in kinds.items():
+        for block, default in kinds.items():
             if isinstance(data.get(block, {}), dict):
-                given[block] = {**usual, **data.get(block, {})}
+                filled[block] = {**default, **data.get(block, {})}
         transient, joint = _block_value(data.get("plant"), "thrust_transient", "vehicle"), data.get("joint", {})
-        own = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
-        if own and transient in ("none", "vehicle"):
-            given["joint"] = {**joint, "thrust_transient": transient}
-        scenario = validate(given)
+        takes_plant_transient = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
+        if takes_plant_transient and transient in ("none", "vehicle"):
+            filled["joint"] = {**joint, "thrust_transient": transient}
+        scenario = validate(filled)
         if _block_value(data.get("estimation"), "filter", None) is None:
             scenario.estimation.model_fields_set.discard("filter")  # `doubts` tells of it
         return scenario
@@ -89,22 +89,22 @@ class Scenario(ScenarioFields):
 
     @property
     def doubts(self) -> list[Finding]:
-        """Entries that may be meant, but are more likely a slip; of the vehicle, too."""
+        """Doubtful entries of the scenario and its vehicle, more likely a slip than meant."""
         vehicle = self.vehicle_data
-        own = [found for found in scenario_findings(self, vehicle) if not found.impossible]
+        own = [finding for finding in scenario_findings(self, vehicle) if not finding.impossible]
         own += _filter_chosen_by_keys(self)
-        return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
+        return [finding._replace(path=("vehicle", *finding.path)) for finding in vehicle.doubts] + own
 
     @property
     def simulation_doubts(self) -> list[Finding]:
         """Doubts that bear on a simulation: a run may be cut short before the last of its commands."""
         late = {(field, "start_s") for field in ("maneuver", "jet_schedule")}
-        return [found for found in self.doubts if (found.path[0], found.path[-1]) not in late]
+        return [finding for finding in self.doubts if (finding.path[0], finding.path[-1]) not in late]
 
     @property
     def estimation_doubts(self) -> list[Finding]:
         """Doubts that bear on estimation from a record, too."""
-        return [found for found in self.doubts if found.path[0] in _ESTIMATION]
+        return [finding for finding in self.doubts if finding.path[0] in _ESTIMATION]
 
 
 def filter_of(data: Mapping[str, Any]) -> str:
@@ -113,15 +113,15 @@ def filter_of(data: Mapping[str, Any]) -> str:
     Where none is named it is the usual one, unless there are keys of another and none of the usual one's: so it is in
     files of before there was a choice.
     """
-    named = _block_value(data.get("estimation"), "filter", None)
-    if named is not None:
-        return str(named)
+    stated = _block_value(data.get("estimation"), "filter", None)
+    if stated is not None:
+        return str(stated)
     if _needs_pose_filter(data.get("vehicle")):
         return "pose"
-    told = {name for name, paths in _KEYS_OF.items() if any(value_at(data, path) is not None for path in paths)}
+    implied = {name for name, paths in _KEYS_OF.items() if any(value_at(data, path) is not None for path in paths)}
     kind = _block_value(data.get("detector"), "kind", "off")
-    told |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
-    return told.pop() if len(told) == 1 else USUAL_FILTER
+    implied |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
+    return implied.pop() if len(implied) == 1 else USUAL_FILTER
 
 
 def _needs_pose_filter(vehicle: Any) -> bool:
@@ -133,31 +133,31 @@ def _needs_pose_filter(vehicle: Any) -> bool:
     return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 
-def _block_value(block: Any, key: str, otherwise: str | None) -> Any:
+def _block_value(block: Any, key: str, default: str | None) -> Any:
     """Returns the value of a key of a block, a mapping or a model; the default where it lacks the key."""
-    return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
+    return block.get(key, default) if isinstance(block, dict) else getattr(block, key, default)
 
 
 def _foreign_to_filter(scenario: Scenario) -> Iterator[Problem]:
     """Yields a problem for each key, and for the detector, of another filter than the scenario's."""
     named, detector = scenario.estimation.filter, scenario.detector.kind
     for other, path in [(other, path) for other, paths in _KEYS_OF.items() if other != named for path in paths]:
-        here: Any = scenario
+        block: Any = scenario
         for part in path[:-1]:
-            here = getattr(here, part)
-        value, default = getattr(here, path[-1]), type(here).model_fields[path[-1]].default
-        places: list[FieldPath] = [path] if value != default else []
+            block = getattr(block, part)
+        value, default = getattr(block, path[-1]), type(block).model_fields[path[-1]].default
+        key_paths: list[FieldPath] = [path] if value != default else []
         if isinstance(value, Model):
             keys = [key for key in type(value).model_fields if getattr(value, key) != getattr(default, key)]
-            places = [(*path, key) for key in keys]
-        for place in places:
+            key_paths = [(*path, key) for key in keys]
+        for key_path in key_paths:
             problem = (
                 f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out, or name the other"
             )
-            yield place, problem
+            yield key_path, problem
     if detector not in DETECTORS_OF[named]:
-        fitting = " or ".join(DETECTORS_OF[named])
-        yield ("detector", "kind"), f"{detector} does not go with estimation.filter: {named}; use {fitting}"
+        allowed = " or ".join(DETECTORS_OF[named])
+        yield ("detector", "kind"), f"{detector} does not go with estimation.filter: {named}; use {allowed}"
 
 
 def _filter_chosen_by_keys(scenario: Scenario) -> Iterator[Finding]:
@@ -176,8 +176,8 @@ def _filter_chosen_by_keys(scenario: Scenario) -> Iterator[Finding]:
 
 def _is_given(model: Any, path: FieldPath) -> bool:
     """Tests whether the key at a path in a model was set, not left at its default."""
-    first, *rest = path
-    return first in model.model_fields_set and (not rest or _is_given(getattr(model, str(first)), tuple(rest)))
+    first, *nested = path
+    return first in model.model_fields_set and (not nested or _is_given(getattr(model, str(first)), tuple(nested)))
 
 
 def bundled_scenarios() -> list[str]:
@@ -206,9 +206,9 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
 def _spell_out_vehicle(document: Document, folder: Path) -> None:
     """Replaces a vehicle's name in a scenario's document by the vehicle's data, so that its fields can be set."""
-    named = document.data.get("vehicle", USUAL_VEHICLE)
-    if isinstance(named, str):
-        document.data["vehicle"] = _load_named_vehicle(named, folder, document).model_dump(mode="json")
+    vehicle = document.data.get("vehicle", USUAL_VEHICLE)
+    if isinstance(vehicle, str):
+        document.data["vehicle"] = _load_named_vehicle(vehicle, folder, document).model_dump(mode="json")
 
 
 def resolve_scenario(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
@@ -225,8 +225,8 @@ def resolve_scenario(data: Any, document: Document | None = None, folder: Path |
     data = _inline_model_text(data, document, folder or Path())
     vehicle = data.get("vehicle", USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
-        within = (document or Document("{}", "scenario")).under(("vehicle",))
-        vehicle = validate_data(Vehicle, vehicle, within)
+        vehicle_document = (document or Document("{}", "scenario")).under(("vehicle",))
+        vehicle = validate_data(Vehicle, vehicle, vehicle_document)
     elif isinstance(vehicle, str):
         vehicle = _load_named_vehicle(vehicle, folder or Path(), document)
     data = _update_detector_terms({**data, "vehicle": vehicle}, document)
@@ -242,43 +242,43 @@ def _inline_model_text(data: Any, document: Document | None, folder: Path) -> An
     try:
         return {**data, "plant": {**plant, "model": model_text(model, folder)}}
     except InputError as error:
-        where = "scenario: plant.model" if document is None else document.where(("plant", "model"))
-        raise InputError(*(f"{where}: {one}" for one in error.problems)) from None
+        location = "scenario: plant.model" if document is None else document.where(("plant", "model"))
+        raise InputError(*(f"{location}: {problem}" for problem in error.problems)) from None
 
 
 def _update_detector_terms(data: Any, document: Document | None = None) -> Any:
     """Returns a scenario's data with former terms of the detector replaced, with one warning of all."""
     if not isinstance(data, dict):
         return data
-    faults, usual = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
+    faults, default_kind = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
     if isinstance(faults, FaultsBlock):  # a program's; `slots` may have to be put in
         data = {**data, "faults": faults.model_dump(mode="json", exclude_unset=True)}
-    data, said = renamed.update_detector_terms(data, usual)
-    if said:
-        renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(said)}", 4)
-    if said and document is not None and "slots" not in data["detector"]:
+    data, messages = renamed.update_detector_terms(data, default_kind)
+    if messages:
+        renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(messages)}", 4)
+    if messages and document is not None and "slots" not in data["detector"]:
         document.move(("detector", "slots"), ("faults", "slots"))
     return data
 
 
 def _load_named_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
     """Loads the vehicle that a scenario names: a file beside the scenario, or else a bundled one."""
-    beside = Path(os.path.normpath(folder / name))
+    path = Path(os.path.normpath(folder / name))
     try:
-        return load_vehicle(beside if exists(beside) else name)
+        return load_vehicle(path if exists(path) else name)
     except InputError as error:
         if document is None:
             raise
         raise InputError(*(f"{document.where(('vehicle',))}: {problem}" for problem in error.problems)) from None
 
 
-def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> None:
+def set_field(data: Any, override: str, set_before: set[FieldPath] | None = None) -> None:
     """Sets one field of a scenario's data, in place, from a text KEY=VALUE.
 
     Args:
         data: of the scenario.
         override: KEY=VALUE.
-        given: fields that were set before, which stay when the kind of their block is replaced; the field is added.
+        set_before: fields set before, which stay when the kind of their block is replaced; the field is added.
 
     Raises:
         InputError: when it says something else, or names what cannot be set.
@@ -291,40 +291,32 @@ def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> 
             f"--set {key}=...: the value has more than one line; write a list as [a, b], a mapping as {{a: 1, b: 2}}"
         )
     path = split_key(key, override)
-    now = renamed.present_key_name(path)
-    if now is not None:
-        renamed.warn(f"--set {override}: {path[-1]} is now {now}")
-        path[-1] = now
+    present_name = renamed.present_key_name(path)
+    if present_name is not None:
+        renamed.warn(f"--set {override}: {path[-1]} is now {present_name}")
+        path[-1] = present_name
     text = f"value: {text}" if text.strip() else "value: null"
-    value = Document(text, f"--set {override}", within=tuple(path)).data["value"]
-    replace_at(data, path, value, f"--set {override}", set() if given is None else given)
+    value = Document(text, f"--set {override}", parent_path=tuple(path)).data["value"]
+    replace_at(data, path, value, f"--set {override}", set() if set_before is None else set_before)
 
 
-def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: set[FieldPath]) -> None:
-    """Sets a field of a scenario's data in place; a block's new kind drops keys that mattered to the former kind.
-
-    Args:
-        data, path, value, where: as `set_at` takes them.
-        given: fields that were set before, which stay; the field is added.
-
-    Raises:
-        InputError: when the path leads nowhere.
-    """
-    *above, last = field = tuple(path)
+def replace_at(data: Any, path: list[str | int], value: Any, location: str, set_before: set[FieldPath]) -> None:
+    """Sets a field of a scenario's data in place; a block's new kind drops former keys that are not in `set_before`."""
+    *block, last = field = tuple(path)
     former = value_at(data, path) if last == "kind" else None
     of_detector = field == ("detector", "kind")
     if of_detector and value == renamed.FORMER_KIND:
-        renamed.warn(f"{where}: {value} is now {renamed.PRESENT_KIND}", 3)
+        renamed.warn(f"{location}: {value} is now {renamed.PRESENT_KIND}", 3)
         value = renamed.PRESENT_KIND
-    set_at(data, path, value, where)
+    set_at(data, path, value, location)
     if last == "kind":
         leaving = keys_of_former_kind(Scenario, data, field[:-1], former)
         if of_detector:
-            leaving += [key for key in renamed.obsolete_detector_keys(former, value) if key in value_at(data, above)]
+            leaving += [key for key in renamed.obsolete_detector_keys(former, value) if key in value_at(data, block)]
         for key in dict.fromkeys(leaving):
-            if not any(one[: len(field)] == (*above, key) for one in given):
-                del value_at(data, above)[key]
-    given.add(field)
+            if not any(one[: len(field)] == (*block, key) for one in set_before):
+                del value_at(data, block)[key]
+    set_before.add(field)
 
 
 # ------------------------------------------------------------------- fields of nested data
@@ -340,34 +332,34 @@ def value_at(data: Any, path: Sequence[str | int]) -> Any:
     return data
 
 
-def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
+def set_at(data: Any, path: list[str | int], value: Any, location: str) -> None:
     """Sets one field of nested data in place, and makes the blocks that are missing.
 
     Args:
         data: mappings and lists.
         path: keys and indices; an index may be one past the end of its list.
         value: to set.
-        where: what to call it in messages.
+        location: what to call it in messages.
 
     Raises:
         InputError: when the path leads nowhere.
     """
-    here = data
+    block = data
     for part, following in pairwise(path):
-        if isinstance(part, str) and isinstance(here, dict):
-            here = here.setdefault(part, [] if isinstance(following, int) else {})
+        if isinstance(part, str) and isinstance(block, dict):
+            block = block.setdefault(part, [] if isinstance(following, int) else {})
             continue
-        if isinstance(part, int) and isinstance(here, list) and part < len(here):
-            here = here[part]
+        if isinstance(part, int) and isinstance(block, list) and part < len(block):
+            block = block[part]
             continue
-        raise InputError(f"{where}: there is no {part!r} to set in")
+        raise InputError(f"{location}: there is no {part!r} to set in")
     last = path[-1]
-    if isinstance(last, str) and isinstance(here, dict):
-        here[last] = value
-    elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
-        here[last : last + 1] = [value]
+    if isinstance(last, str) and isinstance(block, dict):
+        block[last] = value
+    elif isinstance(last, int) and isinstance(block, list) and last <= len(block):
+        block[last : last + 1] = [value]
     else:
-        raise InputError(f"{where}: there is no {last!r} to set")
+        raise InputError(f"{location}: there is no {last!r} to set")
 
 
 def split_key(key: str, override: str) -> list[str | int]:

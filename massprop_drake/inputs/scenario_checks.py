@@ -47,8 +47,8 @@ def schedule_problems(scenario: ScenarioFields) -> Iterator[Problem]:
 
 def check_against_vehicle(scenario: ScenarioFields, vehicle: Vehicle) -> list[Problem]:
     """Lists the problems of a scenario that only show against its vehicle, pairs of field path and sentence."""
-    outside = out_of_span(scenario, vehicle.units, skipped=("vehicle",))
-    if problems := [(finding.path, finding.problem) for finding in outside]:
+    findings = out_of_span(scenario, vehicle.units, skipped=("vehicle",))
+    if problems := [(finding.path, finding.problem) for finding in findings]:
         return problems  # nothing can be reckoned with such numbers
     checks = (
         *(_filter_problems, _unknown_names, _moving_part_problems, _double_opening_problems, _gimbal_problems),
@@ -63,7 +63,7 @@ def check_against_vehicle(scenario: ScenarioFields, vehicle: Vehicle) -> list[Pr
 
 def _impossible_runs(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields the impossible findings of a scenario as problems, pairs of field path and sentence."""
-    return ((found.path, found.problem) for found in scenario_findings(scenario, vehicle) if found.impossible)
+    return ((finding.path, finding.problem) for finding in scenario_findings(scenario, vehicle) if finding.impossible)
 
 
 def _unknown_names(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
@@ -73,7 +73,7 @@ def _unknown_names(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Probl
         "jet kind": vehicle.jet_kinds,
         "sensor": vehicle.sensor_names(),
         **{
-            kind: [one.name for one in getattr(vehicle, f"{kind}s")]
+            kind: [component.name for component in getattr(vehicle, f"{kind}s")]
             for kind in ("wheel", "engine", "tank", "gyro", "accelerometer")
         },
     }
@@ -119,8 +119,8 @@ def _fault_rate_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator
     """Yields problems of fault rates by which more than one event is expected in a sample period."""
     faults = scenario.faults
     period, components = vehicle.sample_period_s, 3 * (len(vehicle.gyros) + len(vehicle.accelerometers))
-    own = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
-    of_jets = sum(own) + (len(vehicle.jets) - len(own)) * faults.jet_per_hour
+    stated_rates = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
+    of_jets = sum(stated_rates) + (len(vehicle.jets) - len(stated_rates)) * faults.jet_per_hour
     total = of_jets + faults.payload_per_hour + components * faults.reading_per_hour + faults.unknown_per_hour
     most = 3600.0 / period
     if total > most:
@@ -157,7 +157,7 @@ def _on_time_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pr
 
 
 def _test_firing_problems(scenario: ScenarioFields, _vehicle: Vehicle) -> Iterator[Problem]:
-    """Yields the problem that keeps the autopilot from flying test firings, if any."""
+    """Yields a problem where the autopilot cannot fly test firings."""
     path: FieldPath = ("autopilot", "test_firing")
     if scenario.autopilot.test_firing is None:
         return
@@ -204,9 +204,9 @@ def _plant_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Prob
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
         for tank in vehicle.tanks:
-            held = scenario.plant.propellant.get(tank.name, tank.propellant)
-            if not 0.0 <= held <= tank.capacity:
-                problem = f"must be between 0 and the tank's capacity, {tank.capacity:g}, got {held:g}"
+            propellant = scenario.plant.propellant.get(tank.name, tank.propellant)
+            if not 0.0 <= propellant <= tank.capacity:
+                problem = f"must be between 0 and the tank's capacity, {tank.capacity:g}, got {propellant:g}"
                 yield ("plant", "propellant", tank.name), problem
         if vehicle.motion == "planar" and scenario.plant.dispersion.axes_deg:
             problem = f"vehicle '{vehicle.name}' moves in a plane, in which its axes do not tilt; leave it out"
@@ -228,54 +228,54 @@ def _plant_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Prob
 
 def _filter_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields problems of a filter that cannot handle the vehicle's wheels, engines, tanks or pose sensors."""
-    named = scenario.estimation.filter
-    if scenario.moving and named != "joint":
-        yield ("moving",), f"plays no part in estimation.filter: {named}; use joint, or leave it out"
-    if vehicle.wheels and named != "joint":
-        yield ("estimation", "filter"), f"{named} knows no wheels, which vehicle '{vehicle.name}' has; use joint"
-    elif scenario.engine_schedule and named != "joint":
-        yield ("estimation", "filter"), f"{named} knows no engines, which engine_schedule burns; use joint"
-    elif vehicle.tanks and named != "joint":
-        yield ("estimation", "filter"), f"{named} knows no tanks, which vehicle '{vehicle.name}' has; use joint"
-    elif vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
+    filter_name = scenario.estimation.filter
+    if scenario.moving and filter_name != "joint":
+        yield ("moving",), f"plays no part in estimation.filter: {filter_name}; use joint, or leave it out"
+    if vehicle.wheels and filter_name != "joint":
+        yield ("estimation", "filter"), f"{filter_name} knows no wheels, which vehicle '{vehicle.name}' has; use joint"
+    elif scenario.engine_schedule and filter_name != "joint":
+        yield ("estimation", "filter"), f"{filter_name} knows no engines, which engine_schedule burns; use joint"
+    elif vehicle.tanks and filter_name != "joint":
+        yield ("estimation", "filter"), f"{filter_name} knows no tanks, which vehicle '{vehicle.name}' has; use joint"
+    elif vehicle.needs_pose_filter != (filter_name == "pose") and not (vehicle.tracked and filter_name == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
-        yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
+        yield ("estimation", "filter"), f"{filter_name} does not go with vehicle '{vehicle.name}', {needs}"
 
 
 def _gimbal_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields a problem for each burn whose gimbal angles are beyond the engine's stop."""
     stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
     for index, burn in enumerate(scenario.engine_schedule):
-        most = stops.get(burn.engine, math.inf)
-        if max(map(abs, burn.gimbal)) > most:
-            at = f"its gimbal's stop is at {most:g} rad" if most else "it has no gimbal"
-            yield ("engine_schedule", index, "gimbal"), f"{max(map(abs, burn.gimbal)):g} rad for {burn.engine}: {at}"
+        stop = stops.get(burn.engine, math.inf)
+        if max(map(abs, burn.gimbal)) > stop:
+            why = f"its gimbal's stop is at {stop:g} rad" if stop else "it has no gimbal"
+            yield ("engine_schedule", index, "gimbal"), f"{max(map(abs, burn.gimbal)):g} rad for {burn.engine}: {why}"
 
 
 def _double_opening_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields a problem for each pulse that opens a jet a second time in a sample: a command holds one opening."""
     if not vehicle.has_on_times:
         return
-    period_s, before = vehicle.sample_period_s, dict[tuple[str, int], int]()
+    period_s, opened_by = vehicle.sample_period_s, dict[tuple[str, int], int]()
     for index, pulse in enumerate(scenario.jet_schedule):
         first, end = pulse_samples(pulse.start_s, pulse.end_s, period_s)
         for sample in {first, end - 1} if end > first else ():
-            if (pulse.jet, sample) in before:
-                other = f"jet_schedule[{before[pulse.jet, sample]}]"
+            if (pulse.jet, sample) in opened_by:
+                earlier_pulse = f"jet_schedule[{opened_by[pulse.jet, sample]}]"
                 yield (
                     ("jet_schedule", index),
                     f"opens {pulse.jet} a second time in the sample from {moment(sample * period_s)} s on, beside "
-                    f"{other}; a jet opens once in a sample of {period_s:g} s",
+                    f"{earlier_pulse}; a jet opens once in a sample of {period_s:g} s",
                 )
                 break
-            before[pulse.jet, sample] = index
+            opened_by[pulse.jet, sample] = index
 
 
 def _moving_part_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields the problem of sloshing masses and panels that a filter cannot estimate with the vehicle's own."""
-    nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
+    nominal, parts = vehicle.nominal, (*vehicle.moving, *scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
-    if scenario.moving and (problem := moving_parts_problem(every, known, vehicle.sample_period_s)):
+    if scenario.moving and (problem := moving_parts_problem(parts, known, vehicle.sample_period_s)):
         yield ("moving",), problem
 
 
@@ -285,7 +285,7 @@ def _payload_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pr
         return
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
-    for index, jump in sorted(enumerate(scenario.jumps), key=lambda one: one[1].time_s):
+    for index, jump in sorted(enumerate(scenario.jumps), key=lambda entry: entry[1].time_s):
         mass, position, inertia = jump_terms(jump)
         if body.mass + mass <= 0.0:
             yield ("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left"
@@ -302,13 +302,13 @@ def _payload_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Pr
 
 def scenario_findings(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
     """Yields findings of impossible or doubtful entries of a scenario, whose keys are each within their span."""
-    alone = list(_errors_out_of_bounds(scenario, vehicle))
-    yield from alone
-    if not alone:
+    sensor_findings = list(_errors_out_of_bounds(scenario, vehicle))
+    yield from sensor_findings
+    if not sensor_findings:
         yield from _fast_rates(scenario, vehicle)
-        true = getattr(scenario.plant, "mass_properties", None)  # a multibody plant's stand in its model
-        if true is not None:
-            yield from body_findings(true.properties(), vehicle, ("plant", "mass_properties"))
+        properties = getattr(scenario.plant, "mass_properties", None)  # a multibody plant's stand in its model
+        if properties is not None:
+            yield from body_findings(properties.properties(), vehicle, ("plant", "mass_properties"))
         yield from _strong_disturbances(scenario, vehicle)
         yield from _strong_leaks(scenario, vehicle)
         yield from _late_events(scenario)
@@ -322,8 +322,8 @@ def scenario_findings(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Fi
             covariance = scenario.estimation.initial_covariance(vehicle) + np.diag(
                 np.square(scenario.process_noise_std)
             )
-            found = list(sharpness_findings(vehicle, covariance, disturbances, ("estimation",)))
-        yield from found
+            findings = list(sharpness_findings(vehicle, covariance, disturbances, ("estimation",)))
+        yield from findings
 
 
 def _errors_out_of_bounds(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
@@ -334,11 +334,11 @@ def _errors_out_of_bounds(scenario: ScenarioFields, vehicle: Vehicle) -> Iterato
         assert span is not None
         for field in ("noise_std", "quantum", "bias", "bias_random_walk"):
             bounds = span if field in ("noise_std", "quantum") else span._replace(least=0.0)
-            here = ("sensors", "errors", index, field)
-            yield from compare_with_span(getattr(errors, field), bounds, unit, vehicle.units, here)
+            path = ("sensors", "errors", index, field)
+            yield from compare_with_span(getattr(errors, field), bounds, unit, vehicle.units, path)
         for number, tone in enumerate(errors.vibration):
-            there = ("sensors", "errors", index, "vibration", number, "amplitude")
-            yield from compare_with_span(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, there)
+            tone_path = ("sensors", "errors", index, "vibration", number, "amplitude")
+            yield from compare_with_span(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, tone_path)
 
 
 def _fast_rates(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Finding]:
@@ -392,8 +392,8 @@ def _late_events(scenario: ScenarioFields) -> Iterator[Finding]:
         starts = [getattr(entry, key) for entry in getattr(scenario, field)]
         late = [index for index, start in enumerate(starts) if start >= end]
         if late:
-            which = f"{len(late)} of {len(starts)} entries come" if len(starts) > 1 else "comes"
-            problem = f"{which} at or after the end of the run, {moment(end)} s, and do nothing"
+            subject = f"{len(late)} of {len(starts)} entries come" if len(starts) > 1 else "comes"
+            problem = f"{subject} at or after the end of the run, {moment(end)} s, and do nothing"
             yield Finding(
                 (field, late[0], key), problem if len(starts) > 1 else problem.replace(" do ", " does "), False
             )
@@ -408,9 +408,9 @@ def _short_pulses(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Findin
         if pulse.end_s - pulse.start_s < period_s * (1.0 - 1e-9)
     ]
     if short and not vehicle.has_on_times:
-        whose = f"{len(short)} of {len(scenario.jet_schedule)} pulses are" if len(short) > 1 else "is"
+        subject = f"{len(short)} of {len(scenario.jet_schedule)} pulses are" if len(short) > 1 else "is"
         problem = (
-            f"{whose} shorter than a sample, {period_s:g} s, and its jets switch with samples: a pulse lasts "
+            f"{subject} shorter than a sample, {period_s:g} s, and its jets switch with samples: a pulse lasts "
             "for a whole one or for none; jet_commands: {as: on_time} in the vehicle's file lets it last as it says"
         )
         yield Finding(("jet_schedule", short[0]), problem, False)

@@ -21,10 +21,11 @@ class ScheduledInterval(Model):
 
     @model_validator(mode="after")
     def _require_end_after_start(self) -> Self:
+        """Raises ValueError where end_s is not later than start_s."""
         timed: Any = self  # the fields have a meaning of their own in each class
         if timed.end_s is not None and timed.end_s <= timed.start_s:
-            both = f"{moment(timed.start_s)} to {moment(timed.end_s)}"
-            raise ValueError(f"end_s must be later than start_s, got {both}")
+            interval = f"{moment(timed.start_s)} to {moment(timed.end_s)}"
+            raise ValueError(f"end_s must be later than start_s, got {interval}")
         return self
 
 
@@ -148,13 +149,13 @@ class MassJump(Model):
 
 def find_overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
     """Yields path and problem of each window that overlaps an earlier one of the same axis, jet or joint."""
-    for index, (what, start, end) in enumerate(windows):
+    for index, (name, start, end) in enumerate(windows):
         for other in range(index):
-            if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
+            if windows[other][0] == name and start < windows[other][2] and windows[other][1] < end:
                 both = (f"{moment(begin)} to {moment(until)} s" for begin, until in ((start, end), windows[other][1:]))
                 yield (
                     (field, index),
-                    f"overlaps {field}[{other}] on the same axis, jet or joint ({what}): {' and '.join(both)}",
+                    f"overlaps {field}[{other}] on the same axis, jet or joint ({name}): {' and '.join(both)}",
                 )
                 break
 

@@ -174,11 +174,11 @@ class MultibodyBlock(_Plant):
     def _require_feasible_moves(self) -> MultibodyBlock:
         """Raises ValidationError for overlapping moves, joints stated twice, or joints that move too fast."""
         problems = list(find_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
-        named = [start.joint for start in self.joints]
+        joints = [start.joint for start in self.joints]
         problems += [
             (("joints", index, "joint"), f"'{name}' has an entry already; give one")
-            for index, name in enumerate(named)
-            if name in named[:index]
+            for index, name in enumerate(joints)
+            if name in joints[:index]
         ]
         if problems := problems or list(self._find_fast_joints()):
             raise field_validation_error(problems)
@@ -186,15 +186,15 @@ class MultibodyBlock(_Plant):
 
     def _find_fast_joints(self) -> Iterator[tuple[FieldPath, str]]:
         """Yields path and problem of joints that start, or are moved, faster than the largest plausible rate."""
-        most = plausible.RATE.most
-        where = {start.joint: start.position for start in self.joints}
+        max_rate = plausible.RATE.most
+        position_by_joint = {start.joint: start.position for start in self.joints}
         for index, start in enumerate(self.joints):
-            if abs(start.rate) > most:
-                yield ("joints", index, "rate"), f"{start.rate:g} per s, is above {most:g}: {plausible.RATE.why}"
-        for index, move in sorted(enumerate(self.moves), key=lambda one: one[1].start_s):
-            way = move.position - where.get(move.joint, 0.0)
-            fastest = peak_rate(way, move.end_s - move.start_s)
-            if fastest > most:
-                problem = f"reaches {fastest:.3g} per s, above {most:g}: {plausible.RATE.why}; give it more time"
+            if abs(start.rate) > max_rate:
+                yield ("joints", index, "rate"), f"{start.rate:g} per s, is above {max_rate:g}: {plausible.RATE.why}"
+        for index, move in sorted(enumerate(self.moves), key=lambda entry: entry[1].start_s):
+            distance = move.position - position_by_joint.get(move.joint, 0.0)
+            fastest = peak_rate(distance, move.end_s - move.start_s)
+            if fastest > max_rate:
+                problem = f"reaches {fastest:.3g} per s, above {max_rate:g}: {plausible.RATE.why}; give it more time"
                 yield ("moves", index), problem
-            where[move.joint] = move.position
+            position_by_joint[move.joint] = move.position

@@ -56,7 +56,7 @@ from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 def simulated_non_inertial(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
     """Returns pose and velocity sensors, wheels and engines of a simulation: engines only where they burn."""
     vehicle = scenario.vehicle_data
-    return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
+    return tuple(sensor for sensor in vehicle.tracked if scenario.engine_schedule or sensor not in vehicle.engines)
 
 
 def time_step(scenario: Scenario) -> float:
@@ -101,6 +101,7 @@ def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
 
 
 def _errors_of(scenario: Scenario, sensor: SensorPackage) -> SensorErrors:
+    """Returns the stated errors of a sensor package; without an entry, errors of zero."""
     nothing = SensorErrors(sensor=sensor.name)
     return next((entry for entry in scenario.sensors.errors if entry.sensor == sensor.name), nothing)
 
@@ -148,10 +149,10 @@ def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
 
 def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
     """Maps each driven joint to its moves in the order of time, to an empty tuple where it is only held."""
-    told = sorted(plant.moves, key=lambda move: move.start_s)
-    driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in told]
+    moves = sorted(plant.moves, key=lambda move: move.start_s)
+    driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in moves]
     return {
-        name: tuple(Move(one.start_s, one.end_s, one.position) for one in told if one.joint == name)
+        name: tuple(Move(one.start_s, one.end_s, one.position) for one in moves if one.joint == name)
         for name in dict.fromkeys(driven)
     }
 

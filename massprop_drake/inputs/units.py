@@ -34,10 +34,10 @@ _WRITTEN_OUT = {"milli": 1e-3, "micro": 1e-6, "nano": 1e-9}
 _NO_SUCH = {"k", "M", "c", "d", "h", "kilo", "mega", "centi"}  # that not every unit takes
 
 
-def _prefixed(prefixes: dict[str, float], names: tuple[str, ...], one: Unit) -> dict[str, Unit]:
+def _prefixed(prefixes: dict[str, float], names: tuple[str, ...], unit: Unit) -> dict[str, Unit]:
     """Maps each name of a unit, without and with SI prefixes, to its SI factor and dimension."""
     return {
-        f"{prefix}{name}": Unit(factor * one.factor, one.dimension)
+        f"{prefix}{name}": Unit(factor * unit.factor, unit.dimension)
         for name in names
         for prefix, factor in {"": 1.0, **prefixes}.items()
     }
@@ -92,9 +92,9 @@ def parse_unit(text: str) -> Unit:
     """
     plain = re.sub(r"\s*([*/·])\s*", r"\1", text.strip().replace("\u03bc", "µ"))
     plain = re.sub(r"\s+|(?<=\w)-(?=[^\W\d])", "*", plain)  # m s^-1, N-m
-    factor, dimension, place = 1.0, [0, 0, 0, 0], 0
-    while place < len(plain):
-        part = _PART.match(plain, place)
+    factor, dimension, position = 1.0, [0, 0, 0, 0], 0
+    while position < len(plain):
+        part = _PART.match(plain, position)
         if part is None:
             raise InputError(f"{text!r} is no unit; write it like deg/s, m/s^2 or N*m")
         sign, name, power, mark = part.groups()
@@ -103,7 +103,7 @@ def parse_unit(text: str) -> Unit:
         exponent = (-1 if sign == "/" else 1) * (int(power) if power else {"²": 2, "³": 3}.get(mark, 1))
         factor *= _UNITS[name].factor ** exponent
         dimension = [have + exponent * more for have, more in zip(dimension, _UNITS[name].dimension, strict=True)]
-        place = part.end()
+        position = part.end()
     if not plain:
         raise InputError("a unit is empty; write it like deg/s, or 1 for a number without unit")
     return Unit(factor, (dimension[0], dimension[1], dimension[2], dimension[3]))
@@ -123,20 +123,12 @@ def _suggest_unit(name: str) -> str:
 
 
 def si_factor(text: str, *kinds: str) -> float:
-    """Returns the factor from a unit to SI; the unit must measure one of the given kinds of quantity.
-
-    Args:
-        text: the unit.
-        kinds: such as "rate", "length", "time".
-
-    Raises:
-        InputError: when it is not known, or of another kind.
-    """
+    """Returns the factor from a unit to SI; raises InputError for a unit of other kinds of quantity."""
     unit = parse_unit(text)
     if unit.dimension not in {_KINDS[kind][0] for kind in kinds}:
         of = next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")
-        wanted = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
-        raise InputError(f"{text!r} is a unit of {of}; expected one of {wanted}")
+        expected = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
+        raise InputError(f"{text!r} is a unit of {of}; expected one of {expected}")
     return unit.factor
 
 

@@ -68,8 +68,8 @@ def frame_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     """Yields problems of keys that do not go with planar motion, or with estimation in a fixed frame."""
     attitude = any(pose.attitude_std is not None for pose in vehicle.poses)
     if not vehicle.gyros and not attitude:
-        why = f"is empty; this field is required: {WITHOUT_RATES}; or by a pose sensor with attitude_std"
-        yield ("gyros",), why
+        problem = f"is empty; this field is required: {WITHOUT_RATES}; or by a pose sensor with attitude_std"
+        yield ("gyros",), problem
     if (vehicle.velocities or any(pose.position_std is not None for pose in vehicle.poses)) and not attitude:
         key = "poses" if vehicle.poses else "velocities"
         yield (key,), "positions and velocities in a fixed frame need a pose sensor with attitude_std"
@@ -102,9 +102,9 @@ def component_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     for path, name in sensors:
         if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
             yield path, f"{name!r} is a signal of every run; give the sensor another"
-    for place, jet in jets:
+    for jet_path, jet in jets:
         if jet.kind not in vehicle.jet_kinds:
-            yield (*place, "kind"), f"{jet.kind!r} is not one of jet_kinds{suggestion(jet.kind, vehicle.jet_kinds)}"
+            yield (*jet_path, "kind"), f"{jet.kind!r} is not one of jet_kinds{suggestion(jet.kind, vehicle.jet_kinds)}"
     accelerometers, preferred = [one.name for one in vehicle.accelerometers], vehicle.preferred_accelerometer
     if preferred is not None and preferred not in accelerometers:
         hint = suggestion(preferred, accelerometers)
@@ -129,25 +129,25 @@ def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
     yield from _find_repeated((("tanks", index, "name"), tank.name) for index, tank in enumerate(vehicle.tanks))
     known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
     for index, tank in enumerate(vehicle.tanks):
-        for place, name in enumerate(tank.feeds):
+        for position, name in enumerate(tank.feeds):
             if name not in known:
                 problem = f"{name!r} is neither a jet nor one of jet_kinds{suggestion(name, known)}"
-                yield ("tanks", index, "feeds", place), problem
+                yield ("tanks", index, "feeds", position), problem
         for jet in np.array(vehicle.designations)[vehicle.jets_of(tank)].tolist():
             if jet in fed:
                 problem = f"jet {jet} draws from tank '{fed[jet]}' already; a jet draws from one tank"
                 yield ("tanks", index, "feeds"), problem
                 break
             fed[jet] = tank.name
-    held = sum(tank.propellant for tank in vehicle.tanks)
-    if held >= vehicle.mass_properties.mass:
+    propellant = sum(tank.propellant for tank in vehicle.tanks)
+    if propellant >= vehicle.mass_properties.mass:
         last, unit = len(vehicle.tanks) - 1, vehicle.unit_names["mass"]
         problem = (
-            f"tanks hold {held:g} {unit} of propellant, and the vehicle's mass with it is "
+            f"tanks hold {propellant:g} {unit} of propellant, and the vehicle's mass with it is "
             f"{vehicle.mass_properties.mass:g} {unit}"
         )
         yield ("tanks", last, "propellant"), problem
-    elif held > 0.0:
+    elif propellant > 0.0:
         fill = np.array([tank.propellant for tank in vehicle.tanks])
         body = np.concatenate((six_elements(vehicle.nominal.inertia), vehicle.nominal.center_of_mass))
         dry = symmetric_matrix(
@@ -162,16 +162,16 @@ def tank_problems(vehicle: VehicleFields) -> Iterator[Problem]:
             yield ("tanks",), problem
 
 
-def impossible_figures(vehicle: VehicleFields) -> Iterator[Problem]:
+def impossible_entries(vehicle: VehicleFields) -> Iterator[Problem]:
     """Yields the impossible findings of a vehicle as problems, pairs of field path and sentence."""
-    return ((found.path, found.problem) for found in vehicle_findings(vehicle) if found.impossible)
+    return ((finding.path, finding.problem) for finding in vehicle_findings(vehicle) if finding.impossible)
 
 
 def vehicle_findings(vehicle: VehicleFields) -> Iterator[Finding]:
     """Yields impossible or doubtful entries of a vehicle; relations between keys only where each is in its span."""
-    alone = [*out_of_span(vehicle, vehicle.units), *_column_name_clashes(vehicle)]
-    yield from alone
-    if not alone:
+    single_findings = [*out_of_span(vehicle, vehicle.units), *_column_name_clashes(vehicle)]
+    yield from single_findings
+    if not single_findings:
         yield from _narrow_sensor_ranges(vehicle)
         yield from _slow_valves(vehicle)
         yield from _mismatched_jets(vehicle)
@@ -248,26 +248,20 @@ def _mismatched_jets(vehicle: VehicleFields) -> Iterator[Finding]:
 
 
 def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath = ()) -> Iterator[Finding]:
-    """Yields findings of a body that jets accelerate or turn implausibly, or whose inertia misfits its mass.
-
-    Args:
-        body: nominal or true.
-        vehicle: whose jets and sensors it has.
-        path: of the body, if it is not the vehicle's nominal one.
-    """
+    """Yields findings of a body that jets accelerate or turn implausibly, or whose inertia misfits its mass."""
     units, inertia = vehicle.units, path or ("mass_properties", "inertia")
     # a jet's acceleration; that of the kinds counts for the flow
     per_force = unit_in_si("N", units) / (body.mass * unit_in_si("kg", units))
     forces: dict[FieldPath, float] = {("jets", index, "thrust"): jet.thrust for index, jet in enumerate(vehicle.jets)}
     for name, kind in vehicle.jet_kinds.items():
         forces["jet_kinds", name, "nominal_thrust"] = kind.nominal_thrust
-    for place, force in forces.items():
+    for field_path, force in forces.items():
         acceleration = force * per_force
         problem = f"accelerates {body.mass:g} {vehicle.unit_names['mass']} at {acceleration:.4g} m/s^2, "
         more = f"{acceleration / GRAVITY:.4g} times the weight on Earth"
-        yield from finding_above(acceleration, _STRONG, _STRONGEST, path or place, problem + more)
+        yield from finding_above(acceleration, _STRONG, _STRONGEST, path or field_path, problem + more)
         if acceleration < _WEAKEST:
-            yield Finding(path or place, f"{problem}less than the light of a star would", True)
+            yield Finding(path or field_path, f"{problem}less than the light of a star would", True)
     # a jet's turn
     torques = np.cross(vehicle.positions - body.center_of_mass, vehicle.thrusts)
     turns = np.linalg.norm(np.linalg.solve(body.inertia, torques.T), axis=0) * vehicle.sample_period_s**2
@@ -278,8 +272,8 @@ def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath 
     )
     yield from finding_above(float(turns[jet]), _QUICK, _QUICKEST, inertia, problem)
     # its radius of gyration
-    places = [*vehicle.positions, *(sensor.position for sensor in vehicle.accelerometers)]
-    reach = float(np.linalg.norm(np.array(places) - body.center_of_mass, axis=1).max())
+    positions = [*vehicle.positions, *(sensor.position for sensor in vehicle.accelerometers)]
+    reach = float(np.linalg.norm(np.array(positions) - body.center_of_mass, axis=1).max())
     radii = np.sqrt(np.linalg.eigvalsh(body.inertia) / body.mass)
     length = vehicle.unit_names["length"]
     for radius, ratio, size in (
@@ -304,7 +298,7 @@ def body_findings(body: MassProperties, vehicle: VehicleFields, path: FieldPath 
 def sharpness_findings(
     vehicle: VehicleFields, covariance: Array, disturbances: tuple[float, float] = (0.0, 0.0), path: FieldPath = ()
 ) -> Iterator[Finding]:
-    """Yields findings of sensors too sharp for double precision, or too dull to show a jet firing.
+    """Yields findings of sensors too accurate for double precision, or too coarse to show a jet firing.
 
     An update takes S Hᵀ (H S Hᵀ + R)⁻¹ H S from S. In double precision 1e-16 of H S Hᵀ is lost by that, and nothing
     is left of a smaller R: the covariance loses its definiteness.

@@ -125,6 +125,7 @@ class VehicleFields(Model):
 
     @property
     def _timed(self) -> tuple[SensorPackage | PoseSensor | Wheel, ...]:
+        """Sensors that may have a reading rate of their own: packages, poses, wheels."""
         return (*self.sensors, *self.poses, *self.wheels)
 
     @property
@@ -179,6 +180,7 @@ class VehicleFields(Model):
         gravity = STANDARD_GRAVITY[self.units]
 
         def flow(jet: Jet) -> float:
+            """Propellant flow of one jet at full thrust, slug/s or kg/s."""
             kind = self.jet_kinds[jet.kind]
             return jet.mass_flow or kind.nominal_thrust / (gravity * kind.specific_impulse_s)
 
@@ -231,11 +233,12 @@ class VehicleFields(Model):
     def thrust_uncertainties(self) -> Array:
         """1-sigma of each jet's constant thrust error, relative, shape (n_jets,)."""
 
-        def of(jet: Jet) -> float:
-            own = jet.thrust_uncertainty
-            return self.jet_kinds[jet.kind].thrust_uncertainty if own is None else own
+        def uncertainty(jet: Jet) -> float:
+            """Relative 1-sigma of one jet's thrust: its own, or its kind's."""
+            stated = jet.thrust_uncertainty
+            return self.jet_kinds[jet.kind].thrust_uncertainty if stated is None else stated
 
-        return self._per_jet(of)
+        return self._per_jet(uncertainty)
 
     @cached_property
     def mounting_sigmas(self) -> Array:
@@ -294,14 +297,14 @@ class VehicleFields(Model):
     @property
     def sensors_in_words(self) -> str:
         """Text with the number of sensors of each kind."""
-        others = {
+        counts = {
             "pose sensor": len(self.poses),
             "velocity sensor": len(self.velocities),
             "reaction wheel": len(self.wheels),
             "engine": len(self.engines),
         }
-        more = "".join(f", {count} {what}{'s' if count > 1 else ''}" for what, count in others.items() if count)
-        return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
+        text = "".join(f", {count} {kind}{'s' if count > 1 else ''}" for kind, count in counts.items() if count)
+        return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{text}"
 
     def sensor_names(self) -> list[str]:
         """Returns the names of the gyro and accelerometer packages, gyros first."""
@@ -311,9 +314,9 @@ class VehicleFields(Model):
 _P = TypeVar("_P", bound=SensorPackage)
 
 
-def _find_package(what: str, name: str, packages: Sequence[_P]) -> _P:
+def _find_package(kind: str, name: str, packages: Sequence[_P]) -> _P:
     """Returns the sensor package of a name; raises InputError with a similar name where there is none."""
     found = next((package for package in packages if package.name == name), None)
     if found is None:
-        raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")
+        raise InputError(f"'{name}' is no {kind} of the vehicle{suggestion(name, [one.name for one in packages])}")
     return found

@@ -12,7 +12,7 @@ from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.vehicle_checks import (
     component_problems,
     frame_problems,
-    impossible_figures,
+    impossible_entries,
     tank_problems,
     vehicle_findings,
 )
@@ -29,15 +29,15 @@ class Vehicle(VehicleFields):
     @model_validator(mode="after")
     def _require_consistent_vehicle(self) -> Vehicle:
         """Raises ValidationError with the problems of the first of four checks that finds any."""
-        for find in (frame_problems, component_problems, tank_problems, impossible_figures):
+        for find in (frame_problems, component_problems, tank_problems, impossible_entries):
             if problems := list(find(self)):
                 raise field_validation_error(problems)
         return self
 
     @property
     def doubts(self) -> list[Finding]:
-        """Entries that may be meant, but are more likely a slip."""
-        return [found for found in vehicle_findings(self) if not found.impossible]
+        """Doubtful entries of the vehicle, more likely a slip than meant."""
+        return [finding for finding in vehicle_findings(self) if not finding.impossible]
 
 
 def bundled_vehicles() -> list[str]:

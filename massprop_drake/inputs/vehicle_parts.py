@@ -43,6 +43,7 @@ UnitVector = Annotated[Vector3, AfterValidator(require_unit_length)]
 
 
 def _require_symmetric(value: Matrix3) -> Matrix3:
+    """Returns an inertia matrix; raises ValueError where it is not symmetric."""
     inertia = np.array(value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
         raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
@@ -67,6 +68,7 @@ class MassPropertiesModel(Model):
     @field_validator("inertia")
     @classmethod
     def _require_possible_inertia(cls, value: Matrix3) -> Matrix3:
+        """Raises ValueError for an inertia that no rigid body has."""
         inertia = np.array(value)
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 1e-9 * moments[2]:
@@ -199,6 +201,7 @@ class Tank(Model):
 
     @model_validator(mode="after")
     def _require_propellant_fits(self) -> Tank:
+        """Raises ValidationError where a tank holds more than its capacity."""
         if self.propellant > self.capacity:
             problem = f"is {self.propellant:g}, more than the capacity, {self.capacity:g}"
             raise field_validation_error([(("propellant",), problem)])
@@ -270,6 +273,7 @@ class Disturbance(Model):
 
     @model_validator(mode="after")
     def _require_torque_or_force(self) -> Disturbance:
+        """Raises ValueError where neither torque nor force acts."""
         if not any((*self.torque_std, *self.force_std)):
             raise ValueError("nothing is said to act; give torque_std, force_std or both, or leave disturbance out")
         return self

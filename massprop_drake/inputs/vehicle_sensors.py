@@ -33,8 +33,8 @@ _OVER_S = 10.0  # for which times of readings are counted
 
 def distinct_times_per_s(rates_hz: Sequence[float]) -> float:
     """Counts the distinct reading times of sensors at several rates, 1/s, all being read at zero."""
-    every = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
-    return float(np.unique(np.round(every, 6)).size) / _OVER_S
+    times_s = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
+    return float(np.unique(np.round(times_s, 6)).size) / _OVER_S
 
 
 _EACH_SAMPLE = "rate of readings; null: every sample"
@@ -54,6 +54,7 @@ class SensorPackage(Model):
 
     @model_validator(mode="after")
     def _require_reading_error(self) -> SensorPackage:
+        """Raises ValueError for a sensor without quantum and noise."""
         if self.quantum == 0.0 and self.noise_std == 0.0:
             raise ValueError(
                 f"sensor '{self.name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
@@ -127,6 +128,7 @@ class PoseSensor(Model):
 
     @model_validator(mode="after")
     def _require_measurement(self) -> PoseSensor:
+        """Raises ValueError for a sensor of neither position nor attitude."""
         if self.position_std is None and self.attitude_std is None:
             raise ValueError(f"sensor '{self.name}' measures nothing: give position_std, attitude_std or both")
         return self
@@ -180,6 +182,7 @@ class Wheel(Model):
 
     @model_validator(mode="after")
     def _require_reading_error(self) -> Wheel:
+        """Raises ValueError for a wheel without quantum and noise."""
         if self.quantum == 0.0 and self.noise_std == 0.0:
             raise ValueError(f"wheel '{self.name}' needs a quantum or a noise_std above zero: no reading is perfect")
         return self
@@ -221,6 +224,7 @@ class Gimbal(Model):
     @field_validator("axes")
     @classmethod
     def _require_distinct_axes(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
+        """Raises ValueError where the two axes are parallel."""
         if float(np.linalg.norm(np.cross(*value))) < _APART:
             raise ValueError("the two axes must not be parallel: a gimbal turns about both")
         return value
@@ -277,14 +281,14 @@ class RocketEngine(Model):
     def _require_possible_levels_and_axes(self) -> RocketEngine:
         """Raises ValidationError where throttle levels do not rise, or a gimbal axis lies along the force."""
         if isinstance(self.specific_impulse_s, tuple):
-            levels = [each.level for each in self.specific_impulse_s]
+            levels = [point.level for point in self.specific_impulse_s]
             if not levels or any(low >= high for low, high in pairwise(levels)):
                 raise field_validation_error(
                     [(("specific_impulse_s",), "levels must rise, and there must be one at least")]
                 )
         if self.gimbal is not None:
-            across = np.cross(self.gimbal.axes, self.direction)
-            if float(np.linalg.norm(across, axis=1).min()) < _APART:
+            normals = np.cross(self.gimbal.axes, self.direction)
+            if float(np.linalg.norm(normals, axis=1).min()) < _APART:
                 problem = "an axis along the engine's direction does not turn its force"
                 raise field_validation_error([(("gimbal", "axes"), problem)])
         return self
@@ -298,7 +302,7 @@ class RocketEngine(Model):
     @property
     def impulses(self) -> tuple[tuple[float, float], ...]:
         """Levels and the specific impulse at each, s."""
-        given = self.specific_impulse_s
-        if isinstance(given, tuple):
-            return tuple((each.level, each.specific_impulse_s) for each in given)
-        return ((1.0, given),)
+        stated = self.specific_impulse_s
+        if isinstance(stated, tuple):
+            return tuple((point.level, point.specific_impulse_s) for point in stated)
+        return ((1.0, stated),)

@@ -113,12 +113,12 @@ class Document:
         InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
     """
 
-    def __init__(self, text: str, source: str, within: FieldPath = ()):
+    def __init__(self, text: str, source: str, parent_path: FieldPath = ()):
         self.source = source
         self.overridden = set[FieldPath]()
         self._above: FieldPath = ()
         try:
-            data, self._lines, old = _read(text, within)
+            data, self._lines, old = _read(text, parent_path)
         except InputError as error:
             raise InputError(f"{source}{error}") from None
         if old:
@@ -140,9 +140,9 @@ class Document:
         """Returns the beginning of a message: file, line where it is known, and dotted field, or the key of `--set`."""
         path = (*self._above, *path)
         known = next((length for length in range(len(path), 0, -1) if path[:length] in self._lines), 0)
-        for key in sorted(self.overridden, key=lambda one: (-len(one), str(one))):
-            made = known < len(path) and path[: known + 1] == key[: known + 1]  # a block that the file lacks
-            if path[: len(key)] == key or made:
+        for key in sorted(self.overridden, key=lambda path_: (-len(path_), str(path_))):
+            is_new_block = known < len(path) and path[: known + 1] == key[: known + 1]  # a block that the file lacks
+            if path[: len(key)] == key or is_new_block:
                 return f"--set {dotted(key)}" + ("" if path == key else f": {dotted(path)}")
         if known:
             return f"{self.source}, line {self._lines[path[:known]]}: {dotted(path)}"
@@ -150,7 +150,7 @@ class Document:
 
 
 @lru_cache(maxsize=128)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
-def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
+def _read(text: str, parent_path: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
     """Parses YAML text into data, line of each field, and new names of old keys; errors lack the file's name."""
     if len(text) > _LONGEST:
         raise InputError(f": has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
@@ -164,9 +164,9 @@ def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath,
     except YAMLError as error:
         raise InputError(f": not valid YAML: {_error_text(error)}") from None
     if not isinstance(node, MappingNode):
-        what = "is empty" if node is None else "is no mapping"
-        raise InputError(f": the document {what}; expected keys with values, such as 'name: ...'")
-    walk = _Walk(within)
+        reason = "is empty" if node is None else "is no mapping"
+        raise InputError(f": the document {reason}; expected keys with values, such as 'name: ...'")
+    walk = _Walk(parent_path)
     walk.visit(node, ())
     try:
         return reader.constructor.construct_document(node), walk.lines, walk.renamed
@@ -177,8 +177,8 @@ def _read(text: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath,
 class _Walk:
     """Walk that notes the line of each part of a document, renames old keys and refuses a key that comes twice."""
 
-    def __init__(self, within: FieldPath):
-        self._within = within
+    def __init__(self, parent_path: FieldPath):
+        self._within = parent_path
         self.lines: dict[FieldPath, int] = {}
         self.renamed: dict[str, str] = {}
 
@@ -190,10 +190,10 @@ class _Walk:
                 line = key.start_mark.line + 1
                 if not isinstance(key, ScalarNode):
                     raise InputError(f", line {line}: a key must be a plain word")
-                place = (*self._within, *path[1:]) if self._within else path
-                now = renamed.present_key_name((*place, key.value))
-                if now is not None:
-                    self.renamed[key.value], key.value = now, now
+                full_path = (*self._within, *path[1:]) if self._within else path
+                present_name = renamed.present_key_name((*full_path, key.value))
+                if present_name is not None:
+                    self.renamed[key.value], key.value = present_name, present_name
                 field = (*path, key.value)
                 if field in self.lines:
                     raise InputError(
@@ -228,10 +228,10 @@ _noted: ContextVar[list[Path] | None] = ContextVar("noted", default=None)
 @contextlib.contextmanager
 def collect_files_read() -> Iterator[list[Path]]:
     """Yields a list to which `read_text` adds the path of every file read within the context."""
-    found: list[Path] = []
-    token = _noted.set(found)
+    paths: list[Path] = []
+    token = _noted.set(paths)
     try:
-        yield found
+        yield paths
     finally:
         _noted.reset(token)
 
@@ -249,8 +249,8 @@ def read_text(path: Path) -> str:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
-        about = describe_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
-        raise InputError(f"{path}: {about}") from None
+        folder_text = describe_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
+        raise InputError(f"{path}: {folder_text}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
@@ -259,20 +259,20 @@ def read_text(path: Path) -> str:
         raise InputError(f"{str(path)!r}: no file can have this name") from None
 
 
-def open_document(given: str | Path, kind: Kind) -> tuple[Document, Path]:
+def open_document(name_or_path: str | Path, kind: Kind) -> tuple[Document, Path]:
     """Opens a bundled file by name, or a file by path; returns its document and the folder of paths in it.
 
     Args:
-        given: name or path, of a scenario also that of a run's folder.
+        name_or_path: name or path, of a scenario also that of a run's folder.
         kind: of the file.
 
     Raises:
         InputError: when there is none of that name, or it is of another kind.
     """
-    name = str(given)
+    name = str(name_or_path)
     if name in bundled_files(kind):
         return Document(bundled_text(kind, name), f"{kind} '{name}'"), Path()
-    path = Path(given)
+    path = Path(name_or_path)
     if kind == "scenario" and exists(path / "scenario.yaml"):
         path = path / "scenario.yaml"
     if not exists(path):

@@ -60,7 +60,7 @@ _PACKED = (".zst", ".zstd")
 _LEAST_NS = 1000  # by which a record ends before the recorder's last message, ns; doubles round to a quarter of it
 
 
-def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_bag(path: Path, record_map: RecordMap | None, rows: int | None) -> Recording:
     """Reads a ROS bag into a recording: a table per topic, whose columns are fields such as `angular_velocity.x`.
 
     Stamps are those of the messages' headers, or where there are none those at which they were recorded. They count
@@ -69,7 +69,7 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
     Args:
         path: of a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
-        by: the map, of whose topics alone are read.
+        record_map: the map, of whose topics alone are read.
         rows: so many messages at the most of each topic.
 
     Raises:
@@ -80,38 +80,38 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except ImportError:
         raise missing_extra(path, "rosbags", "rosbag", "a bag") from None
     bag = _Bag(path)
-    gathered: dict[str, _TopicMessages] = {}
-    named: dict[str, str] = {}  # type of each topic
+    tables: dict[str, _TopicMessages] = {}
+    types_: dict[str, str] = {}  # type of each topic
 
     def is_wanted(channel: StoredTopic) -> bool:
         """Tests whether to read a topic: the map names it, or, without a map, its messages are not heavy."""
-        if by is not None:
-            return channel.topic in by.topics
+        if record_map is not None:
+            return channel.topic in record_map.topics
         return channel.msgtype.rpartition("/")[2] not in _HEAVY
 
     for message in bag.messages(is_wanted):
         channel = message.channel
-        named.setdefault(channel.topic, channel.msgtype)
+        types_.setdefault(channel.topic, channel.msgtype)
         if is_wanted(channel):
-            topic = gathered.setdefault(channel.topic, _TopicMessages())
+            topic = tables.setdefault(channel.topic, _TopicMessages())
             if rows is None or topic.seen < rows:
                 topic.add(message, types)
-    named = {one.topic: one.msgtype for one in bag.channels} | named
-    if by is not None:
-        for name in sorted(by.topics - set(named)):
-            raise missing_topic(str(path), name, list(named), bag.losses)
-        gathered |= {name: _TopicMessages() for name in by.topics - set(gathered)}  # it is there, without a message
+    types_ = {one.topic: one.msgtype for one in bag.channels} | types_
+    if record_map is not None:
+        for name in sorted(record_map.topics - set(types_)):
+            raise missing_topic(str(path), name, list(types_), bag.losses)
+        tables |= {name: _TopicMessages() for name in record_map.topics - set(tables)}  # it is there, without a message
     losses, notes = [*bag.losses, *bag.find_lost_messages()], list(bag.notes)
-    for name, found in gathered.items():
-        if found.unread and not found.fields:
-            if by is not None:
-                raise InputError(f"{path}: topic {name}, of type {named[name]}, cannot be read: {found.reason}")
-            notes.append(f"{path}: topic {name}, of type {named[name]}, is left out: {found.reason}")
-        elif found.unread:
-            left_out = f"{counted(found.unread, 'message')} of {name} cannot be read, and left out: {found.reason}"
+    for name, table in tables.items():
+        if table.unread and not table.fields:
+            if record_map is not None:
+                raise InputError(f"{path}: topic {name}, of type {types_[name]}, cannot be read: {table.reason}")
+            notes.append(f"{path}: topic {name}, of type {types_[name]}, is left out: {table.reason}")
+        elif table.unread:
+            left_out = f"{counted(table.unread, 'message')} of {name} cannot be read, and left out: {table.reason}"
             losses.append(Loss("damaged", f"{path}: {left_out}"))
     origin = bag.first_ns
-    topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items() if found.is_readable}
+    topics = {name: table.topic(f"{path}, {name}", origin) for name, table in tables.items() if table.is_readable}
     information = f"{path}: times count from the bag's first message, {(origin or 0) * _NANO:.3f} s of its clock"
     kind = "ros1" if path.suffix.lower() == ".bag" else "ros2"
     return Recording(
@@ -121,7 +121,7 @@ def read_bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         notes=tuple(notes),
         information=() if origin is None else (information,),
         sha256=digest(path),
-        types=named,
+        types=types_,
         losses=tuple(losses),
     )
 
@@ -154,12 +154,12 @@ class _BagMetadata(NamedTuple):
         except OSError:
             return _BagMetadata()
         try:
-            about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
-            counts = {one["topic_metadata"]["name"]: one["message_count"] for one in about["topics_with_message_count"]}
-            by_file = {Path(one["path"]).name: one["message_count"] for one in about.get("files") or []}
-            end_ns = about["starting_time"]["nanoseconds_since_epoch"] + about["duration"]["nanoseconds"]
-            files = tuple(Path(one).name for one in about["relative_file_paths"])
-            packs = str(about.get("compression_mode") or "").lower() == "message"
+            data = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+            counts = {one["topic_metadata"]["name"]: one["message_count"] for one in data["topics_with_message_count"]}
+            by_file = {Path(one["path"]).name: one["message_count"] for one in data.get("files") or []}
+            end_ns = data["starting_time"]["nanoseconds_since_epoch"] + data["duration"]["nanoseconds"]
+            files = tuple(Path(one).name for one in data["relative_file_paths"])
+            packs = str(data.get("compression_mode") or "").lower() == "message"
             return _BagMetadata(files, counts, by_file, int(end_ns), packs)
         except (YAMLError, *_DAMAGED) as error:
             raise ValueError(_first_line(error)) from None
@@ -197,37 +197,37 @@ class _Bag:
 
     def _list_files(self) -> list[Path]:
         """Returns the paths of a folder's storage files, as its metadata list them, or else all; notes lost files."""
-        there = sorted(one for one in self._path.iterdir() if _content_suffix(one) in (".db3", ".mcap"))
+        present = sorted(one for one in self._path.iterdir() if _content_suffix(one) in (".db3", ".mcap"))
         if not self._stated.files:
             if not self.losses:
                 self.losses.append(
                     Loss("truncated", f"{self._path}: has no {_METADATA}: the recorder did not finish it")
                 )
-            return there
+            return present
         for name in self._stated.files:
             if not (self._path / name).is_file():
-                what = f", of {counted(self._stated.by_file[name], 'message')}" if name in self._stated.by_file else ""
-                self.losses.append(Loss("damaged", f"{self._path / name}: is not there{what}"))
-        for one in there:
+                text = f", of {counted(self._stated.by_file[name], 'message')}" if name in self._stated.by_file else ""
+                self.losses.append(Loss("damaged", f"{self._path / name}: is not there{text}"))
+        for one in present:
             if one.name not in self._stated.files:
                 self.notes.append(f"{one}: is not read: {_METADATA} does not name it")
-        found = [self._path / name for name in self._stated.files if (self._path / name).is_file()]
-        if not found:
+        paths = [self._path / name for name in self._stated.files if (self._path / name).is_file()]
+        if not paths:
             raise InputError(f"{self._path}: none of the files that its {_METADATA} names is there")
-        return found
+        return paths
 
-    def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields every message of all files of the bag; data are empty for topics that are not wanted."""
+    def messages(self, accept: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+        """Yields every message of all files of the bag; data are empty for topics not accepted."""
         with ExitStack() as stack:
             for path in self._files:
                 file = path
                 if path.suffix.lower() in _PACKED:
                     file = Path(stack.enter_context(TemporaryDirectory(prefix="massprop-")), path.stem)
-                    lost = unpack_file(path, file)
-                    self.losses += [lost] if lost is not None else []
+                    loss = unpack_file(path, file)
+                    self.losses += [loss] if loss is not None else []
                 storage = Storage(file, str(path))
                 try:
-                    for message in storage.messages(wanted):
+                    for message in storage.messages(accept):
                         self._read[message.channel.topic] += 1
                         stamp = message.stamp_ns
                         self.first_ns = stamp if self.first_ns is None else min(self.first_ns, stamp)
@@ -251,19 +251,19 @@ class _Bag:
 
     def find_lost_messages(self) -> Iterator[Loss]:
         """Yields a loss where fewer messages of a topic were read than the recorder counted; notes surpluses."""
-        stated, who = self._stated.counts, str(self._path / _METADATA)
+        stated, counter = self._stated.counts, str(self._path / _METADATA)
         if not (stated and self._path.is_dir()):
-            stated, who = self._counts, f"{self._path}: its recorder"
+            stated, counter = self._counts, f"{self._path}: its recorder"
             yield from self._find_lost_messages_of_file()
         less = {name: count for name, count in stated.items() if self._read[name] < count}
         if less:
-            early = self._stated.end_ns is not None and (self.last_ns or 0) < self._stated.end_ns - _LEAST_NS
-            each = ", ".join(f"{name} {self._read[name]} of {count}" for name, count in less.items())
-            said = f"{who} counted {sum(stated.values())} messages, {self._read.total()} were read: {each}"
-            yield Loss("truncated" if early else "damaged", said)
+            is_cut = self._stated.end_ns is not None and (self.last_ns or 0) < self._stated.end_ns - _LEAST_NS
+            counts = ", ".join(f"{name} {self._read[name]} of {count}" for name, count in less.items())
+            text = f"{counter} counted {sum(stated.values())} messages, {self._read.total()} were read: {counts}"
+            yield Loss("truncated" if is_cut else "damaged", text)
         for name, count in stated.items():
             if self._read[name] > count:
-                self.notes.append(f"{who} counted {count} messages of {name}, {self._read[name]} were read")
+                self.notes.append(f"{counter} counted {count} messages of {name}, {self._read[name]} were read")
 
     def _find_lost_messages_of_file(self) -> Iterator[Loss]:
         """Yields a loss where a file read without its folder has fewer messages than the metadata count."""
@@ -274,7 +274,7 @@ class _Bag:
 
 
 def _content_suffix(path: Path) -> str:
-    """Returns the suffix of a path in small letters, without a suffix of compression: ".db3" of "a.db3.zst"."""
+    """Returns the lowercase suffix of a path without a suffix of compression: ".db3" of "a.db3.zst"."""
     return Path(path.stem).suffix.lower() if path.suffix.lower() in _PACKED else path.suffix.lower()
 
 
@@ -297,11 +297,11 @@ class _Types:
                 self._by_channel[channel] = self._make_reader(channel)
             except self._errors as error:
                 self._by_channel[channel] = _first_line(error)
-        found = self._by_channel[channel]
-        if isinstance(found, str):
-            raise ValueError(found)
+        reader = self._by_channel[channel]
+        if isinstance(reader, str):
+            raise ValueError(reader)
         try:
-            return found(data)
+            return reader(data)
         except self._errors as error:
             raise ValueError(_first_line(error)) from None
 
@@ -354,14 +354,14 @@ class _TopicMessages:
         """True if at least one message of the topic can be read, or it has none at all."""
         return bool(self.stamps) or not self.unread
 
-    def add(self, recorded: Message, types: _Types) -> None:
+    def add(self, stored: Message, types: _Types) -> None:
         """Deserializes a message and adds its stamp and fields; counts it as unread where it cannot be read."""
         try:
-            message = types.message(recorded.channel, recorded.data)
+            message = types.message(stored.channel, stored.data)
         except ValueError as error:
             self.unread, self.reason = self.unread + 1, self.reason or str(error)
             return
-        self.stamps.append(recorded.stamp_ns)
+        self.stamps.append(stored.stamp_ns)
         header = getattr(message, "header", None)
         if header is not None and hasattr(header, "stamp"):
             self.own.append(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
@@ -371,8 +371,8 @@ class _TopicMessages:
         """Makes the table of the topic: a column per field, and stamps in s from the origin, ns, in recorded order."""
         order = np.argsort(self.stamps, kind="stable")
         if (np.diff(order) < 0).any():
-            self.stamps, self.fields = [self.stamps[one] for one in order], [self.fields[one] for one in order]
-            self.own = [self.own[one] for one in order] if len(self.own) == len(order) else self.own
+            self.stamps, self.fields = [self.stamps[index] for index in order], [self.fields[index] for index in order]
+            self.own = [self.own[index] for index in order] if len(self.own) == len(order) else self.own
         headed = len(self.own) == len(self.stamps) and any(self.own)
         stamps: NDArray[np.int64] = np.array(self.own if headed else self.stamps, dtype=np.int64)
         names = dict.fromkeys(name for fields in self.fields for name in fields)
@@ -382,13 +382,13 @@ class _TopicMessages:
         return Topic(source, columns, np.multiply(stamps - (origin or 0), _NANO))
 
 
-def _flatten_fields(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+def _flatten_fields(message: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
     """Yields name and value of a message's numbers, texts and short arrays; nested names are joined by dots."""
     for name in message.__dataclass_fields__:
         if name == "__msgtype__":
             continue
         value = getattr(message, name)
-        full = f"{before}{name}"
+        full = f"{prefix}{name}"
         if hasattr(value, "__dataclass_fields__"):
             if depth < _DEEPEST:
                 yield from _flatten_fields(value, f"{full}.", depth + 1)

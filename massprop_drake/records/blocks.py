@@ -53,8 +53,8 @@ class Table(ABC):
     losses: Sequence[Loss]
 
     @abstractmethod
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields blocks of rows: line numbers, and values of the columns at wanted positions, NaN where missing.
+    def blocks(self, indices: list[int]) -> Iterator[Block]:
+        """Yields blocks of rows: line numbers, and values of the columns at these indices, NaN where missing.
 
         Raises:
             InputError: for a value that is no number, or means nothing.
@@ -77,34 +77,34 @@ class Table(ABC):
         """Closes the file, if one is open."""
 
 
-def require_unique(header: list[str], where: str) -> None:
+def require_unique(header: list[str], location: str) -> None:
     """Raises InputError where a column name appears twice in a table's header."""
     seen: set[str] = set()
     for name in header:
         if name and name in seen:
-            raise InputError(f"{where}: column '{name}' appears twice; keep one of them")
+            raise InputError(f"{location}: column '{name}' appears twice; keep one of them")
         seen.add(name)
 
 
-def infinite_value_message(where: str, column: str) -> str:
+def infinite_value_message(location: str, column: str) -> str:
     """Returns the text of the error for an infinite value in a cell."""
-    return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
+    return f"{location}, column {column}: is infinite; leave the cell empty where there is no value"
 
 
-def require_meaningful(block: Block, columns: Sequence[str], source: str, place: str) -> None:
-    """Raises InputError with the place of a value in a block that is infinite or larger than 1e12.
+def require_meaningful(block: Block, columns: Sequence[str], source: str, row_word: str) -> None:
+    """Raises InputError, with row and column, for a value that is infinite or larger than 1e12.
 
     Args:
         block: of a table.
         columns: names of its columns.
         source: what to call the table in messages.
-        place: what its rows are counted in.
+        row_word: what its rows are counted in.
     """
     wrong = np.abs(block.values) > LARGEST  # NaN is not
     if wrong.any():
         row, column = np.argwhere(wrong)[0]
-        where = f"{source}, {place} {block.lines[row]}"
+        location = f"{source}, {row_word} {block.lines[row]}"
         value = float(block.values[row, column])
         if math.isinf(value):
-            raise InputError(infinite_value_message(where, columns[column]))
-        raise InputError(f"{where}, column {columns[column]}: {value:g} is too large to mean anything")
+            raise InputError(infinite_value_message(location, columns[column]))
+        raise InputError(f"{location}, column {columns[column]}: {value:g} is too large to mean anything")

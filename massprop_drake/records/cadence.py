@@ -23,52 +23,52 @@ class HeldRows:
         after: see `Reader`.
     """
 
-    def __init__(self, n_jets: int, after: Continuation | None):
-        self._command = np.full(n_jets, np.nan) if after is None else after.command
-        self._onset_s = level_onsets(n_jets) if after is None or after.onset_s is None else after.onset_s
-        self._wrench = np.zeros(6) if after is None else after.outside_wrench
-        self._told_s = -math.inf if after is None else after.time_s
+    def __init__(self, n_jets: int, previous: Continuation | None):
+        self._command = np.full(n_jets, np.nan) if previous is None else previous.command
+        self._onset_s = level_onsets(n_jets) if previous is None or previous.onset_s is None else previous.onset_s
+        self._wrench = np.zeros(6) if previous is None else previous.outside_wrench
+        self._told_s = -math.inf if previous is None else previous.time_s
         self._pushed_s = self._told_s
 
     def fill_in(
-        self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
+        self, times: Array, recorded: Flags, signals: tuple[Array, Array | None, Array | None], period_s: float
     ) -> tuple[Array, Array | None, Array | None]:
-        """Returns commands, onsets and outside wrench, in rows without any those that hold from a row before.
+        """Returns commands, onsets and outside wrench by row; rows without values hold those of an earlier row.
 
         Args:
             times: of the rows, s, shape (n,).
             recorded: see `Rows`.
-            told: commands, onsets and wrench as they stand in the rows, NaN where they do not.
+            signals: commands, onsets and wrench as they stand in the rows, NaN where they do not.
             period_s: sample period.
         """
-        commands, onsets_s, wrench = told
-        here = np.vstack((self._command, commands))
+        commands, onsets_s, wrench = signals
+        earlier_and_new = np.vstack((self._command, commands))
         opening = level_onsets(commands.shape) if onsets_s is None else onsets_s
         opens = np.vstack((self._onset_s, opening))
-        since, place = _time_since_given(self._told_s, times, rows_with_values(commands))
-        known = (since < HELD * period_s) & recorded
-        acting, acting_s = rest_of_sample(here[place], opens[place], np.where(known, since, 0.0), period_s)
-        acting[~known], acting_s[~known] = np.nan, np.nan
-        self._command, self._onset_s = here[place[-1]], opens[place[-1]]
-        self._told_s = float(times[-1] - since[-1])
+        age_s, index = _age_of_values(self._told_s, times, rows_with_values(commands))
+        known = (age_s < HELD * period_s) & recorded
+        held, acting_s = rest_of_sample(earlier_and_new[index], opens[index], np.where(known, age_s, 0.0), period_s)
+        held[~known], acting_s[~known] = np.nan, np.nan
+        self._command, self._onset_s = earlier_and_new[index[-1]], opens[index[-1]]
+        self._told_s = float(times[-1] - age_s[-1])
         if wrench is not None:
             pushes = np.vstack((self._wrench, np.nan_to_num(wrench)))
-            since, place = _time_since_given(self._pushed_s, times, rows_with_values(wrench))
-            self._wrench, self._pushed_s = pushes[place[-1]], float(times[-1] - since[-1])
-            wrench = np.where(((since < HELD * period_s) & recorded)[:, None], pushes[place], 0.0)
-        return acting, None if onsets_s is None else acting_s, wrench
+            age_s, index = _age_of_values(self._pushed_s, times, rows_with_values(wrench))
+            self._wrench, self._pushed_s = pushes[index[-1]], float(times[-1] - age_s[-1])
+            wrench = np.where(((age_s < HELD * period_s) & recorded)[:, None], pushes[index], 0.0)
+        return held, None if onsets_s is None else acting_s, wrench
 
 
 def rows_with_values(values: Array) -> Flags:
     """Flags rows in which any column of commands or wrench is not NaN, shape (n,)."""
-    told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
-    return told
+    flags: Flags = np.asarray((~np.isnan(values)).any(axis=1))
+    return flags
 
 
-def _time_since_given(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
-    """Computes the age of the value that holds in a row, s, and its row plus 1 (0: earlier), shape (n,) both."""
-    place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
-    return times - np.append(before_s, times)[place], place
+def _age_of_values(earlier_s: float, times: Array, is_given: Flags) -> tuple[Array, NDArray[np.int_]]:
+    """Computes the age of the value held in each row, s, and its row plus 1 (0: earlier), shape (n,) both."""
+    row = np.maximum.accumulate(np.where(is_given, np.arange(1, times.size + 1), 0))
+    return times - np.append(earlier_s, times)[row], row
 
 
 class Cadence:
@@ -83,14 +83,14 @@ class Cadence:
         self._last_s = self._before_s = math.nan
 
     def count_missing(self, times: Array, reading: Array) -> int:
-        """Returns the number of missing readings of a package in a block, or of incomplete ones if that is larger."""
-        there = ~np.isnan(reading).any(axis=1)
-        partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
-        read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]
-        steps = np.diff(read)
+        """Returns the number of missing readings of a package in a block, or of incomplete ones if larger."""
+        complete = ~np.isnan(reading).any(axis=1)
+        partly = int((~complete & ~np.isnan(reading).all(axis=1)).sum())
+        read_s = np.append(self._last_s, times[complete]) if math.isfinite(self._last_s) else times[complete]
+        steps = np.diff(read_s)
         if self._usual_s is None and steps.size >= FIRST_INTERVALS:
             self._usual_s = float(np.median(steps))
-        self._last_s = float(read[-1]) if read.size else self._last_s
+        self._last_s = float(read_s[-1]) if read_s.size else self._last_s
         if self._usual_s is None or not steps.size:
             return partly
         long = steps[steps > _LATE_READING * self._usual_s]
@@ -98,10 +98,10 @@ class Cadence:
 
     def steps(self, times: Array, reading: Array, period_s: float) -> Array:
         """Computes the time since the previous reading, s, zero in rows without a reading, shape (n, 1)."""
-        there = ~np.isnan(reading).any(axis=1)
-        read, steps = times[there], np.zeros((times.size, 1))
-        if read.size:
-            first = self._before_s if math.isfinite(self._before_s) else read[0] - (self._usual_s or period_s)
-            steps[there, 0] = np.diff(read, prepend=first)
-            self._before_s = float(read[-1])
+        complete = ~np.isnan(reading).any(axis=1)
+        read_s, steps = times[complete], np.zeros((times.size, 1))
+        if read_s.size:
+            first = self._before_s if math.isfinite(self._before_s) else read_s[0] - (self._usual_s or period_s)
+            steps[complete, 0] = np.diff(read_s, prepend=first)
+            self._before_s = float(read_s[-1])
         return steps

@@ -55,35 +55,29 @@ class _ClockColumn(NamedTuple):
 
 
 def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """Finds the column, or pair of seconds and fraction, that times a topic's rows; None where there is none.
-
-    Args:
-        topic: whose rows are timed.
-        names: of its columns.
-        period_s: the vehicle's sample period, which steps should be about, s.
-    """
-    named = [name for name in names if name.is_timed]
-    found = [
+    """Finds the column, or pair of seconds and fraction, that times a topic's rows; None where there is none."""
+    timed = [name for name in names if name.is_timed]
+    clocks = [
         *_find_split_times(topic, names),
-        *(one for name in named for one in _read_time_column(topic, names, name, period_s)),
+        *(one for name in timed for one in _read_time_column(topic, names, name, period_s)),
     ]
-    if not any(one.rises for one in found):
-        found += [
+    if not any(one.rises for one in clocks):
+        clocks += [
             one
             for name in names
-            if name not in named and _is_text(topic, name)
+            if name not in timed and _is_text(topic, name)
             for one in _read_time_column(topic, names, name, period_s)
         ]
-    rising = [one for one in found if one.rises]
+    rising = [one for one in clocks if one.rises]
     if rising:
         best = min(rising, key=lambda one: not _steps_divide_period(one.steps, period_s))
         return TopicClock(best.data, f"time: {best.why}", _describe_coarse_stamps(best, period_s, rises=True))
-    standing = [one for one in found if one.steps.size and one.steps.min() >= 0.0 and one.steps.max() > 0.0]
-    counted = _find_rising_column(topic, names, period_s)
-    if counted is not None:
-        return counted
-    if standing:
-        return TopicClock({}, "", _describe_coarse_stamps(standing[0], period_s, rises=False))
+    coarse = [one for one in clocks if one.steps.size and one.steps.min() >= 0.0 and one.steps.max() > 0.0]
+    guessed = _find_rising_column(topic, names, period_s)
+    if guessed is not None:
+        return guessed
+    if coarse:
+        return TopicClock({}, "", _describe_coarse_stamps(coarse[0], period_s, rises=False))
     return None
 
 
@@ -136,8 +130,8 @@ def _read_time_column(
         date = next((one.column for one in names if _is_date(topic, one)), None) if of_day else None
         if date is not None:
             data["date"] = date
-        what = "stamps of date and time" if date is None else f"time of day, of the dates in column {date}"
-        return [_ClockColumn(data, topic.times_s(column, 1.0, date), f"column {column}, {what}")]
+        meaning = "stamps of date and time" if date is None else f"time of day, of the dates in column {date}"
+        return [_ClockColumn(data, topic.times_s(column, 1.0, date), f"column {column}, {meaning}")]
     try:
         numbers = topic.numbers(column)
     except InputError:
@@ -158,8 +152,8 @@ def _read_time_column(
         if not known or _steps_divide_period(steps * si_factor(nearest, "time"), period_s):
             unit = nearest
             why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
-    said = f"column {column}, which rises from row to row, in {unit} {why}"
-    return [_ClockColumn({"column": column, "unit": unit}, numbers * si_factor(unit, "time"), said)]
+    text = f"column {column}, which rises from row to row, in {unit} {why}"
+    return [_ClockColumn({"column": column, "unit": unit}, numbers * si_factor(unit, "time"), text)]
 
 
 def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
@@ -170,7 +164,7 @@ def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockC
         if (name.is_timed or name.is_fraction or si_factor_or_none(name.unit or "1", "time") is not None)
         and not _is_text(topic, name)
     ]
-    found = []
+    clocks = []
     for whole in timed:
         seconds = topic.numbers(whole.column)
         if whole.unit not in ("", "s", "sec", "secs", "seconds") or whole.is_fraction or _is_fractional(seconds):
@@ -181,32 +175,32 @@ def _find_split_times(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockC
             alike = part.words == whole.words or part.is_fraction
             if part is whole or not alike or not unit or (si_factor(unit, "time") >= 1.0 and not _is_fractional(rest)):
                 continue
-            share = rest * si_factor(unit, "time")
+            fraction = rest * si_factor(unit, "time")
             if (
-                not np.isfinite(share).any()
-                or np.nanmin(share) < 0.0
-                or np.nanmax(share) >= 1.0
-                or not np.nanmax(share)
+                not np.isfinite(fraction).any()
+                or np.nanmin(fraction) < 0.0
+                or np.nanmax(fraction) >= 1.0
+                or not np.nanmax(fraction)
             ):
                 continue
             data = {"column": whole.column, "unit": "s", "fraction": part.column, "fraction_unit": unit}
             why = f"whole seconds in column {whole.column}, and {unit} below them in column {part.column}"
-            found.append(_ClockColumn(data, seconds + share, why))
-    return found
+            clocks.append(_ClockColumn(data, seconds + fraction, why))
+    return clocks
 
 
 def _is_fractional(values: Array) -> bool:
     """Tests whether any finite value is no whole number."""
-    there = values[np.isfinite(values)]
-    return bool((there != np.round(there)).any())
+    finite = values[np.isfinite(values)]
+    return bool((finite != np.round(finite)).any())
 
 
 def _fraction_unit(values: Array) -> str:
     """Returns the unit, "s", "ms", "us" or "ns", in which all values are just below a second; "": none."""
-    most = float(np.nanmax(values, initial=0.0))
+    largest = float(np.nanmax(values, initial=0.0))
     if _is_fractional(values):
-        return "s" if most < 1.0 else ""
-    return next((unit for unit in ("ms", "us", "ns") if 0.0 < most < 1.0 / si_factor(unit, "time")), "")
+        return "s" if largest < 1.0 else ""
+    return next((unit for unit in ("ms", "us", "ns") if 0.0 < largest < 1.0 / si_factor(unit, "time")), "")
 
 
 def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
@@ -229,14 +223,14 @@ def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: flo
     return None
 
 
-def _describe_coarse_stamps(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
+def _describe_coarse_stamps(clock: _ClockColumn, period_s: float, *, rises: bool) -> str:
     """Describes time stamps that are too coarse to time the rows; "" where they are fine enough."""
-    steps = read.steps
-    column = read.data["column"]
+    steps = clock.steps
+    column = clock.data["column"]
     if not rises:
-        still = int(np.diff(np.flatnonzero(steps > 0.0), prepend=0).max())
+        longest = int(np.diff(np.flatnonzero(steps > 0.0), prepend=0).max())
         return (
-            f"the stamps of column {column} are coarse: they stand still for up to {still} rows and then go on by "
+            f"the stamps of column {column} are coarse: they stand still for up to {longest} rows and then go on by "
             f"{float(steps.max()):.4g} s, which does not time rows of {period_s:g} s; log finer stamps, or name "
             "another column"
         )

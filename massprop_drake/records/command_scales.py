@@ -36,9 +36,9 @@ class CommandScale(NamedTuple):
         """True if the scale is one of on-times, not of fractions or percent."""
         return self.unit not in ("1", "%")
 
-    def is_reached(self, most: float) -> bool:
+    def is_reached(self, largest: float) -> bool:
         """Tests whether the largest command equals full scale, but for rounding."""
-        return abs(most - self.full) <= _EXACT * self.full
+        return abs(largest - self.full) <= _EXACT * self.full
 
 
 class Levels(NamedTuple):
@@ -58,36 +58,28 @@ class Levels(NamedTuple):
 
 
 def two_levels(values: Array) -> Levels | None:
-    """Finds the values of closed and open, if all commands but rare ones take these two alone; else None.
-
-    Args:
-        values: all commands, without missing ones.
-    """
-    found, counts = np.unique(values, return_counts=True)
-    beside: list[float] = []
+    """Finds the values of closed and open jets, if all but rare commands take these two alone; else None."""
+    levels, counts = np.unique(values, return_counts=True)
+    extra: list[float] = []
     left_out = 0
-    while found.size > 1:
-        jumps = np.diff(found)
+    while levels.size > 1:
+        jumps = np.diff(levels)
         at = int(np.argmax(jumps)) + 1
-        lower, upper = (found[:at], counts[:at]), (found[at:], counts[at:])
+        lower, upper = (levels[:at], counts[:at]), (levels[at:], counts[at:])
         rarer, usual = sorted((lower, upper), key=lambda one: int(one[1].sum()))
         if max(np.ptp(lower[0]), np.ptp(upper[0])) <= _LEVEL * jumps[at - 1]:
             if left_out > _RARE * rarer[1].sum():
                 return None
             closed, opened = (float(np.median(np.repeat(*one))) for one in (usual, rarer))
-            return Levels(closed, opened, found.size > 2, tuple(beside))
-        beside += [float(one) for one in rarer[0]]
+            return Levels(closed, opened, levels.size > 2, tuple(extra))
+        extra += [float(one) for one in rarer[0]]
         left_out += int(rarer[1].sum())
-        found, counts = usual
+        levels, counts = usual
     return None
 
 
 def drop_rare_commands(values: Array) -> Array:
-    """Returns the commands without the largest ones, if these are few and far above the others.
-
-    Args:
-        values: all commands, without missing ones.
-    """
+    """Returns the commands without the largest ones, if these are few and far above the others."""
     opened = np.sort(values[values > 0.0])
     few = _count_possible_errors(opened.size)
     if not few or opened[-1 - few] > opened[-1] / _FAR:
@@ -106,20 +98,20 @@ def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
         period_s: sample period, s.
     """
     values = values[np.isfinite(values)]
-    most = float(values.max(initial=0.0))
-    if most <= 0.0 or values.min() < 0.0:
+    largest = float(values.max(initial=0.0))
+    if largest <= 0.0 or values.min() < 0.0:
         return []
     whole = bool((values == np.round(values)).all())
-    every = [CommandScale("1", 1.0, "fractions"), CommandScale("%", 100.0, "percent")]
+    scales = [CommandScale("1", 1.0, "fractions"), CommandScale("%", 100.0, "percent")]
     for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         full = float(f"{period_s / factor:.9g}")
-        every.append(CommandScale(unit, full, f"on-times in {unit}, of {full:g} {unit} at the most"))
-    if whole and most > 100.0:
-        every.append(CommandScale("1", _BYTE, "numbers of 0 to 255"))
-    fitting = [one for one in every if most <= one.full * (1.0 + (_LONGER if one.is_timed else _EXACT))]
-    if np.unique(values[values > 0.0]).size == 1 and not any(one.is_reached(most) for one in every):
-        fitting.append(CommandScale("1", most, f"two values, 0 closed and {most:g} open"))
-    return sorted(fitting, key=lambda one: (not one.is_reached(most), one.full))
+        scales.append(CommandScale(unit, full, f"on-times in {unit}, of {full:g} {unit} at the most"))
+    if whole and largest > 100.0:
+        scales.append(CommandScale("1", _BYTE, "numbers of 0 to 255"))
+    fitting = [one for one in scales if largest <= one.full * (1.0 + (_LONGER if one.is_timed else _EXACT))]
+    if np.unique(values[values > 0.0]).size == 1 and not any(one.is_reached(largest) for one in scales):
+        fitting.append(CommandScale("1", largest, f"two values, 0 closed and {largest:g} open"))
+    return sorted(fitting, key=lambda one: (not one.is_reached(largest), one.full))
 
 
 class CommandTally:
@@ -137,11 +129,11 @@ class CommandTally:
     def add(self, commands: Array) -> None:
         """Counts commands that open a jet, those of a full period, and longer ones; NaN counts as missing."""
         opened = commands[commands > 0.0]
-        within = opened[opened <= self._period_s * (1.0 + _LONGER)]
+        allowed = opened[opened <= self._period_s * (1.0 + _LONGER)]
         self._opened += opened.size
-        self._longer += opened.size - within.size
-        self._full += int((within >= self._period_s * (1.0 - _LONGER)).sum())
-        self._largest = max(self._largest, float(within.max(initial=0.0)))
+        self._longer += opened.size - allowed.size
+        self._full += int((allowed >= self._period_s * (1.0 - _LONGER)).sum())
+        self._largest = max(self._largest, float(allowed.max(initial=0.0)))
 
     def doubt(self) -> str:
         """Returns a warning if the fractions counted so far look like on-times in seconds; "" if not."""
@@ -158,10 +150,10 @@ class CommandTally:
         )
 
 
-def _count_possible_errors(opened: int) -> int:
-    """Returns how many of so many commands above zero may be errors; 0 where these are too few to tell."""
-    few = max(int(_FEW * opened), 1)
-    return few if few <= _RARE * opened else 0
+def _count_possible_errors(n_commands: int) -> int:
+    """Returns how many of n commands above zero may be errors; 0 where n is too small to tell."""
+    few = max(int(_FEW * n_commands), 1)
+    return few if few <= _RARE * n_commands else 0
 
 
 def scale_hint(values: Array, period_s: float) -> str:
@@ -171,10 +163,10 @@ def scale_hint(values: Array, period_s: float) -> str:
         values: commands, NaN where missing.
         period_s: sample period, s.
     """
-    most = np.nanmax(values)
-    likely = [one for one in possible_scales(values, period_s) if 1.0 < one.full < most / _CLEARLY and most > 2.0]
+    largest = np.nanmax(values)
+    likely = [one for one in possible_scales(values, period_s) if 1.0 < one.full < largest / _CLEARLY and largest > 2.0]
     if not likely:
         return ""
-    alike = [one for one in likely if abs(one.full - likely[0].full) <= _EXACT * one.full]
-    words = " or ".join(one.words.partition(",")[0] for one in alike)
+    equal = [one for one in likely if abs(one.full - likely[0].full) <= _EXACT * one.full]
+    words = " or ".join(one.words.partition(",")[0] for one in equal)
     return f"; the commands look like {words}: divide by {likely[0].full:g}"

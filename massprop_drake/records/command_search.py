@@ -32,7 +32,7 @@ class CommandSearch(MapSearch):
         return {} if family is None else family.columns
 
     def _switched_columns(self, topic: Topic) -> set[str]:
-        """Returns the jets' columns in a topic if their values switch as commands do (no sensor's); else empty."""
+        """Returns the jets' columns in a topic if their values switch as commands do; else an empty set."""
         columns = self._jet_columns(topic).values()
         return set(columns) if columns and self._are_command_values(topic, [*columns]) else set()
 
@@ -73,9 +73,9 @@ class CommandSearch(MapSearch):
                     self.data["commands"] = {"listed": {"column": column}}
                     self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
                     return True
-        counted = {column for one in families if one.named for column in (*one.columns.values(), *one.beside)}
+        jet_columns = {column for one in families if one.named for column in (*one.columns.values(), *one.beside)}
         for column, values in topic.columns.items():
-            if values.dtype == object or column in counted or not read_name(column).may_be_mask:
+            if values.dtype == object or column in jet_columns or not read_name(column).may_be_mask:
                 continue
             numbers = topic.numbers(column)
             numbers = numbers[np.isfinite(numbers)]
@@ -125,23 +125,23 @@ class CommandSearch(MapSearch):
         scales = possible_scales(values, period_s)
         if usual.size < values.size:
             scales += [one for one in possible_scales(usual, period_s) if one not in scales]
-            most = float(values.max()), float(usual.max())
-            scales.sort(key=lambda one: not any(map(one.is_reached, most)))
-        told = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
-        if not told and name.is_on_time:
-            told = [one for one in scales if one.is_timed]
+            maxima = float(values.max()), float(usual.max())
+            scales.sort(key=lambda one: not any(map(one.is_reached, maxima)))
+        named = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
+        if not named and name.is_on_time:
+            named = [one for one in scales if one.is_timed]
         if not scales and values.any():
             self.lacking.append(
                 f"commands, {', '.join(columns.values())}, go from {values.min():g} to {values.max():g}, which is "
                 "neither a share, percent, an on-time within the sample period nor the width of a pulse: give "
                 "commands.unit, off, on"
             )
-        self._scales = [_scale_keys(one) for one in told or scales]
+        self._scales = [_scale_keys(one) for one in named or scales]
         if self._scales:
-            best = (told or scales)[0]
-            self._is_scale_sure = bool(told) or (usual.size == values.size and best.is_reached(float(values.max())))
+            best = (named or scales)[0]
+            self._is_scale_sure = bool(named) or (usual.size == values.size and best.is_reached(float(values.max())))
             self.data["commands"] |= self._scales[0]
-            why = "as their names say" if told else f"since they reach {values.max():g}"
+            why = "as their names say" if named else f"since they reach {values.max():g}"
             self._say(f"commands: {best.words}, {why}")
 
     def _take_levels(self, levels: Levels) -> None:
@@ -174,9 +174,9 @@ def _pulse_widths(values: Array) -> tuple[float, float]:
     levels = np.unique(armed)
     if levels.size == 2:
         return float(levels[0]), float(levels[1])
-    least, most = (float(armed.min()), float(armed.max())) if armed.size else (1000.0, 2000.0)
-    off, on = (1100.0, 1900.0) if least >= 1100.0 and most <= 1900.0 else (1000.0, 2000.0)
-    return min(off, least), max(on, most)
+    lowest, highest = (float(armed.min()), float(armed.max())) if armed.size else (1000.0, 2000.0)
+    off, on = (1100.0, 1900.0) if lowest >= 1100.0 and highest <= 1900.0 else (1000.0, 2000.0)
+    return min(off, lowest), max(on, highest)
 
 
 def _scale_keys(scale: CommandScale) -> dict[str, Any]:
@@ -189,5 +189,5 @@ def _scale_keys(scale: CommandScale) -> dict[str, Any]:
 def _is_unit_of(unit: str, scale: CommandScale) -> bool:
     """Tests whether a unit read from a column's name equals that of a command scale."""
     kind = "time" if scale.is_timed else "number"
-    own, wanted = si_factor_or_none(unit, kind), si_factor_or_none(scale.unit, kind)
-    return own is not None and own == wanted
+    factor, expected = si_factor_or_none(unit, kind), si_factor_or_none(scale.unit, kind)
+    return factor is not None and factor == expected

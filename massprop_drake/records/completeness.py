@@ -56,11 +56,11 @@ class Ragged:
         self.count += 1
 
     def losses(self, source: str) -> list[Loss]:
-        """Returns the losses of a table by rows left out and a cut last row; their texts begin with its name."""
-        found, before = [], self.count - self.last_incomplete
-        if before:
-            what = f"{counted(before, 'row')} left out with a wrong number of cells"
-            found.append(Loss("damaged", f"{source}: {what}, the first in line {self.first_line}"))
+        """Returns the losses of a table: rows left out and a cut last row; their texts begin with its name."""
+        found, complete = [], self.count - self.last_incomplete
+        if complete:
+            text = f"{counted(complete, 'row')} left out with a wrong number of cells"
+            found.append(Loss("damaged", f"{source}: {text}, the first in line {self.first_line}"))
         if self.last_incomplete:
             found.append(Loss("truncated", f"{source}: is cut off within line {self.last_line}, which is left out"))
         return found
@@ -80,23 +80,18 @@ class Ending:
         """Keeps the length of the shortest last cell of complete rows."""
         self._shortest = min(self._shortest, len(cell))
 
-    def is_cut(self, cell: str, *, number: bool) -> bool:
-        """Tests whether the last cell of a line without a line end looks cut off.
-
-        Args:
-            cell: as it stands.
-            number: whether its column has numbers.
-        """
+    def is_cut(self, cell: str, *, is_numeric: bool) -> bool:
+        """Tests whether the last cell of a line without a line end looks cut off."""
         text = cell.strip()
-        broken = number and text.lower() not in MISSING and not NUMBER.fullmatch(text)
-        return broken or 0 < len(cell) < self._shortest
+        is_broken = is_numeric and text.lower() not in MISSING and not NUMBER.fullmatch(text)
+        return is_broken or 0 < len(cell) < self._shortest
 
 
-def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[int, str]]:
+def text_lines(file: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[int, str]]:
     """Yields number and text of each line of a text file; adds a loss where its end is zeros.
 
     Args:
-        text: the file.
+        file: the file.
         source: what to call it in messages.
         losses: takes in what is lost.
 
@@ -107,10 +102,10 @@ def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[
     while True:
         number += 1
         try:
-            line = text.readline(_LONGEST_LINE)
+            line = file.readline(_LONGEST_LINE)
             if "\0" in line:
                 head = line[: line.index("\0")]
-                if number == 1 or not _are_zeros(line[len(head) :], text):
+                if number == 1 or not _are_zeros(line[len(head) :], file):
                     raise InputError(f"{source}, line {number}: holds a NUL byte; expected text in UTF-8")
                 losses.append(Loss("truncated", f"{source}: has nothing but zeros from line {number} on"))
                 line = head
@@ -127,12 +122,12 @@ def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[
         yield number, line
 
 
-def _are_zeros(begin: str, text: TextIO) -> bool:
+def _are_zeros(text: str, file: TextIO) -> bool:
     """Tests whether a text, and all that follows it in a file, are NUL characters."""
-    while begin:
-        if begin.strip("\0"):
+    while text:
+        if text.strip("\0"):
             return False
-        begin = text.read(1 << 16)
+        text = file.read(1 << 16)
     return True
 
 

@@ -27,24 +27,24 @@ class Thinning:
 
     def select(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
         """Selects rows with rates about a sample period apart, and gaps; returns them with their signals."""
-        read = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
-        told = np.ones_like(read) if rows.told is None else rows.told
+        has_rate = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
+        has_commands = np.ones_like(has_rate) if rows.told is None else rows.told
         chosen = []
-        for row in np.flatnonzero(read | ~rows.recorded).tolist():
-            since = (float(rows.time_s[row]) - self._last_s) / self._period_s
-            if not rows.recorded[row] or since >= (1.0 - JITTER if told[row] else 1.0 + JITTER):
+        for row in np.flatnonzero(has_rate | ~rows.recorded).tolist():
+            periods = (float(rows.time_s[row]) - self._last_s) / self._period_s
+            if not rows.recorded[row] or periods >= (1.0 - JITTER if has_commands[row] else 1.0 + JITTER):
                 chosen.append(row)
                 self._last_s = float(rows.time_s[row])
-        which = np.array(chosen, dtype=int)
-        found = {name: values[which] for name, values in signals.items()}
-        if "usable" in found:
-            found["usable"] = self._steady_commands(rows.commands[which])
-        return rows.select(which), found
+        indices = np.array(chosen, dtype=int)
+        selected = {name: values[indices] for name, values in signals.items()}
+        if "usable" in selected:
+            selected["usable"] = self._steady_commands(rows.commands[indices])
+        return rows.select(indices), selected
 
     def _steady_commands(self, commands: Array) -> Array:
         """Returns 1.0 for rows whose last interval had the same commands as the one before, else 0.0, shape (n, 1)."""
         nothing = np.zeros(commands.shape[1])
-        last, now = self._before or (nothing, nothing)
-        every = np.vstack((last, now, commands))
-        self._before = every[-2], every[-1]
-        return (every[:-2] == every[1:-1]).all(axis=1).astype(float)[:, None]
+        last, newest = self._before or (nothing, nothing)
+        all_commands = np.vstack((last, newest, commands))
+        self._before = all_commands[-2], all_commands[-1]
+        return (all_commands[:-2] == all_commands[1:-1]).all(axis=1).astype(float)[:, None]

@@ -37,15 +37,15 @@ class JetEvidence(NamedTuple):
     def _firing(self) -> NDArray[np.bool_]:
         """Mask of components with a reading that the jets should change, shape (n, 3)."""
         largest = np.abs(self.meant).max(initial=0.0)
-        found: NDArray[np.bool_] = np.isfinite(self.change) & (np.abs(self.meant) > _FIRES * largest)
-        return found
+        mask: NDArray[np.bool_] = np.isfinite(self.change) & (np.abs(self.meant) > _FIRES * largest)
+        return mask
 
     @property
     def _sums_of_products(self) -> tuple[float, float, float]:
         """Sums of predicted squared, predicted times measured, and measured squared changes of a reading."""
-        both = self._firing
-        meant, change = self.meant[both], self.change[both]
-        return float((meant**2).sum()), float((meant * change).sum()), float((change**2).sum())
+        mask = self._firing
+        predicted, change = self.meant[mask], self.change[mask]
+        return float((predicted**2).sum()), float((predicted * change).sum()), float((change**2).sum())
 
     @property
     def samples(self) -> int:
@@ -55,14 +55,14 @@ class JetEvidence(NamedTuple):
     @property
     def correlation(self) -> float:
         """Correlation of predicted and measured changes about zero; NaN with too few samples."""
-        own, mixed, other = self._sums_of_products
-        return mixed / math.sqrt(own * other) if self.samples >= FEWEST and own * other > 0.0 else math.nan
+        pp, pm, mm = self._sums_of_products
+        return pm / math.sqrt(pp * mm) if self.samples >= FEWEST and pp * mm > 0.0 else math.nan
 
     @property
     def slope(self) -> float:
         """Ratio of measured to predicted change by least squares; NaN without a predicted change."""
-        own, mixed, _ = self._sums_of_products
-        return mixed / own if own > 0.0 else math.nan
+        squared, mixed, _ = self._sums_of_products
+        return mixed / squared if squared > 0.0 else math.nan
 
     @property
     def explained(self) -> float:
@@ -83,27 +83,27 @@ class JetEvidence(NamedTuple):
     @property
     def is_poor(self) -> bool:
         """True if the jets' effects correlate badly, and leave a residual beyond the scatter while coasting."""
-        there, both = np.isfinite(self.change), self._firing
-        coasting = np.abs(self.change[there & ~both])
+        finite, firing = np.isfinite(self.change), self._firing
+        coasting = np.abs(self.change[finite & ~firing])
         scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
         if coasting.size >= FEWEST:
             scatter = _MEDIAN * float(np.median(coasting))
-        left = (self.change - self.slope * self.meant)[both]
+        left = (self.change - self.slope * self.meant)[firing]
         return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
 
     @property
     def in_words(self) -> str:
         """Correlation as text; where it is poor, that of each axis, too."""
         axes = [JetEvidence(self.meant[:, [axis]], self.change[:, [axis]]) for axis in range(3)]
-        each = [f"{name} {one.correlation:.2f}" for name, one in zip(AXES, axes, strict=True) if one.samples >= FEWEST]
-        return f"{self.correlation:.2f}" + (f" ({', '.join(each)})" if self.correlation < _POOR else "")
+        texts = [f"{name} {one.correlation:.2f}" for name, one in zip(AXES, axes, strict=True) if one.samples >= FEWEST]
+        return f"{self.correlation:.2f}" + (f" ({', '.join(texts)})" if self.correlation < _POOR else "")
 
     def shifted(self, rows: int) -> JetEvidence:
         """Returns the evidence with commands delayed by a number of rows, advanced where negative."""
-        meant = np.roll(self.meant, rows, axis=0)
-        meant[: max(rows, 0)] = 0.0
-        meant[len(meant) + min(rows, 0) :] = 0.0
-        return JetEvidence(meant, self.change)
+        predicted = np.roll(self.meant, rows, axis=0)
+        predicted[: max(rows, 0)] = 0.0
+        predicted[len(predicted) + min(rows, 0) :] = 0.0
+        return JetEvidence(predicted, self.change)
 
 
 def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
@@ -117,53 +117,53 @@ def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> J
     channel, vehicle = record.channels[name], record.vehicle
     steps = np.diff(channel.time_s)[:, None]
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
-    meant = shares @ _jet_effects(vehicle, name) * steps
-    return JetEvidence(meant, _reading_changes(channel, steps, gives or channel.gives))
+    predicted = shares @ _jet_effects(vehicle, name) * steps
+    return JetEvidence(predicted, _reading_changes(channel, steps, gives or channel.gives))
 
 
-def describe_misfit(name: str, what: str, taken: JetEvidence) -> str:
+def describe_misfit(name: str, noun: str, match: JetEvidence) -> str:
     """Describes a sensor's readings that oppose the jets' effects, or that these do not explain; "": neither.
 
     Args:
         name: of the sensor.
-        what: its readings are called.
-        taken: the evidence in them.
+        noun: its readings are called.
+        match: the evidence in them.
     """
-    if taken.opposed > ODDS:
+    if match.opposed > ODDS:
         return (
-            f"{name}: the {what} go against what the jets should do, by a correlation of {taken.in_words}: look at its "
+            f"{name}: the {noun} go against what the jets should do, by a correlation of {match.in_words}: look at its "
             "axes, signs and `off`, `on`"
         )
-    if taken.is_poor:
+    if match.is_poor:
         return (
-            f"{name}: the {what} follow the commands poorly, with a correlation of {taken.in_words}: look at axes, "
+            f"{name}: the {noun} follow the commands poorly, with a correlation of {match.in_words}: look at axes, "
             "signs, units and which jet is which, and whether these columns are its"
         )
     return ""
 
 
-def describe_response(name: str, what: str, taken: JetEvidence) -> tuple[list[str], list[str]]:
+def describe_response(name: str, noun: str, match: JetEvidence) -> tuple[list[str], list[str]]:
     """Describes how a sensor's readings correlate with the jets' effects; returns sentences, and warnings.
 
     Arguments as of `describe_misfit`.
     """
-    if misfit := describe_misfit(name, what, taken):
+    if misfit := describe_misfit(name, noun, match):
         return [], [misfit]
-    if math.isnan(taken.correlation):
+    if math.isnan(match.correlation):
         return [], []
-    return [f"{name}: the {what} follow the commands with a correlation of {taken.in_words}"], []
+    return [f"{name}: the {noun} follow the commands with a correlation of {match.in_words}"], []
 
 
 def describe_evidence(record: Mapped) -> tuple[list[str], list[str]]:
     """Describes how each sensor's readings correlate with the commands; returns sentences, and warnings."""
-    found, warnings = list[str](), list[str]()
+    sentences, warnings = list[str](), list[str]()
     for name, channel in record.channels.items():
         if channel.kind in ("gyro", "accelerometer") and channel.time_s.size > 1:
-            what = "rates" if channel.kind == "gyro" else "readings"
-            said, doubted = describe_response(name, what, compare_with_jet_effects(record, name))
-            found += said
+            noun = "rates" if channel.kind == "gyro" else "readings"
+            texts, doubted = describe_response(name, noun, compare_with_jet_effects(record, name))
+            sentences += texts
             warnings += doubted
-    return found, warnings
+    return sentences, warnings
 
 
 def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:
@@ -180,10 +180,10 @@ def _jet_effects(vehicle: Vehicle, name: str) -> Array:
     turning = (wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])) @ np.linalg.inv(nominal.inertia).T
     position = next((one.position for one in vehicle.accelerometers if one.name == name), None)
     if position is None:
-        found: Array = turning
+        effects: Array = turning
     else:
-        found = wrenches[:, 3:] / nominal.mass + np.cross(turning, np.subtract(position, nominal.center_of_mass))
-    return found
+        effects = wrenches[:, 3:] / nominal.mass + np.cross(turning, np.subtract(position, nominal.center_of_mass))
+    return effects
 
 
 def keeps_its_level(record: Mapped, name: str) -> bool:
@@ -192,7 +192,7 @@ def keeps_its_level(record: Mapped, name: str) -> bool:
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s), nan=1.0)
     coasting = (shares[:-2] == 0.0).all(axis=1) & (shares[1:-1] == 0.0).all(axis=1)
     values, changes = channel.values[2:][coasting], np.diff(channel.values, axis=0)[1:][coasting]
-    there = np.isfinite(values).all(axis=1) & np.isfinite(changes).all(axis=1)
-    if there.sum() < FEWEST:
+    finite = np.isfinite(values).all(axis=1) & np.isfinite(changes).all(axis=1)
+    if finite.sum() < FEWEST:
         return False
-    return bool(np.median(values[there].std(axis=0)) > _SPREAD * np.median(changes[there].std(axis=0)))
+    return bool(np.median(values[finite].std(axis=0)) > _SPREAD * np.median(changes[finite].std(axis=0)))

@@ -23,44 +23,44 @@ class JetSearch(CommandSearch):
     """Search by the jets' effects: when commands act, their scale, and the meaning of readings."""
 
     def search_by_jets(self) -> None:
-        """Writes into the map when commands act, their scale, and what readings mean, by the jets' effects on them."""
+        """Sets in the map when commands act, their scale, and the meaning of readings, by the jets' effects."""
         if "commands" not in self.data or not self.data["sensors"]:
             return
-        commands, usual = self.data["commands"], "a row's command acts from the row on"
+        commands, rule = self.data["commands"], "a row's command acts from the row on"
         commands["acts"] = "from_row"
         inertial = [name for name, one in self.data["sensors"].items() if one["kind"] in ("gyro", "accelerometer")]
-        by = {acts: self._apply_map_so_far(acts) for acts in ("from_row", "until_row")}
-        before, after = by["until_row"], by["from_row"]
+        records = {acts: self._apply_map_so_far(acts) for acts in ("from_row", "until_row")}
+        until_row, from_row = records["until_row"], records["from_row"]
         gyro = next((name for name in inertial if self.data["sensors"][name]["kind"] == "gyro"), "")
-        if not gyro or before is None or after is None:
-            self._say(f"commands.acts: from_row, since nothing here tells: {usual}")
+        if not gyro or until_row is None or from_row is None:
+            self._say(f"commands.acts: from_row, since nothing here tells: {rule}")
             return
-        alike = [evidence.compare_with_jet_effects(one, gyro) for one in (after, before)]
-        if any(math.isnan(one.correlation) for one in alike):
+        both = [evidence.compare_with_jet_effects(one, gyro) for one in (from_row, until_row)]
+        if any(math.isnan(one.correlation) for one in both):
             self._say("commands.acts: from_row, since too few jets fire to tell")
-            shown = after
+            record = from_row
         else:
-            later = alike[1].explained > alike[0].explained + evidence.ODDS
+            later = both[1].explained > both[0].explained + evidence.ODDS
             commands["acts"] = "until_row" if later else "from_row"
-            shown = before if later else after
+            record = until_row if later else from_row
             self._say(
                 f"commands.acts: {commands['acts']}, since the rates follow a row's command with a correlation of "
-                f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
+                f"{both[0].correlation:.2f} in the interval after the row and {both[1].correlation:.2f} in the one "
                 "before"
             )
-            self._look_for_a_lag(gyro, alike[0], alike[later])
-            self._choose_scale(gyro, alike[later])
+            self._warn_of_lag(gyro, both[0], both[later])
+            self._choose_scale(gyro, both[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
-                self._choose_gives(name, shown)
+                self._choose_meaning(name, record)
 
-    def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
-        """Warns where rates fit commands best at a lag of whole rows beyond its own, or at no lag."""
-        farthest = min(_FARTHEST, len(after.meant) // 2)
-        lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
+    def _warn_of_lag(self, gyro: str, unlagged: evidence.JetEvidence, chosen: evidence.JetEvidence) -> None:
+        """Warns where rates fit commands better at another lag of whole rows than at the chosen one."""
+        farthest = min(_FARTHEST, len(unlagged.meant) // 2)
+        lags = {lag: unlagged.shifted(lag) for lag in range(-farthest, farthest + 1)}
         best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
         odds = evidence.ODDS + math.log(len(lags))  # any of them may be the one
-        if lags[best].explained > taken.explained + odds and not lags[best].is_poor:
+        if lags[best].explained > chosen.explained + odds and not lags[best].is_poor:
             rows = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'after' if best > 0 else 'before'}"
             offset_s = float(f"{best * self.vehicle.sample_period_s:.9g}")
             self._warn(
@@ -69,27 +69,27 @@ class JetSearch(CommandSearch):
                 f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
             )
         else:
-            self._warn_of_misfit(gyro, "rates", taken)
+            self._warn_of_misfit(gyro, "rates", chosen)
 
-    def _warn_of_misfit(self, name: str, what: str, taken: evidence.JetEvidence) -> None:
-        """Warns of a sensor's readings that the jets' effects do not explain or that oppose them."""
-        if misfit := evidence.describe_misfit(name, what, taken):
+    def _warn_of_misfit(self, name: str, noun: str, match: evidence.JetEvidence) -> None:
+        """Warns of a sensor whose readings the jets' effects do not explain, or that oppose them."""
+        if misfit := evidence.describe_misfit(name, noun, match):
             self._warn(misfit)
 
-    def _apply_map_so_far(self, acts: str) -> channels.Mapped | None:
-        """Applies the unfinished map, with commands from or until their row; None where it cannot be applied."""
+    def _apply_map_so_far(self, timing: str) -> channels.Mapped | None:
+        """Applies the unfinished map, with commands `from_row` or `until_row`; None where it cannot be applied."""
         try:
-            by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
-            return mapping.apply_map(self.recording, by, self.vehicle, limits=False)
+            applied = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": timing}})
+            return mapping.apply_map(self.recording, applied, self.vehicle, limits=False)
         except ValueError:  # said when the map is shown
             return None
 
-    def _choose_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
+    def _choose_scale(self, gyro: str, match: evidence.JetEvidence) -> None:
         """Chooses the scale of commands, and a guessed unit of rates, by how fast the jets turn the vehicle.
 
         One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
         """
-        if not shown.explained > evidence.ODDS or not shown.slope > 0.0:
+        if not match.explained > evidence.ODDS or not match.slope > 0.0:
             return
         entry = self.data["sensors"][gyro]
         period_s = self.vehicle.sample_period_s
@@ -99,7 +99,7 @@ class JetSearch(CommandSearch):
         def misfit(scale: int, unit: str) -> float:
             """Computes the absolute log ratio of measured to predicted change, with this scale and unit."""
             times = full[scale] / full[0] * si_factor(unit, "rate") / si_factor(entry["unit"], "rate")
-            return abs(math.log(shown.slope * times))
+            return abs(math.log(match.slope * times))
 
         scale, unit = min(
             ((index, unit) for index in range(len(full)) for unit in units if not index or unit == entry["unit"]),
@@ -107,13 +107,13 @@ class JetSearch(CommandSearch):
         )
         if misfit(scale, unit) > math.log(_OFF):
             self._warn(
-                f"{gyro}: the rates change {shown.slope:.3g} times as much as the jets should make them, as units and "
+                f"{gyro}: the rates change {match.slope:.3g} times as much as the jets should make them, as units and "
                 "commands are taken: look there first"
             )
             return
         if unit != entry["unit"]:
             self._say(
-                f"{gyro}: {unit}, since as {entry['unit']} it would turn {shown.slope:.3g} times as much as the jets "
+                f"{gyro}: {unit}, since as {entry['unit']} it would turn {match.slope:.3g} times as much as the jets "
                 "can make it"
             )
             entry["unit"] = unit
@@ -121,61 +121,63 @@ class JetSearch(CommandSearch):
             for key in ("unit", "on"):
                 self.data["commands"].pop(key, None)
             self.data["commands"] |= self._scales[scale]
-            said = ", ".join(f"{key} {value}" for key, value in self._scales[scale].items()) or "fractions"
+            text = ", ".join(f"{key} {value}" for key, value in self._scales[scale].items()) or "fractions"
             self._say(
-                f"commands: {said}, since else the rates would change {shown.slope:.3g} times as much as the jets can "
+                f"commands: {text}, since else the rates would change {match.slope:.3g} times as much as the jets can "
                 "make them"
             )
 
-    def _choose_gives(self, name: str, by: channels.Mapped) -> None:
+    def _choose_meaning(self, name: str, record: channels.Mapped) -> None:
         """Sets whether an accelerometer gives integrals, increments or means, by the jets' effects on it."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:  # their unit is that of an acceleration
-            self._report_correlation(name, evidence.compare_with_jet_effects(by, name))
+            self._report_correlation(name, evidence.compare_with_jet_effects(record, name))
             return
-        sums, values = (evidence.compare_with_jet_effects(by, name, gives=gives) for gives in ("integral", "increment"))
-        gives, followed = entry["gives"], ""
+        sums, values = (
+            evidence.compare_with_jet_effects(record, name, gives=gives) for gives in ("integral", "increment")
+        )
+        gives, matching = entry["gives"], ""
         if sums.explained > values.explained + evidence.ODDS:
-            gives, followed = "integral", "differences"
+            gives, matching = "integral", "differences"
         elif values.explained > sums.explained + evidence.ODDS:
-            gives, followed = self._increment_or_mean(name, by, values), "values"
-        elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(by, name):
+            gives, matching = self._increment_or_mean(name, record, values), "values"
+        elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(record, name):
             gives = "integral"
-        taken = sums if gives == "integral" else values
+        match = sums if gives == "integral" else values
         if gives == entry["gives"]:
-            self._report_correlation(name, taken)
+            self._report_correlation(name, match)
             return
-        self._warn_of_misfit(name, "readings", taken)
+        self._warn_of_misfit(name, "readings", match)
         entry["gives"] = gives
-        if not followed:
+        if not matching:
             self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
             return
         if name in self._guessed:
             entry["unit"] = f"{self._guessed[name]}^2" if gives == "mean" else self._guessed[name]
-        called = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
+        names = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
         self._say(
-            f"{name}: {called[gives]}, since their {followed} follow the commands with a correlation of "
+            f"{name}: {names[gives]}, since their {matching} follow the commands with a correlation of "
             f"{max(sums.correlation, values.correlation):.2f}, their "
-            f"{'values' if followed == 'differences' else 'differences'} with "
+            f"{'values' if matching == 'differences' else 'differences'} with "
             f"{min(sums.correlation, values.correlation):.2f}"
         )
 
-    def _report_correlation(self, name: str, taken: evidence.JetEvidence) -> None:
+    def _report_correlation(self, name: str, match: evidence.JetEvidence) -> None:
         """Reports the correlation of an accelerometer's readings with the commands, or warns of a misfit."""
-        said, doubted = evidence.describe_response(name, "readings", taken)
-        for sentence in said:
+        sentences, doubted = evidence.describe_response(name, "readings", match)
+        for sentence in sentences:
             self._say(sentence)
         for sentence in doubted:
             self._warn(sentence)
 
-    def _increment_or_mean(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
+    def _increment_or_mean(self, name: str, record: channels.Mapped, values: evidence.JetEvidence) -> str:
         """Returns "increment" or "mean", whichever fits the size of changes that the jets should cause."""
-        usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
+        stated = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
-            return usual
+            return stated
         misfit = {"increment": abs(math.log(values.slope))}
-        misfit["mean"] = abs(math.log(evidence.compare_with_jet_effects(by, name, gives="mean").slope))
-        misfit[usual] -= _DISFAVOR
+        misfit["mean"] = abs(math.log(evidence.compare_with_jet_effects(record, name, gives="mean").slope))
+        misfit[stated] -= _DISFAVOR
         return min(misfit, key=lambda gives: misfit[gives])
 
 

@@ -55,27 +55,27 @@ class MapSearch:
 
     def _find_quantity(self, name: ColumnName) -> str:
         """Returns the quantity that a column measures, by the words of its name or a package's name; "": not known."""
-        called = compact_name("".join(name.words))
-        return next((kind for kind, names in self._called.items() if called in names), column_quantity(name))
+        joined = compact_name("".join(name.words))
+        return next((kind for kind, names in self._called.items() if joined in names), column_quantity(name))
 
-    def _is_own(self, kind: str, words: Sequence[str]) -> bool:
-        """Tests whether words name a package of the vehicle, of a kind such as "gyro"."""
+    def _is_package_name(self, kind: str, words: Sequence[str]) -> bool:
+        """Tests whether words of a column's name are the name of a package of the vehicle, of a kind such as "gyro"."""
         return bool({*map(compact_name, words), compact_name("".join(words))} & self._called[kind])
 
     def _take_package(self, kind: str, words: Sequence[str] = ()) -> str:
-        """Returns a package that has no columns yet, one called so by the words first, and removes it; "": none."""
+        """Returns and removes a package that has no columns yet, one of that name first; "": none."""
         free = self._free[kind]
-        said = {*map(compact_name, words), compact_name("".join(words))}
-        name = next((one for one in free if compact_name(one) in said), free[0] if free else "")
+        names = {*map(compact_name, words), compact_name("".join(words))}
+        name = next((one for one in free if compact_name(one) in names), free[0] if free else "")
         if name:
             free.remove(name)
         return name
 
-    def _take_tracker(self, kind: str, shown_as: str, what: str) -> str:
-        """Returns the name of a pose or velocity sensor for columns: the vehicle's, or one for display; "": none."""
-        name = self._take_package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
+    def _take_tracker(self, kind: str, display_name: str, description: str) -> str:
+        """Returns the vehicle's next pose or velocity sensor, or a name for display; "": neither."""
+        name = self._take_package(kind) or ("" if self.vehicle.needs_pose_filter else display_name)
         if not name:
-            self._say(f"{what}: the vehicle has no further {kind} sensor")
+            self._say(f"{description}: the vehicle has no further {kind} sensor")
         return name
 
     def report_unused(self) -> None:
@@ -109,18 +109,18 @@ class MapSearch:
             self._set_topic_and_time(entry)
             self.data["sensors"][name] = entry
 
-    def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
-        """Returns the unit in the first column's name if it measures this kind of quantity, else a default."""
+    def _unit(self, members: Mapping[int, ColumnName], kind: str, default: str) -> str:
+        """Returns the unit in the first column's name if it measures this kind of quantity, else the default."""
         unit = members[min(members)].unit
-        return unit if unit and si_factor_or_none(unit, kind) is not None else otherwise
+        return unit if unit and si_factor_or_none(unit, kind) is not None else default
 
     def _instant_or_mean(self, topic: str) -> str:
         """Returns "instant" for accelerations logged densely enough to be integrated, else "mean"."""
         stamps = self.recording.topics[topic].stamps_s
         if stamps is None or stamps.size < 2:
             return "mean"
-        every = float(np.median(np.diff(stamps)))
-        return "instant" if mapped_rows.FEWEST_INSTANTS * every <= self.vehicle.sample_period_s * 1.01 else "mean"
+        interval_s = float(np.median(np.diff(stamps)))
+        return "instant" if mapped_rows.FEWEST_INSTANTS * interval_s <= self.vehicle.sample_period_s * 1.01 else "mean"
 
 
 def _texts(data: Any) -> Iterator[str]:
@@ -135,20 +135,20 @@ def _texts(data: Any) -> Iterator[str]:
 
 def _used_columns(data: Mapping[str, Any]) -> dict[str, set[str]]:
     """Maps each topic to the columns that the data of a map use."""
-    usual = data.get("topic", "")
+    default_topic = data.get("topic", "")
     used: dict[str, set[str]] = {}
     for entry in (*data.get("sensors", {}).values(), *filter(None, [data.get("commands")])):
-        topic = entry.get("topic", usual)
+        topic = entry.get("topic", default_topic)
         used.setdefault(topic, set()).update(_texts(entry), _texts({} if "time" in entry else data.get("time", {})))
     if not used:
-        used[usual] = set(_texts(data.get("time", {})))
+        used[default_topic] = set(_texts(data.get("time", {})))
     return used
 
 
 def _fold_array_names(columns: Sequence[str]) -> list[str]:
     """Returns names of columns with successive elements of an array folded: "a[0] to a[7]"."""
     split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
-    found: list[str] = []
+    folded: list[str] = []
     runs = groupby(
         enumerate(columns),
         key=lambda one: (
@@ -157,8 +157,8 @@ def _fold_array_names(columns: Sequence[str]) -> list[str]:
     )
     for _, run in runs:
         names = [name for _, name in run]
-        found += [f"{names[0]} to {names[-1]}"] if len(names) >= _FOLDED else names
-    return found
+        folded += [f"{names[0]} to {names[-1]}"] if len(names) >= _FOLDED else names
+    return folded
 
 
 def compact_name(name: str) -> str:

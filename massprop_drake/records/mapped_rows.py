@@ -51,13 +51,13 @@ class MappedTable(Table):
         """Fraction of the rows that have been read so far, 0 to 1."""
         return self._read / max(len(self._lines), 1)
 
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields blocks of up to 1024 rows: line numbers, and values of the columns at wanted positions."""
+    def blocks(self, indices: list[int]) -> Iterator[Block]:
+        """Yields blocks of up to 1024 rows: line numbers, and values of the columns at these indices."""
         for start in range(0, len(self._lines), 1024):
             part = slice(start, start + 1024)
             self._read = min(start + 1024, len(self._lines))
-            block = Block(self._lines[part], self._values[part][:, wanted])
-            require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
+            block = Block(self._lines[part], self._values[part][:, indices])
+            require_meaningful(block, [self.header[column] for column in indices], self.source, self.place)
             yield block
 
     def sha256(self) -> str:
@@ -65,39 +65,39 @@ class MappedTable(Table):
         return self._recording.sha256
 
 
-def row_positions(record: Mapped) -> Places:
+def row_indices(record: Mapped) -> Places:
     """Returns indices of a channel's samples that become rows: all, or of a faster channel one a sample period.
 
     Raises:
         InputError: when the sample period is no multiple of the channel's.
     """
     time_s, period_s = record.rows.time_s, record.vehicle.sample_period_s
-    every = record.rows.interval_s
-    if record.recording.kind == "ulog" and every > period_s * (1.0 + JITTER):
+    step = record.rows.interval_s
+    if record.recording.kind == "ulog" and step > period_s * (1.0 + JITTER):
         raise InputError(
-            f"{record.recording.source}: '{record.rows.name}' is logged every {every:.4g} s, too slowly for the sample "
+            f"{record.recording.source}: '{record.rows.name}' is logged every {step:.4g} s, too slowly for the sample "
             f"period of {period_s:g} s of vehicle '{record.vehicle.name}'; ask for more by SDLOG_PROFILE, or set "
             "sample_period_s"
         )
-    if not every < period_s * (1.0 - JITTER):
+    if not step < period_s * (1.0 - JITTER):
         return np.arange(time_s.size)
-    count = round(period_s / every)
-    if count < 2 or abs(count * every - period_s) > JITTER * period_s:
-        lower = max(math.floor(period_s / every), 1) * every
+    count = round(period_s / step)
+    if count < 2 or abs(count * step - period_s) > JITTER * period_s:
+        lower = max(math.floor(period_s / step), 1) * step
         raise InputError(
-            f"{record.recording.source}: samples of '{record.rows.name}' are {every:.6g} s apart, and the sample "
+            f"{record.recording.source}: samples of '{record.rows.name}' are {step:.6g} s apart, and the sample "
             f"period of vehicle '{record.vehicle.name}' is {period_s:g} s, no multiple of it; set sample_period_s to "
-            f"{lower:.6g} or {lower + every:.6g}"
+            f"{lower:.6g} or {lower + step:.6g}"
         )
-    places = [0]
+    indices = [0]
     while True:
-        target = time_s[places[-1]] + count * every
-        at = int(np.searchsorted(time_s, target))
-        if at >= time_s.size:
-            rest = [at - 1] if at - 1 > places[-1] and target - time_s[-1] < 0.5 * every else []
-            return np.array([*places, *rest])
-        before = at - 1 > places[-1] and target - time_s[at - 1] < time_s[at] - target
-        places.append(at - 1 if before else at)
+        target = time_s[indices[-1]] + count * step
+        index = int(np.searchsorted(time_s, target))
+        if index >= time_s.size:
+            final = [index - 1] if index - 1 > indices[-1] and target - time_s[-1] < 0.5 * step else []
+            return np.array([*indices, *final])
+        before = index - 1 > indices[-1] and target - time_s[index - 1] < time_s[index] - target
+        indices.append(index - 1 if before else index)
 
 
 def is_oversampled(record: Mapped) -> bool:
@@ -128,8 +128,8 @@ def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> 
     _require_gyro_and_axes(record, gyro)
     if own_times:
         return _make_table_at_own_times(record)
-    places = row_positions(record)
-    time_s = record.rows.time_s[places]
+    indices = row_indices(record)
+    time_s = record.rows.time_s[indices]
     vehicle, notes = record.vehicle, list(record.notes)
     names, parts = ["time_s"], [time_s[:, None]]
     trackers = {tracker.name for tracker in vehicle.poses}
@@ -160,24 +160,24 @@ def make_table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> 
         names += [f"{name}{suffix}_{axis}" for axis in AXES]
         parts.append(values)
     fractions = _open_fractions(record, time_s)
-    told = _command_columns(record, time_s, fractions)
-    names += told
-    parts += told.values()
+    commands = _command_columns(record, time_s, fractions)
+    names += commands
+    parts += commands.values()
     notes += _describe_command_gaps(record, time_s, fractions)
     _add_known(record, time_s, names, parts)
     values = np.hstack(parts)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
-    rows = record.rows.places[places]
+    rows = record.rows.places[indices]
     lines = rows + 1 if topic.lines is None else topic.lines[rows]
     return MappedTable(names, values, lines, record, list(dict.fromkeys(notes)))
 
 
-def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Array]) -> None:
+def _add_known(record: Mapped, time_s: Array, names: list[str], columns: list[Array]) -> None:
     """Appends the record's known outside force and torque, means over each interval, to names and columns."""
-    for what, held in (("force", record.known_force), ("torque", record.known_torque)):
-        if held is not None:
-            names += [name for name in WRENCH if name.startswith(f"known_{what}")]
-            parts.append(mean_over(held, time_s))
+    for quantity, held_values in (("force", record.known_force), ("torque", record.known_torque)):
+        if held_values is not None:
+            names += [name for name in WRENCH if name.startswith(f"known_{quantity}")]
+            columns.append(mean_over(held_values, time_s))
 
 
 def _make_table_at_own_times(record: Mapped) -> MappedTable:
@@ -189,9 +189,9 @@ def _make_table_at_own_times(record: Mapped) -> MappedTable:
     times = [*(channel.time_s for channel in channels.values()), held.begin_s, held.end_s]
     first = min(float(channel.time_s[0]) for channel in channels.values())
     last = max(float(channel.time_s[-1]) for channel in channels.values())
-    every = np.unique(np.concatenate(times))
-    every = every[(every >= first) & (every <= last)]
-    time_s = every[np.append(True, np.diff(every) > SAME_S)]
+    stamps_s = np.unique(np.concatenate(times))
+    stamps_s = stamps_s[(stamps_s >= first) & (stamps_s <= last)]
+    time_s = stamps_s[np.append(True, np.diff(stamps_s) > SAME_S)]
     names, parts, notes = ["time_s"], [time_s[:, None]], list(record.notes)
     for name, channel in channels.items():
         values = np.full((time_s.size, channel.values.shape[1]), np.nan)
@@ -201,29 +201,29 @@ def _make_table_at_own_times(record: Mapped) -> MappedTable:
         names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS[channel.kind]]
         parts.append(values)
     names += [f"jet_{jet}" for jet in vehicle.designations]
-    place = np.searchsorted(held.begin_s, time_s + SAME_S, side="right") - 1
-    known = (place >= 0) & (time_s < held.end_s[np.maximum(place, 0)] - SAME_S)
+    interval = np.searchsorted(held.begin_s, time_s + SAME_S, side="right") - 1
+    known = (interval >= 0) & (time_s < held.end_s[np.maximum(interval, 0)] - SAME_S)
     if record.by.commands.is_timed:  # an on-time is of the interval that begins with it
-        known &= np.append(True, np.diff(place) > 0)
-    told = np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan)
-    parts.append(told)
+        known &= np.append(True, np.diff(interval) > 0)
+    commands = np.where(known[:, None], held.values[np.maximum(interval, 0)], np.nan)
+    parts.append(commands)
     if record.by.commands.is_timed:
         names += onset_columns(vehicle)
-        parts.append(onsets(told, record.by.commands.at or vehicle.jet_commands.at, vehicle.sample_period_s))
+        parts.append(onsets(commands, record.by.commands.at or vehicle.jet_commands.at, vehicle.sample_period_s))
     _add_known(record, time_s, names, parts)
     rows = np.clip(np.searchsorted(record.rows.time_s, time_s + SAME_S, side="right") - 1, 0, None)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
-    places = record.rows.places[rows]
-    lines = places + 1 if topic.lines is None else topic.lines[places]
-    made = MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
-    made.own_times = True
-    return made
+    logged_rows = record.rows.places[rows]
+    lines = logged_rows + 1 if topic.lines is None else topic.lines[logged_rows]
+    table = MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
+    table.own_times = True
+    return table
 
 
 def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Array:
     """Integrates an accelerometer's samples to velocity; NaN in rows without a sample, shape (n, 3)."""
-    there = np.isfinite(values).all(axis=1)
-    added = values[there]
+    complete = np.isfinite(values).all(axis=1)
+    added = values[complete]
     if channel.gives != "increment":
         steps = np.diff(channel.time_s, prepend=channel.time_s[0] - channel.interval_s)
         steps = steps[np.isfinite(channel.values).all(axis=1)]
@@ -232,7 +232,7 @@ def _integrate_channel(channel: Channel, values: Array, notes: list[str]) -> Arr
             notes.append(f"'{channel.name}' is integrated from instants: approximate while jets switch")
         added = added * steps[:, None]
     result = np.full_like(values, np.nan)
-    result[there] = np.cumsum(added, axis=0)
+    result[complete] = np.cumsum(added, axis=0)
     return result
 
 
@@ -240,9 +240,9 @@ def _require_gyro_and_axes(record: Mapped, gyro: str) -> None:
     """Raises InputError if the gyro in use is not mapped, or a gyro or accelerometer lacks an axis."""
     channel = record.channels.get(gyro)
     if channel is None:
-        there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
+        mapped = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
         raise InputError(
-            f"{record.source}: names {there}, and no gyro '{gyro}'; the estimators take rates from a gyro and "
+            f"{record.source}: names {mapped}, and no gyro '{gyro}'; the estimators take rates from a gyro and "
             "velocities from integrating accelerometers; poses, attitudes and velocities are estimated from where the "
             "vehicle's file names their sensors, under `poses` and `velocities`"
         )
@@ -261,33 +261,33 @@ def _readings_at(channel: Channel, time_s: Array, period_s: float) -> Array:
     before = np.maximum(nearest - 1, 0)
     closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
     nearest = np.where(closer, before, nearest)
-    there = np.abs(channel.time_s[nearest] - time_s) <= JITTER * period_s
-    return np.where(there[:, None], channel.values[nearest], np.nan)
+    is_near = np.abs(channel.time_s[nearest] - time_s) <= JITTER * period_s
+    return np.where(is_near[:, None], channel.values[nearest], np.nan)
 
 
 def _attitudes_at_rows(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
     """Returns quaternions at rows, nearest reading turned there by the rate, NaN if none is near, shape (n, 4)."""
-    read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
+    readings, attitudes = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
     after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
     rows = np.where(channel.time_s - time_s[after - 1] < time_s[after] - channel.time_s, after - 1, after)
     off_s = time_s[rows] - channel.time_s
-    for place in np.argsort(-np.abs(off_s), kind="stable").tolist():
-        row, away_s = rows[place], float(off_s[place])
-        if abs(away_s) <= SAME_S:
-            found[row] = read[place]
-        elif abs(away_s) <= 0.5 * period_s * (1.0 + JITTER):
-            found[row] = propagate_attitude(read[place], rates[row], away_s)
-    return found
+    for index in np.argsort(-np.abs(off_s), kind="stable").tolist():
+        row, turn_s = rows[index], float(off_s[index])
+        if abs(turn_s) <= SAME_S:
+            attitudes[row] = readings[index]
+        elif abs(turn_s) <= 0.5 * period_s * (1.0 + JITTER):
+            attitudes[row] = propagate_attitude(readings[index], rates[row], turn_s)
+    return attitudes
 
 
 def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
     """Computes mean acceleration in the interval before each row, NaN if a sample is missing, shape (n, 3)."""
     period_s = vehicle.sample_period_s
-    every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
-    if math.isnan(every):
+    interval_s, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
+    if math.isnan(interval_s):
         return np.full((time_s.size, 3), np.nan)
-    count = round(period_s / every)
-    steps[0] = every
+    count = round(period_s / interval_s)
+    steps[0] = interval_s
     steps = steps[:, None]
     if channel.gives == "instant":
         if count < FEWEST_INSTANTS:
@@ -304,35 +304,35 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
         )
     else:
         added = channel.values * (steps if channel.gives == "mean" else 1.0)
-    hole = np.isnan(added) | (steps > HOLE * every)
-    integral = np.cumsum(np.where(hole, 0.0, added), axis=0)
-    holes = np.cumsum(hole, axis=0)
-    there = _readings_at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
-    change = np.diff(there, axis=0, prepend=np.full((1, 6), np.nan))
+    is_hole = np.isnan(added) | (steps > HOLE * interval_s)
+    integral = np.cumsum(np.where(is_hole, 0.0, added), axis=0)
+    holes = np.cumsum(is_hole, axis=0)
+    at_rows = _readings_at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
+    change = np.diff(at_rows, axis=0, prepend=np.full((1, 6), np.nan))
     mean = np.where(change[:, 3:] == 0.0, change[:, :3], np.nan) / period_s
-    if count <= 1 and not hole[0].any():  # what the first sample gives is of the time before it
+    if count <= 1 and not is_hole[0].any():  # what the first sample gives is of the time before it
         mean[0] = added[0] / period_s
     return mean
 
 
-def mean_over(held: HeldValues, time_s: Array) -> Array:
-    """Computes time means of held values from each row to the next, NaN where partly unknown, shape (n, m)."""
-    count, width = time_s.size, held.values.shape[1]
-    if not held.begin_s.size or count < 2:
+def mean_over(held_values: HeldValues, time_s: Array) -> Array:
+    """Computes time means of commands or a wrench from each row to the next, NaN where unknown, shape (n, m)."""
+    count, width = time_s.size, held_values.values.shape[1]
+    if not held_values.begin_s.size or count < 2:
         return np.full((count, width), np.nan)
     typical = float(np.median(np.diff(time_s)))
     ends = np.minimum(np.append(time_s[1:], time_s[-1] + typical), time_s + HOLE * typical)
-    known = np.isfinite(held.values)
-    edges = np.stack([held.begin_s, held.end_s], axis=1).ravel()
-    edges = np.where(np.isfinite(edges), edges, max(float(ends[-1]), float(held.begin_s[-1])) + typical)
+    known = np.isfinite(held_values.values)
+    edges = np.stack([held_values.begin_s, held_values.end_s], axis=1).ravel()
+    edges = np.where(np.isfinite(edges), edges, max(float(ends[-1]), float(held_values.begin_s[-1])) + typical)
     lengths = np.diff(edges)[::2, None]
 
     def integral(density: Array) -> Array:
         """Integrates a density to each edge of the holding intervals; zero density between them."""
-        grown = np.cumsum(density * lengths, axis=0)
-        return np.repeat(np.vstack([np.zeros((1, width)), grown]), 2, axis=0)[1:-1]
+        summed = np.cumsum(density * lengths, axis=0)
+        return np.repeat(np.vstack([np.zeros((1, width)), summed]), 2, axis=0)[1:-1]
 
-    amounts, covers = integral(np.where(known, held.values, 0.0)), integral(known.astype(float))
+    amounts, covers = integral(np.where(known, held_values.values, 0.0)), integral(known.astype(float))
     result = np.full((count, width), np.nan)
     for column in range(width):
         amount, cover = (
@@ -355,14 +355,14 @@ def _command_columns(record: Mapped, time_s: Array, fractions: Array) -> dict[st
     """Maps column names to commands, shape (n, 1): fractions, and onsets of jets that switch within rows."""
     vehicle, part = record.vehicle, record.by.commands
     period_s, opening = vehicle.sample_period_s, None
-    told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
+    columns = {f"jet_{jet}": fraction for jet, fraction in zip(vehicle.designations, fractions.T, strict=True)}
     if part.is_timed and _partly_open(fractions).any():
         opening = onsets(fractions, part.at or vehicle.jet_commands.at, period_s)
     elif _switches_within(record, fractions):
         opening = _centered_onsets(record.commands, time_s, fractions, period_s)
     if opening is not None:
-        told |= dict(zip(onset_columns(vehicle), opening.T, strict=True))
-    return {name: values[:, None] for name, values in told.items()}
+        columns |= dict(zip(onset_columns(vehicle), opening.T, strict=True))
+    return {name: values[:, None] for name, values in columns.items()}
 
 
 def _partly_open(fractions: Array) -> NDArray[np.bool_]:
@@ -377,24 +377,24 @@ def _switches_within(record: Mapped, fractions: Array) -> bool:
     return bool(whole.all() and _partly_open(fractions).any())
 
 
-def _centered_onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
+def _centered_onsets(held_values: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
     """Computes onsets that center each jet's on-time in a row, s, NaN where not partly open, shape (n, n_jets)."""
     ends_s = np.append(time_s[1:], time_s[-1] + period_s)
-    found = np.full_like(fractions, np.nan)
+    onsets_s = np.full_like(fractions, np.nan)
     for row, jet in np.argwhere(_partly_open(fractions)).tolist():
-        begin_s, end_s = np.clip((held.begin_s, held.end_s), time_s[row], ends_s[row])
-        on_s = (end_s - begin_s) * (held.values[:, jet] > 0.0)
+        begin_s, end_s = np.clip((held_values.begin_s, held_values.end_s), time_s[row], ends_s[row])
+        on_s = (end_s - begin_s) * (held_values.values[:, jet] > 0.0)
         middle_s = float(on_s @ (0.5 * (begin_s + end_s))) / float(on_s.sum()) - time_s[row]
         length_s = fractions[row, jet] * period_s
-        found[row, jet] = min(max(middle_s - 0.5 * length_s, 0.0), period_s - length_s)
-    return found
+        onsets_s[row, jet] = min(max(middle_s - 0.5 * length_s, 0.0), period_s - length_s)
+    return onsets_s
 
 
 def _describe_command_gaps(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
     """Returns a sentence for each way in which commands are logged too seldom, or are unknown or ambiguous."""
     found = []
-    held, period_s = record.commands, record.vehicle.sample_period_s
-    every = float(np.median(np.diff(held.begin_s))) if held.begin_s.size > 1 else math.nan
+    commands, period_s = record.commands, record.vehicle.sample_period_s
+    every = float(np.median(np.diff(commands.begin_s))) if commands.begin_s.size > 1 else math.nan
     if every > period_s * (1.0 + JITTER) and not record.by.commands.on_change:
         found.append(
             f"commands are logged every {every:.4g} s, and a sample is {period_s:g} s: firings in between are lost"
@@ -416,7 +416,7 @@ def _describe_command_gaps(record: Mapped, time_s: Array, fractions: Array) -> l
     return found
 
 
-def preview_rows(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
+def preview_rows(record: Mapped, max_rows: int = 5) -> list[dict[str, Any]]:
     """Returns the first rows of a mapped record as dicts of time, readings and open jets, for display.
 
     Returns:
@@ -424,19 +424,19 @@ def preview_rows(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
         designation, of those that are open; None where not known).
     """
     at_any_time = record.vehicle.needs_pose_filter or is_oversampled(record)  # each sample is a row then
-    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_positions(record)]
-    shown = time_s[:most]
-    fractions = _open_fractions(record, time_s)[:most]
-    at = {
-        name: _readings_at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()
+    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_indices(record)]
+    times = time_s[:max_rows]
+    fractions = _open_fractions(record, time_s)[:max_rows]
+    readings = {
+        name: _readings_at(channel, times, record.vehicle.sample_period_s) for name, channel in record.channels.items()
     }
     rows = []
-    for index, time in enumerate(shown.tolist()):
+    for index, time in enumerate(times.tolist()):
         sensors = {}
         for name, channel in record.channels.items():
-            values = [None if math.isnan(one) else one for one in at[name][index].tolist()]
+            values = [None if math.isnan(one) else one for one in readings[name][index].tolist()]
             sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=False))  # an engine may have no angles
-        told = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
-        jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if share != 0.0}
+        commands = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
+        jets = {jet: None if math.isnan(share) else share for jet, share in commands.items() if share != 0.0}
         rows.append({"time_s": time, "sensors": sensors, "jets": jets})
     return rows

@@ -84,11 +84,11 @@ def apply_map(
     return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes, information)
 
 
-def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None:
+def _require_vehicle_parts(record_map: RecordMap, vehicle: Vehicle, source: str) -> None:
     """Raises InputError where sensors or jets in a map do not match the vehicle's."""
     problems = []
     kinds = {package.name: kind for key, kind in _KINDS.items() for package in getattr(vehicle, key)}
-    for name, sensor in by.sensors.items():
+    for name, sensor in record_map.sensors.items():
         kind = "pose" if sensor.kind == "attitude" else sensor.kind
         if kinds.get(name) == kind:
             continue
@@ -100,11 +100,11 @@ def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None
             known = [one for one, of in kinds.items() if of == kind]
             hint = suggestion(name, known) or f"; it has no {kind}"
             problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {kind} of this name{hint}")
-    named = by.commands.jets
-    if named is not None:
+    map_jets = record_map.commands.jets
+    if map_jets is not None:
         jets = list(vehicle.designations)
-        unknown = [jet for jet in named if jet not in jets]
-        lacking = [jet for jet in jets if jet not in named]
+        unknown = [jet for jet in map_jets if jet not in jets]
+        lacking = [jet for jet in jets if jet not in map_jets]
         if unknown:
             problems.append(
                 f"{source}: commands: '{unknown[0]}' is no jet of vehicle '{vehicle.name}'"
@@ -119,8 +119,8 @@ def _require_vehicle_parts(by: RecordMap, vehicle: Vehicle, source: str) -> None
 class _Mapping:
     """Conversion of parts of a map into channels."""
 
-    def __init__(self, recording: Recording, by: RecordMap, vehicle: Vehicle, source: str):
-        self._recording, self._by, self._vehicle, self._source = recording, by, vehicle, source
+    def __init__(self, recording: Recording, record_map: RecordMap, vehicle: Vehicle, source: str):
+        self._recording, self._by, self._vehicle, self._source = recording, record_map, vehicle, source
         self._length = plausible.FOOT if vehicle.units == "us" else 1.0  # m, of the vehicle's unit
         self._force = plausible.SLUG * plausible.FOOT if vehicle.units == "us" else 1.0
         self._timed: dict[tuple[str, str], tuple[Array, Places]] = {}
@@ -128,13 +128,13 @@ class _Mapping:
         self.limits = True  # of rates and accelerations
         self.notes: list[str] = []
         self.information: list[str] = []
-        self._stamps(by.sensors[by.row_sensor])  # whose first stamp others count from
+        self._stamps(record_map.sensors[record_map.row_sensor])  # whose first stamp others count from
 
     # ------------------------------------------------------------------------------------ time
 
-    def _stamps(self, part: Any) -> tuple[Array, Places]:
+    def _stamps(self, entry: Any) -> tuple[Array, Places]:
         """Returns times, s, and topic rows of the samples of a sensor or commands; rows without a time are left out."""
-        name, time = self._by.topic_of(part), part.time or self._by.time
+        name, time = self._by.topic_of(entry), entry.time or self._by.time
         key = name, time.model_dump_json()
         if key not in self._timed:
             self._timed[key] = self._timed_rows(self._recording.topic(name), time)
@@ -145,41 +145,39 @@ class _Mapping:
         logged = self._logged_times(topic, time)
         if not logged.size:
             raise InputError(f"{topic.source}: is empty: it has no row of data")
-        places = np.flatnonzero(np.isfinite(logged))
-        if not places.size:
+        rows = np.flatnonzero(np.isfinite(logged))
+        if not rows.size:
             raise InputError(f"{topic.source}: no row has a time")
-        if places.size < logged.size:
-            self.notes.append(f"{topic.source}: {logged.size - places.size} rows left out that have no time")
-        found = logged[places]
+        if rows.size < logged.size:
+            self.notes.append(f"{topic.source}: {logged.size - rows.size} rows left out that have no time")
+        found = logged[rows]
         if (wild := np.abs(found) > LARGEST).any():
             at = int(np.argmax(wild))
-            raise InputError(
-                f"{topic.where(int(places[at]))}: its time, {found[at]:g} s, is too large to mean anything"
-            )
+            raise InputError(f"{topic.where(int(rows[at]))}: its time, {found[at]:g} s, is too large to mean anything")
         backward = np.flatnonzero(np.diff(found) < -SAME_S)
         if backward.size:
             at = int(backward[0])
             raise InputError(
-                f"{topic.where(int(places[at + 1]))}: time goes back, from {found[at]:.9g} to {found[at + 1]:.9g} s; "
+                f"{topic.where(int(rows[at + 1]))}: time goes back, from {found[at]:.9g} to {found[at + 1]:.9g} s; "
                 "has the clock been set? Give the parts one by one"
             )
-        fresh = np.concatenate([[True], np.diff(found) > SAME_S])
-        if fresh.sum() < 0.5 * fresh.size:
-            what = "" if time.column is None else f"; does {time.column} hold the time, in {time.unit}?"
-            raise InputError(f"{topic.source}: most rows have the time of the row before{what}")
-        if not fresh.all():
+        advances = np.concatenate([[True], np.diff(found) > SAME_S])
+        if advances.sum() < 0.5 * advances.size:
+            hint = "" if time.column is None else f"; does {time.column} hold the time, in {time.unit}?"
+            raise InputError(f"{topic.source}: most rows have the time of the row before{hint}")
+        if not advances.all():
             self.notes.append(
-                f"{topic.source}: {int((~fresh).sum())} rows left out whose time is that of the row before"
+                f"{topic.source}: {int((~advances).sum())} rows left out whose time is that of the row before"
             )
-            places, found = places[fresh], found[fresh]
+            rows, found = rows[advances], found[advances]
         if time.differences:
-            found = self._recover_times(topic, time, found, places)
+            found = self._recover_times(topic, time, found, rows)
         found = found[0] + (found - found[0]) / (1.0 + time.drift) + time.offset_s
         if self._zero_s is None:
             self._zero_s = float(np.floor(found[0])) if abs(found[0]) > _EPOCH_S else 0.0
             if self._zero_s:
                 self.information.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
-        return found - self._zero_s, places
+        return found - self._zero_s, rows
 
     def _logged_times(self, topic: Topic, time: RecordTime) -> Array:
         """Returns a topic's times as logged, s, NaN where missing: a column's, its stamps, or row numbers."""
@@ -196,16 +194,16 @@ class _Mapping:
             f"{self._source}: {topic.source} has no stamps of its own: name the column, `time: {{column: ...}}`"
         )
 
-    def _recover_times(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
+    def _recover_times(self, topic: Topic, time: RecordTime, logged_s: Array, rows: Places) -> Array:
         """Recovers the times of rows, s, from the true steps, by which logged rates were differenced."""
-        if logged.size < 2:
+        if logged_s.size < 2:
             raise InputError(f"{topic.source}: has one row, and times are to come from differences")
-        weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
-        each = []
+        weight, product = np.zeros(logged_s.size - 1), np.zeros(logged_s.size - 1)
+        steps_by_pair = []
         for pair in time.differences:
-            value, size = topic.numbers(pair.value)[places], si_factor(pair.value_unit, "length", "angle")
+            value, size = topic.numbers(pair.value)[rows], si_factor(pair.value_unit, "length", "angle")
             quantum, value = _rounding_step(value) * size, value * size
-            rate = topic.numbers(pair.rate)[places[1:]] * si_factor(pair.rate_unit, "velocity", "rate")
+            rate = topic.numbers(pair.rate)[rows[1:]] * si_factor(pair.rate_unit, "velocity", "rate")
             step = np.diff(value)
             if is_unit_of(pair.value_unit, "angle"):
                 step = (step + np.pi) % (2.0 * np.pi) - np.pi
@@ -214,7 +212,7 @@ class _Mapping:
             weight += np.where(both, (rate / quantum) ** 2, 0.0)
             product += np.where(both, rate * step / quantum**2, 0.0)
             well = both & (np.abs(rate) > MOVING * np.nanmax(np.abs(rate), initial=0.0))
-            each.append(np.divide(step, rate, out=np.full(step.size, np.nan), where=well))
+            steps_by_pair.append(np.divide(step, rate, out=np.full(step.size, np.nan), where=well))
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = product / weight
             spread = 0.5 / np.sqrt(weight) / np.abs(steps)  # of two roundings, relative
@@ -231,52 +229,52 @@ class _Mapping:
                 f"{self._source}: time.differences: the steps scatter by more than {100.0 * SCATTER:g} % about "
                 f"{typical:.4g} s: the rate is no backward difference of the value, or its unit is another"
             )
-        if step_disagreement(np.array(each)) > AGREE:
+        if step_disagreement(np.array(steps_by_pair)) > AGREE:
             raise InputError(
                 f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
                 "been taken over unlike steps in the same row: one is no backward difference, or of another unit"
             )
-        nominal = np.diff(logged)
+        nominal = np.diff(logged_s)
         usual = float(np.median(nominal))
         # where several rows are lacking the nominal time knows by how many
         steps = np.where(sure, steps, typical * nominal / usual)
-        said = f", where the log says {usual:.6g} s" if abs(typical - usual) > 1e-3 * typical and usual != 1.0 else ""
+        text = f", where the log says {usual:.6g} s" if abs(typical - usual) > 1e-3 * typical and usual != 1.0 else ""
         self.notes.append(
-            f"{topic.source}: steps are taken from differences, {typical:.6g} s in the median{said}; "
+            f"{topic.source}: steps are taken from differences, {typical:.6g} s in the median{text}; "
             f"{int((~sure).sum())} of {sure.size} are the median step"
         )
-        return logged[0] + np.concatenate([[0.0], np.cumsum(steps)])
+        return logged_s[0] + np.concatenate([[0.0], np.cumsum(steps)])
 
     # --------------------------------------------------------------------------------- sensors
 
     def channel(self, name: str, sensor: Any) -> Channel:
         """Makes the channel of a sensor: values in the vehicle's units and body axes, with their times."""
-        time_s, places = self._stamps(sensor)
+        time_s, rows = self._stamps(sensor)
         topic = self._recording.topic(self._by.topic_of(sensor))
         gives = ""
         if isinstance(sensor, GyroMap):
-            values = self._vector(topic, sensor, si_factor(sensor.unit, "rate"), places)
+            values = self._vector(topic, sensor, si_factor(sensor.unit, "rate"), rows)
             self._require_plausible_rates(name, topic, sensor.unit, values)
         elif isinstance(sensor, AccelerometerMap):
             gives = sensor.gives
             values = self._vector(
-                topic, sensor, si_factor(sensor.unit, "velocity", "acceleration") / self._length, places
+                topic, sensor, si_factor(sensor.unit, "velocity", "acceleration") / self._length, rows
             )
             self._require_plausible_accelerations(name, topic, sensor, values, time_s)
         elif isinstance(sensor, VelocityMap):
-            values = self._vector(topic, sensor, si_factor(sensor.unit, "velocity") / self._length, places)
+            values = self._vector(topic, sensor, si_factor(sensor.unit, "velocity") / self._length, rows)
         elif isinstance(sensor, WheelMap):
-            values = topic.numbers(sensor.speed)[places, None] * si_factor(sensor.unit, "rate")
+            values = topic.numbers(sensor.speed)[rows, None] * si_factor(sensor.unit, "rate")
         elif isinstance(sensor, EngineMap):
-            values = topic.numbers(sensor.level)[places, None] / sensor.full
+            values = topic.numbers(sensor.level)[rows, None] / sensor.full
             if sensor.gimbal is not None:
-                angles = np.stack([topic.numbers(one)[places] for one in sensor.gimbal], axis=1)
+                angles = np.stack([topic.numbers(one)[rows] for one in sensor.gimbal], axis=1)
                 values = np.hstack((values, angles * si_factor(sensor.unit, "angle")))
         else:
-            values = self._quaternions(topic, sensor, places)
+            values = self._quaternions(topic, sensor, rows)
             self._require_plausible_turns(name, topic, sensor, values, time_s)
             if isinstance(sensor, PoseMap):
-                position = self._three(topic, sensor.position, places) * (
+                position = self._three_columns(topic, sensor.position, rows) * (
                     si_factor(sensor.unit, "length") / self._length
                 )
                 values = np.hstack([_rotate_vectors(position, rotation_of(sensor.world_axes)), values])
@@ -284,7 +282,7 @@ class _Mapping:
             raise InputError(f"{topic.source}: sensor '{name}' has no reading: every value is missing")
         if sensor.every > 1:
             values = self._drop_repeats(name, topic, values, sensor.every)
-        return Channel(name, sensor.kind, time_s, values, places, gives)
+        return Channel(name, sensor.kind, time_s, values, rows, gives)
 
     def _drop_repeats(self, name: str, topic: Topic, values: Array, every: int) -> Array:
         """Replaces readings by NaN in all but one of `every` rows, as they repeat the reading before."""
@@ -295,64 +293,66 @@ class _Mapping:
                 f"{self._source}: sensors.{name}.every: {every} does not fit {topic.source}, where its reading changes "
                 f"in rows {rows[0] + 1} and {off[0] + 1}"
             )
-        anew = (np.arange(len(values)) - (rows[0] if rows.size else 0)) % every == 0
+        fresh = (np.arange(len(values)) - (rows[0] if rows.size else 0)) % every == 0
         self.information.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
-        return np.where(anew[:, None], values, np.nan)
+        return np.where(fresh[:, None], values, np.nan)
 
-    def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:
+    def _three_columns(self, topic: Topic, columns: Sequence[str | None], rows: Places) -> Array:
         """Returns three columns' numbers at rows of a topic, NaN for an axis without a column, shape (n, 3)."""
-        nothing = np.full(places.size, np.nan)
-        return np.column_stack([nothing if one is None else topic.numbers(one)[places] for one in columns])
+        nothing = np.full(rows.size, np.nan)
+        return np.column_stack([nothing if column is None else topic.numbers(column)[rows] for column in columns])
 
-    def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
+    def _vector(self, topic: Topic, entry: Any, scale: float, rows: Places) -> Array:
         """Returns vectors from three columns, less their zero, scaled and turned to body axes, shape (n, 3)."""
-        return _rotate_vectors((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
+        return _rotate_vectors(
+            (self._three_columns(topic, entry.columns, rows) - np.array(entry.zero)) * scale, entry.matrix
+        )
 
-    def _quaternions(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
+    def _quaternions(self, topic: Topic, sensor: AttitudeMap | PoseMap, rows: Places) -> Array:
         """Computes quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 (slow to load)
 
-        found = np.full((places.size, 4), np.nan)
+        quaternions = np.full((rows.size, 4), np.nan)
         if not sensor.forms:  # a position alone
-            return found
+            return quaternions
         if sensor.quaternion is not None:
-            given = np.column_stack([topic.numbers(one)[places] for one in sensor.quaternion])
-            self._require_unit_quaternions(topic, sensor.quaternion, given, places)
-            given = given if sensor.order == "xyzw" else np.roll(given, -1, axis=1)
-            there = np.isfinite(given).all(axis=1)
-            turns = Rotation.from_quat(given[there])
+            logged = np.column_stack([topic.numbers(one)[rows] for one in sensor.quaternion])
+            self._require_unit_quaternions(topic, sensor.quaternion, logged, rows)
+            logged = logged if sensor.order == "xyzw" else np.roll(logged, -1, axis=1)
+            finite = np.isfinite(logged).all(axis=1)
+            turns = Rotation.from_quat(logged[finite])
         else:
             size = si_factor(sensor.angle_unit, "angle")
             if sensor.heading is not None:
-                given = topic.numbers(sensor.heading)[places, None] * size * np.array([0.0, 0.0, 1.0])
+                logged = topic.numbers(sensor.heading)[rows, None] * size * np.array([0.0, 0.0, 1.0])
             else:
                 assert sensor.angles is not None  # one form is given
-                given = self._three(topic, sensor.angles, places) * size
-            around = np.abs(np.abs(np.diff(given, axis=0)) - 360.0) < _NEAR_A_TURN
-            if size == 1.0 and around.any():
+                logged = self._three_columns(topic, sensor.angles, rows) * size
+            jumps = np.abs(np.abs(np.diff(logged, axis=0)) - 360.0) < _NEAR_A_TURN
+            if size == 1.0 and jumps.any():
                 raise InputError(
                     f"{topic.source}: {sensor.heading or 'an angle'} jumps by 360, and the map has it in radians: give "
                     "`angle_unit: deg`"
                 )
-            there = np.isfinite(given).all(axis=1)
-            turns = Rotation.from_euler("ZYX", given[there][:, ::-1])
-        if not there.any():
-            return found
+            finite = np.isfinite(logged).all(axis=1)
+            turns = Rotation.from_euler("ZYX", logged[finite][:, ::-1])
+        if not finite.any():
+            return quaternions
         matrices = turns.inv().as_matrix() if sensor.rotates == "world_to_body" else turns.as_matrix()
         matrices = rotation_of(sensor.world_axes) @ matrices @ rotation_of(sensor.axes).T
         quaternion = np.roll(Rotation.from_matrix(matrices).as_quat(), 1, axis=1)
-        found[there] = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0) + 0.0  # no minus zero
-        return found
+        quaternions[finite] = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0) + 0.0  # no minus zero
+        return quaternions
 
     # ----------------------------------------------------------------- what units cannot be
 
-    def _require_unit_quaternions(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
+    def _require_unit_quaternions(self, topic: Topic, columns: Sequence[str], quats: Array, rows: Places) -> None:
         """Raises InputError where quaternions, but for a few spikes, are not of length 1."""
-        off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
+        off = np.abs(np.linalg.norm(quats, axis=1) - 1.0) > _UNIT_NORM
         if _exceeds_spikes(off):
             row = int(np.argmax(off))
             raise InputError(
-                f"{topic.where(int(places[row]))}: {', '.join(columns)} have length {np.linalg.norm(given[row]):.4g}, "
+                f"{topic.where(int(rows[row]))}: {', '.join(columns)} have length {np.linalg.norm(quats[row]):.4g}, "
                 "and a quaternion that turns has length 1: these are other columns"
             )
 
@@ -365,8 +365,8 @@ class _Mapping:
             return
         largest = float(size.max())
         as_read = largest / si_factor(unit, "rate")
-        alike = [one for one in RATE_UNITS if unit == "rad/s" or ("rad" in one) == ("rad" in unit)]
-        fits = next((one for one in alike if as_read * si_factor(one, "rate") <= limit), "")
+        like = [one for one in RATE_UNITS if unit == "rad/s" or ("rad" in one) == ("rad" in unit)]
+        fits = next((one for one in like if as_read * si_factor(one, "rate") <= limit), "")
         hint = "; it looks like degrees: `unit: deg/s`" if unit == "rad/s" and fits == "deg/s" else ""
         if fits and not hint:
             smaller = si_factor(unit, "rate") / si_factor(fits, "rate")
@@ -392,13 +392,13 @@ class _Mapping:
         self, name: str, topic: Topic, sensor: AccelerometerMap, values: Array, time_s: Array
     ) -> None:
         """Raises InputError for accelerations that no vehicle has, as in a wrong unit."""
-        most = plausible.ACCELERATION.most / self._length
+        limit = plausible.ACCELERATION.most / self._length
         sizes = np.abs(values)
         if sensor.gives in ("integral", "increment") and time_s.size > 1:
             steps = np.diff(time_s)[:, None]
             sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
         sizes = sizes[np.isfinite(sizes).all(axis=1)]
-        if self.limits and _exceeds_spikes(sizes.max(axis=1, initial=0.0) > most):
+        if self.limits and _exceeds_spikes(sizes.max(axis=1, initial=0.0) > limit):
             raise InputError(
                 f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
                 f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "
@@ -407,90 +407,90 @@ class _Mapping:
 
     # -------------------------------------------------------------------------------- commands
 
-    def commands(self, part: CommandMap) -> HeldValues:
+    def commands(self, entry: CommandMap) -> HeldValues:
         """Reads the commands to the jets as fractions of 0 to 1, with the intervals in which they hold."""
-        time_s, places = self._stamps(part)
-        topic = self._recording.topic(self._by.topic_of(part))
-        if part.listed is not None:
-            values = self._commands_from_list(topic, part, places)
-        elif part.mask is not None:
-            values = self._commands_from_mask(topic, part, places)
+        time_s, rows = self._stamps(entry)
+        topic = self._recording.topic(self._by.topic_of(entry))
+        if entry.listed is not None:
+            values = self._commands_from_list(topic, entry, rows)
+        elif entry.mask is not None:
+            values = self._commands_from_mask(topic, entry, rows)
         else:
-            assert part.columns is not None  # one form is given
-            values = self._commands_from_columns(topic, part, part.columns, places)
-        if part.missing == "off":
+            assert entry.columns is not None  # one form is given
+            values = self._commands_from_columns(topic, entry, entry.columns, rows)
+        if entry.missing == "off":
             values = np.nan_to_num(values, nan=0.0)
-        return _hold_values(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
+        return _hold_values(time_s, values, backward=entry.acts == "until_row", on_change=entry.on_change)
 
-    def force_or_torque(self, part: Any) -> HeldValues:
+    def force_or_torque(self, entry: Any) -> HeldValues:
         """Reads a known outside force or torque in body axes; it holds from its row until the next."""
-        time_s, places = self._stamps(part)
-        topic = self._recording.topic(self._by.topic_of(part))
-        force = is_unit_of(part.unit, "force")
-        size = si_factor(part.unit, "force", "torque") / (self._force if force else self._force * self._length)
-        return _hold_values(time_s, self._vector(topic, part, size, places))
+        time_s, rows = self._stamps(entry)
+        topic = self._recording.topic(self._by.topic_of(entry))
+        force = is_unit_of(entry.unit, "force")
+        size = si_factor(entry.unit, "force", "torque") / (self._force if force else self._force * self._length)
+        return _hold_values(time_s, self._vector(topic, entry, size, rows))
 
     def _commands_from_columns(
-        self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places
+        self, topic: Topic, entry: CommandMap, columns: Mapping[str, str], rows: Places
     ) -> Array:
         """Reads commands from a column per jet: fractions of 0 to 1, NaN where missing, shape (n, n_jets)."""
-        timed = is_unit_of(part.unit, "time")
-        size = si_factor(part.unit, "time", "number")
+        timed = is_unit_of(entry.unit, "time")
+        size = si_factor(entry.unit, "time", "number")
         full = self._vehicle.sample_period_s if timed else 1.0
-        on = full if part.on is None else part.on * size
-        off = part.off * size
+        on = full if entry.on is None else entry.on * size
+        off = entry.off * size
         if on == off:
-            raise InputError(f"{self._source}: commands.off: {part.off:g} is what `on` is, too: they must differ")
+            raise InputError(f"{self._source}: commands.off: {entry.off:g} is what `on` is, too: they must differ")
         names = [columns[jet] for jet in self._vehicle.designations]
-        logged = np.column_stack([topic.numbers(name)[places] for name in names])
+        logged = np.column_stack([topic.numbers(name)[rows] for name in names])
         values = (logged * size - off) / (on - off)
-        if part.threshold is not None:
-            return np.where(np.isnan(values), np.nan, np.where(values >= part.threshold, 1.0, 0.0))
-        least = 0.0 if off == 0.0 else -math.inf  # a level may be undershot, an amount is not negative
-        most = 1.0 + (JITTER if timed else 0.0)  # the interval of an on-time may be longer by so much
-        wrong = (values < least - TOLERANCE) | (values > most + TOLERANCE)
+        if entry.threshold is not None:
+            return np.where(np.isnan(values), np.nan, np.where(values >= entry.threshold, 1.0, 0.0))
+        low = 0.0 if off == 0.0 else -math.inf  # a level may be undershot, an amount is not negative
+        high = 1.0 + (JITTER if timed else 0.0)  # the interval of an on-time may be longer by so much
+        wrong = (values < low - TOLERANCE) | (values > high + TOLERANCE)
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
-            meant = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"
+            levels = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"
             raise InputError(
-                f"{topic.where(int(places[row]))}, column {names[jet]}: {logged[row, jet]:g} is no command between "
-                f"closed and open, as the map has it ({meant}); see commands.unit, off, on and threshold"
+                f"{topic.where(int(rows[row]))}, column {names[jet]}: {logged[row, jet]:g} is no command between "
+                f"closed and open, as the map has it ({levels}); see commands.unit, off, on and threshold"
             )
         return np.clip(values, 0.0, 1.0)
 
-    def _commands_from_mask(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+    def _commands_from_mask(self, topic: Topic, entry: CommandMap, rows: Places) -> Array:
         """Reads commands from the bits of a column: 0 or 1, NaN where missing, shape (n, n_jets)."""
-        assert part.mask is not None  # the form that is given
-        column = part.mask.column
-        logged = topic.numbers(column)[places]
-        odd = (logged < 0.0) | (logged != np.round(logged)) | (logged >= 2.0**53)
-        odd &= np.isfinite(logged)
-        if odd.any():
-            row = int(np.argmax(odd))
-            raise InputError(f"{topic.where(int(places[row]))}, column {column}: {logged[row]:g} is no bit mask")
+        assert entry.mask is not None  # the form that is given
+        column = entry.mask.column
+        logged = topic.numbers(column)[rows]
+        wrong = (logged < 0.0) | (logged != np.round(logged)) | (logged >= 2.0**53)
+        wrong &= np.isfinite(logged)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"{topic.where(int(rows[row]))}, column {column}: {logged[row]:g} is no bit mask")
         whole = np.nan_to_num(logged).astype(np.int64)
-        known = sum(1 << bit for bit in set(part.mask.bits.values()))
-        more = int(np.bitwise_or.reduce(whole)) & ~known
-        if more:
-            self.notes.append(f"{topic.source}: column {column} has bit {more.bit_length() - 1}, which is no jet's")
-        bits = np.array([part.mask.bits[jet] for jet in self._vehicle.designations])
+        known = sum(1 << bit for bit in set(entry.mask.bits.values()))
+        extra = int(np.bitwise_or.reduce(whole)) & ~known
+        if extra:
+            self.notes.append(f"{topic.source}: column {column} has bit {extra.bit_length() - 1}, which is no jet's")
+        bits = np.array([entry.mask.bits[jet] for jet in self._vehicle.designations])
         values = ((whole[:, None] >> bits) & 1).astype(float)
         values[np.isnan(logged)] = np.nan
         return values
 
-    def _commands_from_list(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+    def _commands_from_list(self, topic: Topic, entry: CommandMap, rows: Places) -> Array:
         """Reads commands from texts that list the jets that fire: 0 or 1, shape (n, n_jets)."""
-        assert part.listed is not None  # the form that is given
+        assert entry.listed is not None  # the form that is given
         jets = self._vehicle.designations
-        names = {(part.listed.names.get(jet) or jet).lower(): index for index, jet in enumerate(jets)}
-        texts = topic.texts(part.listed.column)
-        values = np.zeros((places.size, len(jets)))
-        for row, place in enumerate(places):
-            for word in split_jet_list(texts[place]):
+        names = {(entry.listed.names.get(jet) or jet).lower(): index for index, jet in enumerate(jets)}
+        texts = topic.texts(entry.listed.column)
+        values = np.zeros((rows.size, len(jets)))
+        for row, logged in enumerate(rows):
+            for word in split_jet_list(texts[logged]):
                 if word.lower() not in names:
-                    known = [part.listed.names.get(jet) or jet for jet in jets]
+                    known = [entry.listed.names.get(jet) or jet for jet in jets]
                     raise InputError(
-                        f"{topic.where(int(place))}, column {part.listed.column}: '{word}' is no jet's name"
+                        f"{topic.where(int(logged))}, column {entry.listed.column}: '{word}' is no jet's name"
                         f"{suggestion(word, known)}"
                     )
                 values[row, names[word.lower()]] = 1.0
@@ -503,11 +503,11 @@ def step_disagreement(steps: Array) -> float:
     Args:
         steps: by each pair, NaN where it tells none, shape (n_pairs, n).
     """
-    both = steps[:, np.isfinite(steps).sum(axis=0) > 1]
-    if not both.size:
+    shared = steps[:, np.isfinite(steps).sum(axis=0) > 1]
+    if not shared.size:
         return 0.0
-    apart = np.nanmax(both, axis=0) - np.nanmin(both, axis=0)
-    return float(np.median(apart) / np.abs(np.nanmedian(both)))
+    spread = np.nanmax(shared, axis=0) - np.nanmin(shared, axis=0)
+    return float(np.median(spread) / np.abs(np.nanmedian(shared)))
 
 
 def find_changes(values: Array) -> Places:
@@ -518,7 +518,7 @@ def find_changes(values: Array) -> Places:
 
 def split_jet_list(text: str) -> list[str]:
     """Splits a text into designations of jets, at all but letters, digits and underscores."""
-    return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
+    return "".join(letter if letter.isalnum() or letter == "_" else " " for letter in text).split()
 
 
 def _exceeds_spikes(flags: NDArray[np.bool_]) -> bool:
@@ -543,15 +543,15 @@ def _rounding_step(values: Array) -> float:
     return max(1e-12 * largest, 1e-300)
 
 
-def _hold_values(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
-    """Makes held values: each from its time until the next, or, with `until`, from the previous time to its own."""
-    if time_s.size == 1 and on_change and not until:
+def _hold_values(time_s: Array, values: Array, *, backward: bool = False, on_change: bool = False) -> HeldValues:
+    """Makes held values: each from its time until the next, or, with `backward`, from the previous time to its own."""
+    if time_s.size == 1 and on_change and not backward:
         return HeldValues(time_s, np.array([math.inf]), values)
     if time_s.size < 2:
         return HeldValues(time_s[:0], time_s[:0], values[:0])
     steps = np.diff(time_s)
     longest = math.inf if on_change else HOLE * float(np.median(steps))
-    if until:
+    if backward:
         return HeldValues(np.maximum(time_s[:-1], time_s[1:] - longest), time_s[1:], values[1:])
     end = np.append(time_s[1:], time_s[-1] + (math.inf if on_change else float(np.median(steps))))
     return HeldValues(time_s, np.minimum(end, time_s + longest), values)

@@ -33,7 +33,7 @@ _DAMAGED = (
 _SIGNATURE_AT = (0, 512)  # a .mat file of version 7.3 has a header of its own before it
 
 
-def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_mat(path: Path, record_map: RecordMap | None, rows: int | None) -> Recording:
     """Reads a .mat file into a recording: structures as topics, arrays of equal length as their columns.
 
     A matrix with a column per component gives `name[0]`, `name[1]`, ...
@@ -47,7 +47,7 @@ def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     losses: list[Loss] = []
-    hdf = any(start[at:].startswith(_SIGNATURE) for at in _SIGNATURE_AT)
+    hdf = any(start[offset:].startswith(_SIGNATURE) for offset in _SIGNATURE_AT)
     if not hdf and start.startswith(b"MATLAB 7.3"):
         raise InputError(f"{path}: not a .mat file that can be read: it is cut off")
     content = _read_hdf(path, losses) if hdf else _read_classic(path, losses)
@@ -61,7 +61,7 @@ def read_mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         reasons = f": {', '.join(left_out)}" if left_out else ""
         raise InputError(*(one.text for one in losses), f"{path}: has no variable that gives columns{reasons}")
     # of a map all that it does not name is not wanted
-    notes = (f"{path}: left out: {', '.join(left_out)}",) if left_out and by is None else ()
+    notes = (f"{path}: left out: {', '.join(left_out)}",) if left_out and record_map is None else ()
     return Recording(str(path), "mat", topics, notes=notes, sha256=digest(path), losses=tuple(losses))
 
 
@@ -70,20 +70,20 @@ def _read_classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for begin, part in _split_variables(path, losses):
         try:
-            found |= loadmat(io.BytesIO(part), simplify_cells=True)
+            variables |= loadmat(io.BytesIO(part), simplify_cells=True)
         except (MatReadError, zlib.error, *_DAMAGED) as error:
             if not begin:
                 raise InputError(f"{path}: not a .mat file that can be read: {first_line(error)}") from None
-            what = f"the variable that begins at byte {begin} is damaged, and left out"
-            losses.append(Loss("damaged", f"{path}: {what}: {first_line(error)}"))
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+            text = f"the variable that begins at byte {begin} is damaged, and left out"
+            losses.append(Loss("damaged", f"{path}: {text}: {first_line(error)}"))
+    return {name: value for name, value in variables.items() if not name.startswith("__")}
 
 
 def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
-    """Yields the place and bytes of .mat files with one variable each; a file of version 4 as a whole, at 0.
+    """Yields offset and bytes of .mat files with one variable each; a file of version 4 as a whole, at 0.
 
     scipy's compiled reader is not safe from damaged lengths, so that no variable reaches it that is not whole.
     """
@@ -92,20 +92,20 @@ def _split_variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, byte
         yield 0, content  # what is no .mat file is told by the reader
         return
     order: Literal["little", "big"] = "big" if content[126:128] == b"MI" else "little"
-    place = _HEADER
-    while place < len(content):
-        tag = content[place : place + 8]
+    offset = _HEADER
+    while offset < len(content):
+        tag = content[offset : offset + 8]
         kind, size = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
-        end = place + 8 + size
+        end = offset + 8 + size
         if len(tag) == 8 and kind not in (_MATRIX, _COMPRESSED):
-            losses.append(Loss("damaged", f"{path}: is damaged from byte {place} on, and not read further"))
+            losses.append(Loss("damaged", f"{path}: is damaged from byte {offset} on, and not read further"))
             return
         if end > len(content):
             short = counted(end - len(content), "byte")
             losses.append(Loss("truncated", f"{path}: is cut off: it ends within a variable, {short} short"))
             return
-        yield place, content[:_HEADER] + content[place:end]
-        place = end
+        yield offset, content[:_HEADER] + content[offset:end]
+        offset = end
     if len(content) <= _HEADER:
         losses.append(Loss("truncated", f"{path}: is cut off: it has no variable"))
 
@@ -116,12 +116,12 @@ def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
         raise missing_extra(path, "h5py", "mat", "a .mat file of version 7.3") from None
-    found = {}
+    variables = {}
     try:
         with h5py.File(path, "r") as file:
-            for name in [one for one in file if not one.startswith("#")]:
+            for name in [key for key in file if not key.startswith("#")]:
                 try:
-                    found[name] = _hdf_value(h5py, file, file[name])
+                    variables[name] = _hdf_value(h5py, file, file[name])
                 except _DAMAGED as error:
                     losses.append(Loss("damaged", f"{path}: {name} is damaged, and left out: {first_line(error)}"))
     except _DAMAGED as error:
@@ -129,7 +129,7 @@ def _read_hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
         if "truncated file" in reason:
             reason = "it is cut off, and HDF5 gives nothing of such a file"
         raise InputError(f"{path}: not a .mat file that can be read: {reason}") from None
-    return found
+    return variables
 
 
 def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
@@ -142,9 +142,9 @@ def _hdf_value(h5py: Any, file: Any, item: Any) -> Any:
         return np.empty(0)
     if h5py.check_dtype(ref=item.dtype) is not None:  # a cell array
         cells = [_hdf_value(h5py, file, file[reference]) for reference in np.asarray(item).T.ravel()]
-        found = np.empty(len(cells), dtype=object)
-        found[:] = cells
-        return found
+        array = np.empty(len(cells), dtype=object)
+        array[:] = cells
+        return array
     values = np.asarray(item).T
     if item.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, values.ravel()))
@@ -177,13 +177,13 @@ def _is_numeric(value: Any) -> bool:
     return np.asarray(value).dtype.kind in "biuf"
 
 
-def _flatten_fields(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _flatten_fields(fields: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yields name and value of a structure's fields; names within nested structures are joined by dots."""
     for name, value in fields.items():
         if isinstance(value, dict):
-            yield from _flatten_fields(value, f"{before}{name}.")
+            yield from _flatten_fields(value, f"{prefix}{name}.")
         else:
-            yield f"{before}{name}", value
+            yield f"{prefix}{name}", value
 
 
 def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
@@ -194,22 +194,22 @@ def _select_columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[s
     columns: dict[str, Column] = {}
     left_out = []
     for name, value in arrays.items():
-        tall = value.T if value.ndim == 2 and len(value) != length else value
+        upright = value.T if value.ndim == 2 and len(value) != length else value
         if not value.ndim and value.dtype != object:
             continue
         if not _is_table(value):
             left_out.append(f"{name} ({_no_column_reason(value)})")
-        elif len(tall) != length or tall.ndim > 2:
+        elif len(upright) != length or upright.ndim > 2:
             shape = " x ".join(map(str, value.shape))
             left_out += [f"{name} (of {shape} values)"] if value.size > 1 else []
-        elif tall.ndim == 2 and tall.shape[1] > MOST_ELEMENTS:
+        elif upright.ndim == 2 and upright.shape[1] > MOST_ELEMENTS:
             left_out.append(f"{name} (of more than {MOST_ELEMENTS} columns)")
-        elif tall.ndim == 2:
-            columns |= {f"{name}[{index}]": tall[:rows, index] for index in range(tall.shape[1])}
-        elif tall.dtype == object:
-            columns[name] = _cell_column(tall[:rows])
+        elif upright.ndim == 2:
+            columns |= {f"{name}[{index}]": upright[:rows, index] for index in range(upright.shape[1])}
+        elif upright.dtype == object:
+            columns[name] = _cell_column(upright[:rows])
         else:
-            columns[name] = tall[:rows] if tall.dtype.kind in "biuf" else tall[:rows].astype(object)
+            columns[name] = upright[:rows] if upright.dtype.kind in "biuf" else upright[:rows].astype(object)
     return columns, left_out
 
 
@@ -218,9 +218,9 @@ def _as_array(value: Any) -> Any:
     try:
         return np.asarray(value)
     except ValueError:
-        found = np.empty(len(value), dtype=object)
-        found[:] = list(value)
-        return found
+        array = np.empty(len(value), dtype=object)
+        array[:] = list(value)
+        return array
 
 
 def _is_table(value: Any) -> bool:
@@ -231,7 +231,7 @@ def _is_table(value: Any) -> bool:
 
 
 def _no_column_reason(value: Any) -> str:
-    """Returns words for the content for which an array gives no columns, such as "structures"."""
+    """Returns words for the content of an array that gives no columns, such as "structures"."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"
     if value.dtype == object and value.ndim:

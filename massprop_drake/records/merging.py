@@ -94,33 +94,33 @@ class MergedTable(Table):
     def where(self, line: int, column: str) -> str:
         """Returns source file and line of a merged row as text for messages, by the column meant."""
         part = self._owner.get(column, 0)
-        own = self._parts[part]
-        return f"{own.source}, {own.place} {int(self._lines[part, line - 1])}"
+        source_file = self._parts[part]
+        return f"{source_file.source}, {source_file.place} {int(self._lines[part, line - 1])}"
 
     def sha256(self) -> str:
         """Computes SHA-256 of the digests of all files, hexadecimal; valid once all of them have been read."""
         return hashlib.sha256(" ".join(self._digests).encode()).hexdigest()
 
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields blocks of merged rows: row numbers, and values of the columns at wanted positions."""
-        values = np.full((self._time_s.size, len(wanted)), np.nan)
-        names = [self.header[column] for column in wanted]
+    def blocks(self, indices: list[int]) -> Iterator[Block]:
+        """Yields blocks of merged rows: row numbers, and values of the columns at these indices."""
+        values = np.full((self._time_s.size, len(indices)), np.nan)
+        names = [self.header[column] for column in indices]
         for number, part in enumerate(self._parts):
-            own = {name: place for place, name in enumerate(names) if self._owner.get(name) == number}
-            self._copy_columns(number, part, own, values)
-        for place, name in enumerate(names):
+            targets = {name: index for index, name in enumerate(names) if self._owner.get(name) == number}
+            self._copy_columns(number, part, targets, values)
+        for index, name in enumerate(names):
             if name == "time_s":
-                values[:, place] = self._time_s
+                values[:, index] = self._time_s
         numbers = np.arange(1, self._time_s.size + 1)
         for begin in range(0, self._time_s.size, _ROWS):
             rows = slice(begin, begin + _ROWS)
             self._read = min(begin + _ROWS, self._time_s.size)
             yield Block(numbers[rows], values[rows])
 
-    def _copy_columns(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
-        """Writes a source file's wanted columns into the merged values at its times; holds commands on change."""
-        names, places = list(wanted), list(wanted.values())
-        table = open_table(part.path)
+    def _copy_columns(self, file_index: int, file: _SourceFile, targets: dict[str, int], values: Array) -> None:
+        """Writes columns of a source file into the merged values at its times; holds commands logged on change."""
+        names, indices = list(targets), list(targets.values())
+        table = open_table(file.path)
         try:
             columns = [table.header.index(name) for name in ("time_s", *names)]
             blocks = list(table.blocks(columns))
@@ -132,24 +132,24 @@ class MergedTable(Table):
         self.ragged.first_line = self.ragged.first_line or table.ragged.first_line
         self.ragged.last_incomplete |= table.ragged.last_incomplete
         lines = np.concatenate([block.lines for block in blocks])
-        read = np.concatenate([block.values for block in blocks])
-        kept = _advancing_rows(read[:, 0])
-        if kept.size < len(read):
-            left = counted(len(read) - kept.size, "row")
-            self.notes.append(f"{part.source}: {left} left out that have no time, or whose time does not go on")
-        rows = np.searchsorted(self._time_s, read[kept, 0] - _SAME_S)
-        self._lines[number, rows] = lines[kept]
-        np.maximum.accumulate(self._lines[number], out=self._lines[number])
+        table_values = np.concatenate([block.values for block in blocks])
+        kept = _advancing_rows(table_values[:, 0])
+        if kept.size < len(table_values):
+            left = counted(len(table_values) - kept.size, "row")
+            self.notes.append(f"{file.source}: {left} left out that have no time, or whose time does not go on")
+        rows = np.searchsorted(self._time_s, table_values[kept, 0] - _SAME_S)
+        self._lines[file_index, rows] = lines[kept]
+        np.maximum.accumulate(self._lines[file_index], out=self._lines[file_index])
         if not names:
             return
-        own = read[kept, 1:]
-        values[np.ix_(rows, places)] = own
-        jets = [place for place, name in enumerate(names) if name.startswith("jet_")]
-        if jets and _is_on_change(read[kept, 0], own[:, jets]):
-            self.notes.append(f"{part.source}: has a row whenever a command changes: each holds until the next")
-            since = np.searchsorted(rows, np.arange(self._time_s.size), side="right") - 1
-            told = [places[place] for place in jets]
-            values[:, told] = np.where(since[:, None] >= 0, own[np.maximum(since, 0)][:, jets], np.nan)
+        readings = table_values[kept, 1:]
+        values[np.ix_(rows, indices)] = readings
+        jets = [index for index, name in enumerate(names) if name.startswith("jet_")]
+        if jets and _is_on_change(table_values[kept, 0], readings[:, jets]):
+            self.notes.append(f"{file.source}: has a row whenever a command changes: each holds until the next")
+            latest = np.searchsorted(rows, np.arange(self._time_s.size), side="right") - 1
+            jet_targets = [indices[index] for index in jets]
+            values[:, jet_targets] = np.where(latest[:, None] >= 0, readings[np.maximum(latest, 0)][:, jets], np.nan)
 
 
 def _open_source(path: Path) -> _SourceFile:
@@ -157,13 +157,13 @@ def _open_source(path: Path) -> _SourceFile:
     table = open_table(path)
     try:
         if "time_s" not in table.header:
-            named = ", ".join(table.header[:4])
-            raise InputError(f"{path}: has no column time_s, but {named}; each file needs its own times, in seconds")
+            names = ", ".join(table.header[:4])
+            raise InputError(f"{path}: has no column time_s, but {names}; each file needs its own times, in seconds")
         column = [table.header.index("time_s")]
-        every = [block.values[:, 0] for block in table.blocks(column)]
+        parts = [block.values[:, 0] for block in table.blocks(column)]
     finally:
         table.close()
-    times = np.concatenate([np.empty(0), *every])
+    times = np.concatenate([np.empty(0), *parts])
     times = times[_advancing_rows(times)]
     if times.size < 2:
         raise InputError(f"{path}: has {counted(times.size, 'row')} with a time of its own; expected two at least")
@@ -173,8 +173,8 @@ def _open_source(path: Path) -> _SourceFile:
 def _advancing_rows(times: Array) -> NDArray[np.int_]:
     """Returns indices of rows whose time is later than that of every row before."""
     latest = np.maximum.accumulate(np.nan_to_num(times, nan=-np.inf))
-    before = np.append(-np.inf, latest[:-1])
-    return np.flatnonzero(np.nan_to_num(times, nan=-np.inf) > before + _SAME_S)
+    previous = np.append(-np.inf, latest[:-1])
+    return np.flatnonzero(np.nan_to_num(times, nan=-np.inf) > previous + _SAME_S)
 
 
 def _column_owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
@@ -201,8 +201,8 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
         late, end_late = b0 - a0, b1 - a1
         shared = min(a1, b1) - max(a0, b0)
         step = max(one.interval_s, other.interval_s)
-        alike = abs(late - end_late) <= step and abs(late) > _OFF * step
-        if shared < _SHARED * min(a1 - a0, b1 - b0) or alike:
+        is_offset = abs(late - end_late) <= step and abs(late) > _OFF * step
+        if shared < _SHARED * min(a1 - a0, b1 - b0) or is_offset:
             raise InputError(
                 f"{other.source}: its clock is {abs(late):.6g} s {'ahead' if late > 0.0 else 'behind'}: {spans}; give "
                 "all files by one clock"

@@ -191,13 +191,13 @@ def _take_unit(words: list[str]) -> str:
 
 def column_quantity(name: ColumnName) -> str:
     """Returns the quantity that a column measures by its words, a key of `WORDS`; "": not known."""
-    said = set(name.words)
-    if said & _NO_READINGS or ("angular" in said and said & WORDS["accelerometer"]) or "angle" in said:
+    words_ = set(name.words)
+    if words_ & _NO_READINGS or ("angular" in words_ and words_ & WORDS["accelerometer"]) or "angle" in words_:
         return ""
-    if "delta" in said and said & WORDS["velocity"]:
+    if "delta" in words_ and words_ & WORDS["velocity"]:
         return "increment"
     for kind, words in WORDS.items():
-        if said & words:
+        if words_ & words:
             return kind
     return "" if name.words else "position"
 
@@ -240,17 +240,19 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
         jets: designation and number of each.
     """
     split = {column: _split_tokens(column) for column in columns}
-    called = {_split_tokens(designation): designation for designation, _ in jets}
+    known = {_split_tokens(designation): designation for designation, _ in jets}
     families: dict[tuple[str, ...], dict[str, str]] = {}
     counted: dict[tuple[str, ...], dict[int, str]] = {}
     for column, tokens in split.items():
-        for (begin, end), designation in _find_designations(tokens, called):
+        for (begin, end), designation in _find_designations(tokens, known):
             families.setdefault((*tokens[:begin], "", *tokens[end:]), {}).setdefault(designation, column)
-        for place, token in enumerate(tokens):
+        for at, token in enumerate(tokens):
             if token.isdigit():
-                family = (*tokens[:place], "", *tokens[place + 1 :])
+                family = (*tokens[:at], "", *tokens[at + 1 :])
                 counted.setdefault(family, {}).setdefault(int(token), column)
-    ranked = [(_rank_words(rest, sure=True), _family(found, jets, [], named=True)) for rest, found in families.items()]
+    ranked = [
+        (_rank_words(rest, named=True), _make_family(found, jets, [], named=True)) for rest, found in families.items()
+    ]
     for rest, numbered in counted.items():
         if len(numbered) < 2 or len(jets) < 2:
             continue
@@ -260,30 +262,32 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
             numbers = {designation: first + index for index, (designation, _) in enumerate(jets)}
         elif first == 0:  # counted from 0: the vehicle's numbers, from 1, would be one off
             numbers = {designation: index for index, (designation, _) in enumerate(jets)}
-        here = {designation: numbered[number] for designation, number in numbers.items() if number in numbered}
-        beside = [column for number, column in sorted(numbered.items()) if number not in numbers.values()]
+        by_jet = {designation: numbered[number] for designation, number in numbers.items() if number in numbered}
+        extra = [column for number, column in sorted(numbered.items()) if number not in numbers.values()]
         ranked.append(
-            (_rank_words(rest, sure=False), _family(here, jets, beside, named=bool(set(rest) & (_JETS | _ON))))
+            (_rank_words(rest, named=False), _make_family(by_jet, jets, extra, named=bool(set(rest) & (_JETS | _ON))))
         )
     ordered = sorted(ranked, key=lambda one: (len(one[1].lacking) > 0, one[0], len(one[1].lacking)))
     return [family for rank, family in ordered if rank < 3]
 
 
-def _family(found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: list[str], *, named: bool) -> JetColumns:
+def _make_family(
+    by_jet: Mapping[str, str], jets: Sequence[tuple[str, int]], extra: list[str], *, named: bool
+) -> JetColumns:
     """Makes the group of columns of the jets, in the vehicle's order, with the jets that lack one."""
-    columns = {designation: found[designation] for designation, _ in jets if designation in found}
-    lacking = [designation for designation, _ in jets if designation not in found]
-    return JetColumns(columns, lacking, beside, named)
+    columns = {designation: by_jet[designation] for designation, _ in jets if designation in by_jet}
+    lacking = [designation for designation, _ in jets if designation not in by_jet]
+    return JetColumns(columns, lacking, extra, named)
 
 
-def _rank_words(rest: tuple[str, ...], *, sure: bool) -> int:
-    """Ranks the words around a jet's name in column names: 0 (likely a command) to 2; 3: no command."""
-    words = {word for word in rest if word}
+def _rank_words(parts: tuple[str, ...], *, named: bool) -> int:
+    """Ranks a column name, with a designation if `named`, by its words: 0 (likely a command) to 2; 3: no command."""
+    words = {word for word in parts if word}
     if words & _NO_COMMANDS:
         return 3
     if words & (_JETS | _ON):
         return 0
-    if sure:
+    if named:
         return 1 if words <= set(_UNITS) else 2
     return 2 if len(words) == 1 else 3
 
@@ -295,12 +299,12 @@ def _split_tokens(name: str) -> tuple[str, ...]:
 
 
 def _find_designations(
-    tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]
+    tokens: tuple[str, ...], known: Mapping[tuple[str, ...], str]
 ) -> list[tuple[tuple[int, int], str]]:
-    """Finds jet designations in a name's tokens, the longest alone; lists (begin, end) and designation."""
-    for length in sorted({len(one) for one in called}, reverse=True):
-        places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
-        found = [((begin, end), called[tokens[begin:end]]) for begin, end in places if tokens[begin:end] in called]
+    """Finds jet designations in a name's tokens, the longest ones alone; lists (begin, end) and designation."""
+    for length in sorted({len(one) for one in known}, reverse=True):
+        spans = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
+        found = [((begin, end), known[tokens[begin:end]]) for begin, end in spans if tokens[begin:end] in known]
         if found:
             return found
     return []

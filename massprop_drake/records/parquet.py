@@ -56,14 +56,14 @@ class ParquetTable(Table):
         """Closes the file."""
         self._file.close()
 
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields blocks of rows: row numbers, and values of the columns at wanted positions.
+    def blocks(self, indices: list[int]) -> Iterator[Block]:
+        """Yields blocks of rows: row numbers, and values of the columns at these indices.
 
         Raises:
             InputError: when a column holds no numbers.
         """
         arrow = self._arrow
-        names = [self.header[column] for column in wanted]
+        names = [self.header[column] for column in indices]
         schema = self._file.schema_arrow  # made anew each time that it is asked for
         for name in names:
             kind = schema.field(name).type
@@ -130,20 +130,20 @@ def parquet_batches(
     """
     import pyarrow  # noqa: PLC0415 (slow to load)
 
-    begin, lost, reason = 0, 0, ""
+    begin, n_lost, reason = 0, 0, ""
     for group in range(file.metadata.num_row_groups):
-        place, begin = begin, begin + file.metadata.row_group(group).num_rows
+        row, begin = begin, begin + file.metadata.row_group(group).num_rows
         try:
             for batch in file.iter_batches(batch_size=rows, row_groups=[group], columns=list(names)):
-                yield place, batch
-                place += batch.num_rows
+                yield row, batch
+                row += batch.num_rows
         except (OSError, ValueError, pyarrow.ArrowException) as error:
             if isinstance(error, InputError):
                 raise
-            lost, reason = lost + begin - place, first_line(error)
-            losses.append(Loss("damaged", f"{source}: rows {place + 1} to {begin} are damaged, and left out: {reason}"))
-    if lost and lost == begin:
-        raise InputError(f"{source}: none of its {counted(lost, 'row')} can be read: {reason}")
+            n_lost, reason = n_lost + begin - row, first_line(error)
+            losses.append(Loss("damaged", f"{source}: rows {row + 1} to {begin} are damaged, and left out: {reason}"))
+    if n_lost and n_lost == begin:
+        raise InputError(f"{source}: none of its {counted(n_lost, 'row')} can be read: {reason}")
     if file.metadata.num_rows != begin:
         stated = counted(file.metadata.num_rows, "row")
         losses.append(Loss("damaged", f"{source}: says that it has {stated}, and has {begin}"))

@@ -91,13 +91,13 @@ class RecordingSearch(SensorSearch):
             self.data["csv"] = form
             self._say(f"csv: {', '.join(f'{key} {value!r}' for key, value in form.items())}, as its first lines show")
         topics = self.recording.topics
-        read = {
+        names_by_topic = {
             name: [read_name(column, topic.units.get(column, "")) for column in topic.columns]
             for name, topic in topics.items()
         }
         numeric = {
             name: [one for one in names if _has_numbers(topics[name].columns[one.column])]
-            for name, names in read.items()
+            for name, names in names_by_topic.items()
         }
         for topic in topics.values():
             self._warn_of_text_cells(topic)
@@ -107,16 +107,16 @@ class RecordingSearch(SensorSearch):
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
             if kinds[name] or len(topics) == 1:
-                self._enter_topic(name, read[name])
+                self._set_topic(name, names_by_topic[name])
                 switched = self._switched_columns(topics[name])
                 self._find_sensors(topics[name], [one for one in numeric[name] if one.column not in switched])
         for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
-            self._enter_topic(name, read[name], quietly=True)
+            self._set_topic(name, names_by_topic[name], silent=True)
             if self._find_commands(topics[name]):
                 self._set_topic_and_time(self.data["commands"])
                 break
         if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
-            faults = [fault for name in topics if (fault := clock_fault(topics[name], read[name]))]
+            faults = [fault for name in topics if (fault := clock_fault(topics[name], names_by_topic[name]))]
             self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
 
     def _warn_of_text_cells(self, topic: Topic) -> None:
@@ -130,21 +130,21 @@ class RecordingSearch(SensorSearch):
             except InputError as error:
                 self._warn(f"{error}, as the rest of its column is: nothing is made of it")
 
-    def _enter_topic(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
-        """Makes a topic the current one, with its clock; those of the first one become the map's own."""
-        found = self._clock(name, names)
-        self._here = name, found.data if found is not None and found.data else None
+    def _set_topic(self, name: str, names: Sequence[ColumnName], *, silent: bool = False) -> None:
+        """Makes a topic the current one, with its clock; the first topic and clock become the map's own."""
+        clock = self._clock(name, names)
+        self._here = name, clock.data if clock is not None and clock.data else None
         if "time" not in self.data and "topic" not in self.data:
             if name:
                 self.data["topic"] = name
                 self._say(f"topic {name}: it has rates, or most of the sensors")
-            if found is not None and found.data:
-                self.data["time"] = found.data
-                self._say(found.reason)
-            if found is not None and found.coarse and found.coarse not in (*self.reasons, *self.lacking):
-                (self._say if found.data else self.lacking.append)(found.coarse)
-        elif found is not None and not quietly and self._here[1] != self.data.get("time"):
-            self._say(f"{name}: {found.reason}")
+            if clock is not None and clock.data:
+                self.data["time"] = clock.data
+                self._say(clock.reason)
+            if clock is not None and clock.coarse and clock.coarse not in (*self.reasons, *self.lacking):
+                (self._say if clock.data else self.lacking.append)(clock.coarse)
+        elif clock is not None and not silent and self._here[1] != self.data.get("time"):
+            self._say(f"{name}: {clock.reason}")
 
     def _clock(self, name: str, names: Sequence[ColumnName]) -> TopicClock | None:
         """Returns the clock of a topic, found once and stored; None where it has none."""
@@ -155,14 +155,14 @@ class RecordingSearch(SensorSearch):
     def search_px4(self) -> None:
         """Adds rates, accelerations, pose and commands to the map from the topics that PX4 logs."""
         topics = {_base_topic(name): name for name in reversed(list(self.recording.topics))}
-        for base, column, what in _PX4_RATES:
-            if self._add_px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
+        for base, column, text in _PX4_RATES:
+            if self._add_px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, text):
                 break
-        for base, column, gives, what in _PX4_ACCELERATIONS:
-            taken = self._instant_or_mean(topics[base]) if base in topics and gives == "instant" else gives
-            more = {"unit": "m/s" if taken == "increment" else "m/s^2", "gives": taken}
-            guess = "; one a sample is taken for the mean over it: a guess" if taken != gives else ""
-            if self._add_px4_vector(topics, (base, column), "accelerometer", more, what + guess):
+        for base, column, gives, text in _PX4_ACCELERATIONS:
+            meaning = self._instant_or_mean(topics[base]) if base in topics and gives == "instant" else gives
+            keys = {"unit": "m/s" if meaning == "increment" else "m/s^2", "gives": meaning}
+            guess = "; one a sample is taken for the mean over it: a guess" if meaning != gives else ""
+            if self._add_px4_vector(topics, (base, column), "accelerometer", keys, text + guess):
                 break
         for base in _PX4_POSE:
             if base in topics and {"position[0]", "q[0]"} <= set(self.recording.topics[topics[base]].columns):
@@ -182,8 +182,8 @@ class RecordingSearch(SensorSearch):
                 break
         count = len(self.vehicle.jets)
         for base, column in _PX4_COMMANDS:
-            there = self.recording.topics[topics[base]].columns if base in topics else {}
-            if all(f"{column}[{index}]" in there for index in range(count)):
+            columns = self.recording.topics[topics[base]].columns if base in topics else {}
+            if all(f"{column}[{index}]" in columns for index in range(count)):
                 block: dict[str, Any] = {"topic": topics[base]}
                 block["columns"] = {jet: f"{column}[{index}]" for index, jet in enumerate(self.vehicle.designations)}
                 block["missing"] = "off"
@@ -193,17 +193,17 @@ class RecordingSearch(SensorSearch):
                 break
 
     def _add_px4_vector(
-        self, topics: Mapping[str, str], where: tuple[str, str], kind: str, more: dict[str, Any], what: str
+        self, topics: Mapping[str, str], field: tuple[str, str], kind: str, keys: dict[str, Any], text: str
     ) -> bool:
         """Adds a PX4 topic's vector to the map as a gyro or accelerometer; False without topic or package."""
-        base, column = where
+        base, column = field
         columns = [f"{column}[{axis}]" for axis in range(3)]
         if base not in topics or not set(columns) <= set(self.recording.topics[topics[base]].columns):
             return False
         package = self._take_package(kind)
         if package:
-            self.data["sensors"][package] = {"kind": kind, "topic": topics[base], "columns": columns, **more}
-            self._say(f"{package}: {topics[base]}, {what}")
+            self.data["sensors"][package] = {"kind": kind, "topic": topics[base], "columns": columns, **keys}
+            self._say(f"{package}: {topics[base]}, {text}")
         return bool(package)
 
     def search_bag(self) -> None:
@@ -214,20 +214,20 @@ class RecordingSearch(SensorSearch):
             kind = self.recording.types.get(name, "").rpartition("/")[2]
             if kind == "Imu":
                 self._add_imu(name)
-            before = {"PoseStamped": "pose.", "Odometry": "pose.pose.", "PoseWithCovarianceStamped": "pose.pose."}.get(
+            prefix = {"PoseStamped": "pose.", "Odometry": "pose.pose.", "PoseWithCovarianceStamped": "pose.pose."}.get(
                 kind
             )
             names = ("position", "orientation")
             if kind == "TransformStamped":
-                before, names = "transform.", ("translation", "rotation")
+                prefix, names = "transform.", ("translation", "rotation")
             known = any(one["kind"] == "pose" for one in self.data["sensors"].values())
-            sensor = "" if before is None or known else self._take_tracker("pose", "pose", f"{name}, poses")
+            sensor = "" if prefix is None or known else self._take_tracker("pose", "pose", f"{name}, poses")
             if sensor:
                 self.data["sensors"][sensor] = {
                     "kind": "pose",
                     "topic": name,
-                    "position": [f"{before}{names[0]}.{axis}" for axis in axes],
-                    "quaternion": [f"{before}{names[1]}.{part}" for part in (*axes, "w")],
+                    "position": [f"{prefix}{names[0]}.{axis}" for axis in axes],
+                    "quaternion": [f"{prefix}{names[1]}.{part}" for part in (*axes, "w")],
                     "order": "xyzw",
                 }
                 self._say(f"{sensor}: {name}, a {kind}")
@@ -241,16 +241,16 @@ class RecordingSearch(SensorSearch):
 
     def _add_imu(self, name: str) -> None:
         """Adds the rates and accelerations of a topic of Imu messages to the map, as packages of the vehicle."""
-        for kind, field, more in (
+        for kind, field, keys in (
             ("gyro", "angular_velocity", {"unit": "rad/s"}),
             ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": self._instant_or_mean(name)}),
         ):
             package = self._take_package(kind)
             if package:
                 columns = [f"{field}.{axis}" for axis in ("x", "y", "z")]
-                self.data["sensors"][package] = {"kind": kind, "topic": name, "columns": columns, **more}
-                guess = ", taken for the mean over the sample that ended" if more.get("gives") == "mean" else ""
-                self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}{guess}")
+                self.data["sensors"][package] = {"kind": kind, "topic": name, "columns": columns, **keys}
+                guess = ", taken for the mean over the sample that ended" if keys.get("gives") == "mean" else ""
+                self._say(f"{package}: {name}, {field} of an Imu, in {keys['unit']}{guess}")
 
     def _find_bag_commands(self, name: str, topic: Topic) -> None:
         """Adds a topic's columns named after the jets, or its array of as many numbers, as commands."""

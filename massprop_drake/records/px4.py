@@ -56,8 +56,8 @@ def vehicle_from_log(
     Raises:
         InputError: when there are no thrusters, mass and inertia are not given, or the vehicle is impossible.
     """
-    found = recording.parameters
-    count = int(found.get(_COUNT, 0))
+    parameters = recording.parameters
+    count = int(parameters.get(_COUNT, 0))
     if count < 1:
         raise InputError(
             f"{recording.source}: has no parameter {_COUNT} above zero, and so no vehicle with thrusters; write the "
@@ -91,7 +91,7 @@ def vehicle_from_log(
     ]
     increments = _white_noise_std(recording, _IMU, "delta_velocity")
     if increments is not None:
-        position = [found.get(f"EKF2_IMU_POS_{axis}", 0.0) for axis in "XYZ"]
+        position = [parameters.get(f"EKF2_IMU_POS_{axis}", 0.0) for axis in "XYZ"]
         data["accelerometers"] = [{"name": "imu", "position": position, "noise_std": increments}]
         assumed.append("the accelerometer's noise is what successive increments differ by; its place is EKF2_IMU_POS")
     thrusts = [jet["thrust"] for jet in jets]
@@ -110,17 +110,17 @@ def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], 
     defaulted: set[str] = set()
     for index in range(count):
         values = {}
-        for what, default in _DEFAULTS.items():
-            name = _JET.format(index=index, what=what)
+        for parameter, default in _DEFAULTS.items():
+            name = _JET.format(index=index, what=parameter)
             if name not in recording.parameters:
-                defaulted.add(what)
-            values[what] = recording.parameters.get(name, default)
+                defaulted.add(parameter)
+            values[parameter] = recording.parameters.get(name, default)
         axis = [_round_to_float32(values[f"A{letter}"]) for letter in "XYZ"]
         length = math.hypot(*axis)
         if length < 1e-6 or values["CT"] <= 0.0:
             raise InputError(
                 f"{recording.source}: thruster {index} has no direction or no thrust: "
-                f"{_JET.format(index=index, what='AX')}, AY, AZ, CT"
+                f"{_JET.format(index=index, parameter='AX')}, AY, AZ, CT"
             )
         jets.append(
             {
@@ -133,10 +133,10 @@ def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], 
                 "thrust": _round_to_float32(values["CT"]),
             }
         )
-    reach = max(float(np.linalg.norm(jet["position"])) for jet in jets)
+    max_arm = max(float(np.linalg.norm(jet["position"])) for jet in jets)
     for jet in jets:
         for other in jets[: jet["number"] - 1]:
-            near = np.linalg.norm(np.subtract(jet["position"], other["position"])) < 0.25 * reach
+            near = np.linalg.norm(np.subtract(jet["position"], other["position"])) < 0.25 * max_arm
             if near and abs(np.dot(jet["direction"], other["direction"])) > _ALIKE:
                 jet["cluster"] = other["cluster"]
                 break
@@ -163,10 +163,10 @@ def _period_s(recording: Recording) -> float:
 
 def _white_noise_std(recording: Recording, topic: str, column: str) -> float | None:
     """Estimates 1-sigma of white noise of a topic's vector from successive differences; None without readings."""
-    there = recording.topics.get(topic)
-    if there is None or f"{column}[0]" not in there.columns or there.rows < 3:
+    table = recording.topics.get(topic)
+    if table is None or f"{column}[0]" not in table.columns or table.rows < 3:
         return None
-    changes = np.concatenate([np.abs(np.diff(there.numbers(f"{column}[{axis}]"))) for axis in range(3)])
+    changes = np.concatenate([np.abs(np.diff(table.numbers(f"{column}[{axis}]"))) for axis in range(3)])
     changes = changes[np.isfinite(changes) & (changes > 0.0)]
     if not changes.size:
         return 1e-6

@@ -87,12 +87,12 @@ class QualityReport:
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each, by_turning = np.abs(self._nominal.predict_increments(wrenches, package)), coupling
+            by_jet, by_turning = np.abs(self._nominal.predict_increments(wrenches, package)), coupling
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._nominal.center
                 by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
-            self._packages.append(Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
+            self._packages.append(Package(package, max(package.quantum, std), math.sqrt(2.0) * std, by_jet, by_turning))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._followed = {name: np.zeros((3, 2)) for name in names}  # sums of `Answer.own`
@@ -138,15 +138,15 @@ class QualityReport:
         gap = ~rows.recorded
         self._rows += int((~gap).sum())
         self._unknown.add(rows.time_s, np.isnan(commands), ~gap)
-        fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
+        after_gap = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
         angular, linear = signals["angular_impulse"], signals["linear_impulse"]
         predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
         impulses = np.where(predictable[:, None], np.hstack([angular, linear]), 0.0)
         steady = predictable & (signals["usable"][:, 0] != 0.0) & (signals["firing"][:, 0] != 0.0)
         saturated: dict[str, NDArray[np.bool_]] = {}
         missing: dict[str, NDArray[np.bool_]] = {}
-        told = np.where(steady[:, None], commands > 0.0, False)
-        increments, predicted, own = {}, {}, {}
+        fired = np.where(steady[:, None], commands > 0.0, False)
+        increments, predicted, products = {}, {}, {}
         speed = np.full(len(rows.time_s) + 1, np.inf)
         for entry in self._packages:
             package, name = entry.package, entry.package.name
@@ -160,66 +160,67 @@ class QualityReport:
             self._saturated[name] += int(at_limit[1:].sum())
             saturated[name] = at_limit[1:] | at_limit[:-1]
             missing[name] = np.asarray(np.isnan(increments[name]).any(axis=1))
-            good = steady & ~missing[name] & ~saturated[name]
-            seen, meant = (
-                np.where(good[:, None], part, 0.0) / entry.increment_std for part in (increments[name], predicted[name])
+            usable = steady & ~missing[name] & ~saturated[name]
+            value, model = (
+                np.where(usable[:, None], part, 0.0) / entry.increment_std
+                for part in (increments[name], predicted[name])
             )
-            own[name] = np.stack([seen * meant, meant**2], axis=-1)
+            products[name] = np.stack([value * model, model**2], axis=-1)
             self._last[name] = readings[-1:]
-        answer = Answer(own, told)
-        gathered = self._gathered + np.cumsum(np.where(steady[:, None], impulses, 0.0), axis=0)
+        answer = Answer(products, fired)
+        totals = self._gathered + np.cumsum(np.where(steady[:, None], impulses, 0.0), axis=0)
         slower = np.fmin(speed[:-1], speed[1:])  # at either end of an interval: a spike is at one
         slower[~np.isfinite(slower)] = 0.0
         for entry in self._packages:
             name = entry.package.name
             # where the jets have just changed, how fast thrust builds up decides: not counted
             expected = np.where(steady[:, None], predicted[name], 0.0)
-            self._watch_standing(entry, (rows.time_s, gathered), rows.readings[name], expected, answer)
-            self._followed[name] = self._followed[name] + own[name].sum(axis=0)
+            self._track_stuck(entry, (rows.time_s, totals), rows.readings[name], expected, answer)
+            self._followed[name] = self._followed[name] + products[name].sum(axis=0)
             self._repeats[name].add(increments[name], np.asarray((np.abs(expected) >= STUCK * entry.scale).any(axis=1)))
-            self._watch_jumps(entry, rows.time_s, increments[name], slower)
-            good = steady & ~missing[name] & ~saturated[name]
-            self._watch_units(entry, (rows.time_s, told, slower), increments[name], predicted[name], good)
-        self._gathered = gathered[-1]
+            self._count_jumps(entry, rows.time_s, increments[name], slower)
+            usable = steady & ~missing[name] & ~saturated[name]
+            self._collect_ratios(entry, (rows.time_s, fired, slower), increments[name], predicted[name], usable)
+        self._gathered = totals[-1]
         self._fired = self._fired + answer.silent.sum(axis=0)
-        self._count_samples_by_reason(signals, commands, gap, fresh, missing, saturated)
+        self._count_samples_by_reason(signals, commands, gap, after_gap, missing, saturated)
         if "tested" in signals:
             self._tested += int(signals["tested"].sum())
         self._estimate, self._deviation = signals["estimate"][-1], signals["standard_deviation"][-1]
         self._commands = rows.commands[-1:]
         self._last_gap = bool(gap[-1])
 
-    def _watch_standing(
-        self, entry: Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: Answer
+    def _track_stuck(
+        self, entry: Package, times_and_impulses: tuple[Array, Array], readings: Array, predicted: Array, answer: Answer
     ) -> None:
-        """Extends or ends the stretches in which a package's components do not change, and records stuck ones."""
-        standing, (time_s, gathered) = self._standing[entry.package.name], when
+        """Extends or ends the stretches in which readings of a package do not change; records stuck ones."""
+        state, (time_s, impulses) = self._standing[entry.package.name], times_and_impulses
         fired = self._fired + np.cumsum(answer.silent, axis=0)
-        if standing.fired_since.shape[1] != fired.shape[1]:
-            standing.fired_since = np.zeros((3, fired.shape[1]))
-        gross = standing.gross + np.cumsum(answer.fired @ entry.each, axis=0)
+        if state.fired_since.shape[1] != fired.shape[1]:
+            state.fired_since = np.zeros((3, fired.shape[1]))
+        gross = state.gross + np.cumsum(answer.fired @ entry.each, axis=0)
         for axis in range(3):
-            values, total = readings[:, axis], standing.sum[axis] + np.cumsum(predicted[:, axis])
-            others = standing.answer[axis] + np.cumsum(answer.total_of_others(entry.package.name, axis), axis=0)
-            changed = values != np.concatenate([[standing.value[axis]], values[:-1]])
+            values, total = readings[:, axis], state.sum[axis] + np.cumsum(predicted[:, axis])
+            others = state.answer[axis] + np.cumsum(answer.total_of_others(entry.package.name, axis), axis=0)
+            changed = values != np.concatenate([[state.value[axis]], values[:-1]])
             starts = np.flatnonzero(changed)
             edges = np.unique(np.concatenate([[0], starts]))
             most, least = np.maximum.reduceat(total, edges), np.minimum.reduceat(total, edges)
             lasts = np.append(edges[1:], values.size) - 1
-            since, heard, firing = time_s[edges].copy(), others[edges].copy(), fired[edges].copy()
+            since, answers, firing = time_s[edges].copy(), others[edges].copy(), fired[edges].copy()
             weight = gross[edges, axis].copy()
             goes_on = not changed[0]
             if goes_on:  # the stretch that was under way goes on
-                most[0] = max(most[0], standing.most[axis])
-                least[0] = min(least[0], standing.least[axis])
-                since[0] = standing.since_s[axis]
-                heard[0], firing[0] = standing.answer_since[axis], standing.fired_since[axis]
-                weight[0] = standing.gross_since[axis]
+                most[0] = max(most[0], state.most[axis])
+                least[0] = min(least[0], state.least[axis])
+                since[0] = state.since_s[axis]
+                answers[0], firing[0] = state.answer_since[axis], state.fired_since[axis]
+                weight[0] = state.gross_since[axis]
             else:
-                self._note_standing(entry, axis, standing, self._fired)
-            was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
-            before = (standing.most[axis], standing.least[axis]) if goes_on else _NOTHING
-            held = standing.at[axis].copy()
+                self._record_stuck(entry, axis, state, self._fired)
+            was_sure, sure = state.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
+            before = (state.most[axis], state.least[axis]) if goes_on else _NOTHING
+            earlier = state.at[axis].copy()
             for index in np.flatnonzero(most - least >= STUCK * entry.scale):
                 rows = slice(edges[index], lasts[index] + 1)
                 alone, first = gross[rows, axis] - weight[index], index == 0
@@ -227,105 +228,105 @@ class QualityReport:
                     first and was_sure
                 )
             for index in np.flatnonzero(sure[:-1]):
-                standing.sure[axis] = True
-                standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
-                standing.value[axis] = values[edges[index]]
-                standing.most[axis], standing.least[axis] = most[index], least[index]
-                standing.answer_since[axis], standing.answer[axis] = heard[index], others[lasts[index]]
-                standing.fired_since[axis] = firing[index]
+                state.sure[axis] = True
+                state.since_s[axis], state.until_s[axis] = since[index], time_s[lasts[index]]
+                state.value[axis] = values[edges[index]]
+                state.most[axis], state.least[axis] = most[index], least[index]
+                state.answer_since[axis], state.answer[axis] = answers[index], others[lasts[index]]
+                state.fired_since[axis] = firing[index]
                 stretch = slice(edges[index], lasts[index] + 1)
-                until_now = before if index == 0 else _NOTHING
-                standing.at[axis] = impulses_at_extremes(total[stretch], gathered[stretch], until_now, held)
-                self._note_standing(entry, axis, standing, fired[lasts[index]])
-            standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
-            standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
-            standing.most[axis], standing.least[axis] = most[-1], least[-1]
-            standing.answer_since[axis], standing.answer[axis] = heard[-1], others[-1]
-            standing.fired_since[axis] = firing[-1]
+                extremes = before if index == 0 else _NOTHING
+                state.at[axis] = impulses_at_extremes(total[stretch], impulses[stretch], extremes, earlier)
+                self._record_stuck(entry, axis, state, fired[lasts[index]])
+            state.value[axis], state.since_s[axis] = values[-1], since[-1]
+            state.until_s[axis], state.sum[axis] = time_s[-1], total[-1]
+            state.most[axis], state.least[axis] = most[-1], least[-1]
+            state.answer_since[axis], state.answer[axis] = answers[-1], others[-1]
+            state.fired_since[axis] = firing[-1]
             stretch = slice(edges[-1], None)
-            until_now = before if edges.size == 1 else _NOTHING
-            standing.at[axis] = impulses_at_extremes(total[stretch], gathered[stretch], until_now, held)
-            standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
-        standing.gross = gross[-1]
+            extremes = before if edges.size == 1 else _NOTHING
+            state.at[axis] = impulses_at_extremes(total[stretch], impulses[stretch], extremes, earlier)
+            state.gross_since[axis], state.sure[axis] = weight[-1], bool(sure[-1])
+        state.gross = gross[-1]
 
-    def _note_standing(self, entry: Package, axis: int, standing: Standing, fired: Array) -> None:
-        """Records a stretch without a predicted change as a stuck sensor, or as jets that did not fire."""
-        change = float(standing.most[axis] - standing.least[axis])
-        lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
-        brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
-        if brief or not standing.sure[axis] or math.isnan(standing.value[axis]):
+    def _record_stuck(self, entry: Package, axis: int, state: Standing, fired: Array) -> None:
+        """Records a stretch without the predicted change as a stuck sensor, or as jets that did not fire."""
+        change = float(state.most[axis] - state.least[axis])
+        lasted_s = float(state.until_s[axis] - state.since_s[axis])
+        is_brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
+        if is_brief or not state.sure[axis] or math.isnan(state.value[axis]):
             return
-        stretch = {"from_s": float(standing.since_s[axis]), "to_s": float(standing.until_s[axis])}
-        shown, meant = (standing.answer[axis] - standing.answer_since[axis]).tolist()
-        if meant > _HEARD and shown < ANSWERED * meant:
-            told = np.flatnonzero(fired > standing.fired_since[axis])
-            jets = [self._vehicle.designations[jet] for jet in told]
-            same = [one for one in self._unanswered if one["jets"] == jets and one["to_s"] >= stretch["from_s"]]
-            for one in same[:1]:
+        stretch = {"from_s": float(state.since_s[axis]), "to_s": float(state.until_s[axis])}
+        measured, predicted = (state.answer[axis] - state.answer_since[axis]).tolist()
+        if predicted > _HEARD and measured < ANSWERED * predicted:
+            indices = np.flatnonzero(fired > state.fired_since[axis])
+            jets = [self._vehicle.designations[jet] for jet in indices]
+            known = [one for one in self._unanswered if one["jets"] == jets and one["to_s"] >= stretch["from_s"]]
+            for one in known[:1]:
                 one["from_s"], one["to_s"] = min(one["from_s"], stretch["from_s"]), max(one["to_s"], stretch["to_s"])
-            if not same and len(self._unanswered) < _MOST_STUCK:
-                self._unanswered.append({"jets": jets, **stretch, "share": shown / meant})
+            if not known and len(self._unanswered) < _MOST_STUCK:
+                self._unanswered.append({"jets": jets, **stretch, "share": measured / predicted})
             return
         self._n_stuck += 1
         if self._n_stuck > _MOST_STUCK:
             return
         sensor = {"sensor": entry.package.name, "axis": AXES[axis]}
-        gathered = standing.at[axis, 1] - standing.at[axis, 0]
-        self._stuck.append(Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
+        impulse = state.at[axis, 1] - state.at[axis, 0]
+        self._stuck.append(Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, impulse))
 
-    def _watch_jumps(self, entry: Package, time_s: Array, increments: Array, speed: Array) -> None:
+    def _count_jumps(self, entry: Package, time_s: Array, increments: Array, speed: Array) -> None:
         """Counts increments of a reading larger than all jets and the vehicle's rotation can cause in a sample."""
         caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
         limit = _JUMP_FACTOR * caused + _JUMP_SIGMAS * entry.increment_std
-        beyond = np.abs(increments) > limit  # NaN is not
-        rows = np.flatnonzero(beyond.any(axis=1))
+        too_large = np.abs(increments) > limit  # NaN is not
+        rows = np.flatnonzero(too_large.any(axis=1))
         if not rows.size:
             return
         name = entry.package.name
-        found = self._jumps.setdefault(name, {"count": 0, "first_s": float(time_s[rows[0]]), "largest": 0.0})
-        found["count"] += rows.size
-        found["largest"] = max(found["largest"], float(np.abs(increments[beyond]).max()))
+        jumps = self._jumps.setdefault(name, {"count": 0, "first_s": float(time_s[rows[0]]), "largest": 0.0})
+        jumps["count"] += rows.size
+        jumps["largest"] = max(jumps["largest"], float(np.abs(increments[too_large]).max()))
 
-    def _watch_units(
+    def _collect_ratios(
         self,
         entry: Package,
-        when: tuple[Array, NDArray[np.bool_], Array],
+        samples: tuple[Array, NDArray[np.bool_], Array],
         increments: Array,
         predicted: Array,
         rows: NDArray[np.bool_],
     ) -> None:
-        """Collects ratios of measured to predicted increments of a package, from which a wrong unit shows."""
+        """Collects ratios of measured to predicted increments of a package, to detect a wrong unit."""
         size = (predicted**2).sum(axis=1)
         clear = rows & (size > (_CLEAR * entry.increment_std) ** 2)
         kept = self._ratios[entry.package.name]
         if clear.any() and len(kept) < _MOST:
             ratios = (increments[clear] * predicted[clear]).sum(axis=1) / size[clear]
-            turned = entry.by_turning * when[2][clear] ** 2 / np.sqrt(size[clear])
-            found = map(Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
-            kept.extend(list(found)[: _MOST - len(kept)])
+            turned = entry.by_turning * samples[2][clear] ** 2 / np.sqrt(size[clear])
+            ratios_ = map(Ratio, ratios.tolist(), samples[0][clear].tolist(), samples[1][clear], turned.tolist())
+            kept.extend(list(ratios_)[: _MOST - len(kept)])
 
     def _describe_unknown_commands(self) -> list[str]:
-        """Returns a sentence on when which jets' commands are unknown, and its consequences; else empty."""
+        """Returns a sentence on jets with unknown commands, times and consequences; empty list: none."""
         stretches = self._unknown.first_stretches()
         if not stretches:
             return []
         jets = [name for name in self._vehicle.designations if any(name in one["jets"] for one in stretches)]
-        every = len(jets) == len(self._vehicle.jets)
-        who = "" if every else f" of jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
-        when = ", ".join(map(self._when, stretches[:LISTED]))
+        all_jets = len(jets) == len(self._vehicle.jets)
+        subject = "" if all_jets else f" of jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
+        times = ", ".join(map(self._format_interval, stretches[:LISTED]))
         if self._unknown.count > LISTED:
-            when += f" and {self._unknown.count - LISTED} more times"
-        taught = "nothing is learned there" if every else "what they may have given teaches nothing"
-        then = {
+            times += f" and {self._unknown.count - LISTED} more times"
+        nothing_learned = "nothing is learned there" if all_jets else "what they may have given teaches nothing"
+        effect = {
             "thesis": "not tested for failures there, and these samples are not used",
             "pose": "what they gave there is guessed from the readings, and a failure of them does not show",
-        }.get(self._filter, f"not tested for failures there, and {taught}")
+        }.get(self._filter, f"not tested for failures there, and {nothing_learned}")
         return [
-            f"commands{who} unknown {when} ({self._unknown.samples} of {self._rows} samples): {then}; "
+            f"commands{subject} unknown {times} ({self._unknown.samples} of {self._rows} samples): {effect}; "
             "write 0 where a jet is off"
         ]
 
-    def _when(self, stretch: Mapping[str, Any]) -> str:
+    def _format_interval(self, stretch: Mapping[str, Any]) -> str:
         """Formats a stretch of time as text: "from 1 s to 2 s", or "from 1 s on" at the record's end."""
         lasts = stretch["to_s"] >= self._unknown.until_s
         return f"from {moment(stretch['from_s'])} s {'on' if lasts else 'to ' + moment(stretch['to_s']) + ' s'}"
@@ -335,7 +336,7 @@ class QualityReport:
         signals: Mapping[str, Array],
         commands: Array,
         gap: NDArray[np.bool_],
-        fresh: NDArray[np.bool_],
+        after_gap: NDArray[np.bool_],
         missing: Mapping[str, NDArray[np.bool_]],
         saturated: Mapping[str, NDArray[np.bool_]],
     ) -> None:
@@ -354,7 +355,7 @@ class QualityReport:
             mass = name == "mass"
             reasons = {
                 "used": signals[f"{name}_used"][:, 0] != 0.0,
-                "first_after_start_or_gap": fresh,
+                "first_after_start_or_gap": after_gap,
                 "gyro_missing": none_of(self._gyros, missing),
                 "accelerometer_missing": none_of(self._accelerometers, missing) if mass else nothing,
                 "saturated": none_of(self._gyros, saturated)
@@ -378,10 +379,10 @@ class QualityReport:
     def _select_ratios(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
         """Returns the ratios that tell a package's unit; where it seems wrong, those with little rotation alone."""
         kept = self._ratios[package.name]
-        if not kept or could_be_off_nominal(own := float(np.median([each.ratio for each in kept]))):
+        if not kept or could_be_off_nominal(slope_ := float(np.median([each.ratio for each in kept]))):
             return kept
         slopes = (
-            [own] if package.name in self._gyros else [units[name]["slope"] for name in self._gyros if name in units]
+            [slope_] if package.name in self._gyros else [units[name]["slope"] for name in self._gyros if name in units]
         )
         larger = max((slope for slope in slopes if slope > UNIT_LIMIT), default=1.0)  # than it is in its unit
         return [each for each in kept if each.turned <= _TURNED * larger**2]
@@ -393,8 +394,8 @@ class QualityReport:
         way as it turns it another: of that the file may have hardly anything right. What is learned of a component that
         stands still for long, or does not follow the jets at all, says nothing.
         """
-        shown, meant = self._followed[stuck.package.package.name][stuck.axis].tolist()
-        if stuck.lasted_s > _TAUGHT_S or shown < ANSWERED * meant or not np.isfinite(self._estimate).all():
+        measured, predicted = self._followed[stuck.package.package.name][stuck.axis].tolist()
+        if stuck.lasted_s > _TAUGHT_S or measured < ANSWERED * predicted or not np.isfinite(self._estimate).all():
             return True
         body = rigid_body(self._estimate)
         change = float(body.predict_increments(stuck.impulse[None], stuck.package.package)[0, stuck.axis])
@@ -409,13 +410,13 @@ class QualityReport:
             failed_s: since when a jet is known to have failed, s.
         """
         for entry in self._packages:
-            standing = self._standing[entry.package.name]
+            state = self._standing[entry.package.name]
             for axis in range(3):
-                self._note_standing(entry, axis, standing, self._fired)
+                self._record_stuck(entry, axis, state, self._fired)
         # from then on others fire against it for a while, and nothing shows
         self._unanswered = [one for one in self._unanswered if one["to_s"] <= failed_s]
-        told = [one for one in self._stuck if one.is_real(failed_s) and self._is_truly_stuck(one)]
-        self._n_stuck, self._stuck = self._n_stuck - len(self._stuck) + len(told), told
+        stuck = [one for one in self._stuck if one.is_real(failed_s) and self._is_truly_stuck(one)]
+        self._n_stuck, self._stuck = self._n_stuck - len(self._stuck) + len(stuck), stuck
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
             kept = self._select_ratios(entry.package, units)
@@ -452,7 +453,7 @@ class QualityReport:
             "ragged": {"count": ragged[0], "first_line": ragged[1] or None, "last_row_incomplete": ragged[2]},
             "missing": record.missing,
             "absent_sensors": record.absent,
-            "unknown_columns": {name: meant or None for name, meant in record.unknown.items()},
+            "unknown_columns": {name: similar or None for name, similar in record.unknown.items()},
             "stuck": [one.entry for one in self._stuck],
             "unanswered": self._unanswered,
             "repeated": {

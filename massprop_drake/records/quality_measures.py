@@ -140,19 +140,19 @@ class Repeats:
         self.times = 0  # that it began to
         self.changed = False  # whether the newest reading was another one than that before
 
-    def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
-        """Counts the samples of a block in which a reading repeats though it should have changed.
+    def add(self, increments: Array, should_change: NDArray[np.bool_]) -> None:
+        """Counts the samples of a block in which a reading repeats though jets should have changed it.
 
         Args:
             increments: of the reading, NaN where one is missing, shape (n, 3).
-            meant: whether it should have changed by much, shape (n,).
+            should_change: whether it should have changed by much, shape (n,).
         """
-        same = (increments == 0.0).all(axis=1)
-        changed = ~same & ~np.isnan(increments).any(axis=1)
+        repeats = (increments == 0.0).all(axis=1)
+        changed = ~repeats & ~np.isnan(increments).any(axis=1)
         before = np.concatenate([[self.changed], changed[:-1]])
-        self.count += int((meant & same).sum())
-        self.of += int((meant & (same | changed)).sum())
-        self.times += int((meant & same & before).sum())
+        self.count += int((should_change & repeats).sum())
+        self.of += int((should_change & (repeats | changed)).sum())
+        self.times += int((should_change & repeats & before).sum())
         self.changed = bool(changed[-1])
 
 
@@ -178,50 +178,50 @@ class Answer(NamedTuple):
     @property
     def silent(self) -> Array:
         """Mask of jets commanded in samples whose readings do not show the predicted change, shape (n, n_jets)."""
-        shown, meant = self.total.T
-        result: Array = self.fired * (shown < ANSWERED * meant)[:, None]
+        measured, predicted = self.total.T
+        result: Array = self.fired * (measured < ANSWERED * predicted)[:, None]
         return result
 
     def total_of_others(self, name: str, axis: int) -> Array:
         """Computes `total` without one component, weighted by that one's share of the prediction, shape (n, 2)."""
-        total, own = self.total, self.own[name][:, axis]
-        share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
-        result: Array = share[:, None] * (total - own)
+        total, component = self.total, self.own[name][:, axis]
+        share = np.divide(component[:, 1], total[:, 1], out=np.zeros(len(component)), where=total[:, 1] > 0.0)
+        result: Array = share[:, None] * (total - component)
         return result
 
 
-def is_significant_change(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
+def is_significant_change(net: Array, gross: Array, extremes: tuple[float, float], entry: Package) -> bool:
     """Tests whether a predicted change exceeds noise, and the residue of jets that cancel, at some sample.
 
     Args:
-        total: change since the beginning, shape (n,).
-        alone: what each jet alone should have changed the reading by, gathered, shape (n,).
-        before: most and least change before these samples, see `_NOTHING`.
+        net: change since the beginning, shape (n,).
+        gross: what each jet alone should have changed the reading by, gathered, shape (n,).
+        extremes: most and least change before these samples, see `_NOTHING`.
         entry: whose reading it is.
     """
-    highest, lowest = np.maximum.accumulate(total), np.minimum.accumulate(total)
-    change = np.maximum(highest, before[0]) - np.minimum(lowest, before[1])
-    return bool(((change >= STUCK * entry.scale) & (change >= _NET * alone)).any())
+    highest, lowest = np.maximum.accumulate(net), np.minimum.accumulate(net)
+    change = np.maximum(highest, extremes[0]) - np.minimum(lowest, extremes[1])
+    return bool(((change >= STUCK * entry.scale) & (change >= _NET * gross)).any())
 
 
-def impulses_at_extremes(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
-    """Returns gathered impulses where a stretch's predicted change was least and where most, shape (2, 6).
+def impulses_at_extremes(change: Array, impulses: Array, extremes: tuple[float, float], earlier: Array) -> Array:
+    """Returns summed impulses where a stretch's predicted change was least and where most, shape (2, 6).
 
     Args:
-        total: change since the beginning, shape (n,).
-        gathered: impulses likewise, shape (n, 6).
-        before: most and least change before these samples, see `_NOTHING`.
-        held: the impulses there, least first, shape (2, 6).
+        change: change since the beginning, shape (n,).
+        impulses: impulses likewise, shape (n, 6).
+        extremes: most and least change before these samples, see `_NOTHING`.
+        earlier: the impulses there, least first, shape (2, 6).
     """
-    at: Array = gathered[[int(total.argmin()), int(total.argmax())]]
-    most, least = before
-    at[0] = held[0] if least < total.min() else at[0]
-    at[1] = held[1] if most > total.max() else at[1]
-    return at
+    result: Array = impulses[[int(change.argmin()), int(change.argmax())]]
+    most, least = extremes
+    result[0] = earlier[0] if least < change.min() else result[0]
+    result[1] = earlier[1] if most > change.max() else result[1]
+    return result
 
 
 def could_be_off_nominal(slope: float) -> bool:
-    """Tests whether a measured over a predicted change is 1/2.5 to 2.5, as off-nominal mass properties explain."""
+    """Tests whether a ratio of measured to predicted change is 1/2.5 to 2.5, as off-nominal mass explains."""
     return 1.0 / UNIT_LIMIT <= slope <= UNIT_LIMIT
 
 
@@ -229,16 +229,12 @@ def jets_to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
     """Returns indices of the fewest jets without whose firings readings change as predicted; empty: none.
 
     Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
-
-    Args:
-        ratios: of measured and predicted, by sample, shape (n,).
-        fired: jets told to fire, shape (n, n_jets).
     """
     left, blamed = np.ones(ratios.size, dtype=bool), []
     for _ in range(_MOST_JETS):
         wrong = ~((ratios >= 1.0 / UNIT_LIMIT) & (ratios <= UNIT_LIMIT))
-        share = [int((left & wrong & jet).sum()) - int((left & ~wrong & jet).sum()) for jet in fired.T]
-        blamed.append(int(np.argmax(share)))
+        balance = [int((left & wrong & jet).sum()) - int((left & ~wrong & jet).sum()) for jet in fired.T]
+        blamed.append(int(np.argmax(balance)))
         left &= ~fired[:, blamed[-1]]
         if left.sum() >= FEWEST and could_be_off_nominal(float(np.median(ratios[left]))):
             return blamed
@@ -249,8 +245,8 @@ def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
     """Returns words for a message on the likely cause of a scale factor, as a unit or a sign; "": not known."""
     if slope <= 0.0:
         return "; it looks like a wrong sign or wrong axes"
-    found = factors.factors_near(slope, known)
-    return f"; it looks like {found[0].name}" if found else ""
+    near = factors.factors_near(slope, known)
+    return f"; it looks like {near[0].name}" if near else ""
 
 
 def format_stretch(entry: dict[str, Any]) -> str:
@@ -281,25 +277,25 @@ class UnknownCommands:
             recorded: rows that there are, shape (n,).
         """
         self.until_s = float(time_s[-1]) if time_s.size else self.until_s
-        some = unknown.any(axis=1) & recorded
-        within = np.append(self._within, some)
-        self._within = bool(within[-1])
-        for row in np.flatnonzero(some).tolist():
-            self._note_sample(float(time_s[row]), np.flatnonzero(unknown[row]), begins=not within[row])
+        any_unknown = unknown.any(axis=1) & recorded
+        in_stretch = np.append(self._within, any_unknown)
+        self._within = bool(in_stretch[-1])
+        for row in np.flatnonzero(any_unknown).tolist():
+            self._note_sample(float(time_s[row]), np.flatnonzero(unknown[row]), new_stretch=not in_stretch[row])
 
-    def _note_sample(self, time_s: float, jets: NDArray[np.int_], *, begins: bool) -> None:
+    def _note_sample(self, time_s: float, jets: NDArray[np.int_], *, new_stretch: bool) -> None:
         """Counts a sample of unknown commands, and begins a stretch or extends the last one."""
         self.samples += 1
         names = [self._vehicle.designations[jet] for jet in jets.tolist()]
-        if begins:
+        if new_stretch:
             self.count += 1
             if self.count <= _MOST_UNKNOWN:
                 from_s = time_s - self._vehicle.sample_period_s
                 self._stretches.append({"jets": names, "from_s": from_s, "to_s": time_s, "samples": 0})
         if self.count <= _MOST_UNKNOWN:
             last = self._stretches[-1]
-            more = [name for name in names if name not in last["jets"]]
-            last.update(jets=[*last["jets"], *more], to_s=time_s, samples=last["samples"] + 1)
+            added = [name for name in names if name not in last["jets"]]
+            last.update(jets=[*last["jets"], *added], to_s=time_s, samples=last["samples"] + 1)
 
     def first_stretches(self) -> list[dict[str, Any]]:
         """Returns the first stretches, each a dict of jets, beginning and end, s, and number of samples."""

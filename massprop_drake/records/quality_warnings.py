@@ -71,18 +71,18 @@ def _test_warnings(known: KnownOfRecord) -> list[str]:
     relative = np.append(np.full(3, diagonal), reciprocal)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = known.deviation / np.abs(known.estimate)
-    wide = [
+    texts = [
         f"{SYMBOLS[element]} is known to {100.0 * share[element]:.2g} % ({100.0 * limit:.2g} % is asked)"
         for element, limit in zip((0, 1, 2, 9), relative, strict=True)
         if not share[element] < limit
     ]
     length = known.vehicle.unit_names["length"]
-    wide += [
+    texts += [
         f"{SYMBOLS[element]} to {known.deviation[element]:.2g} {length} ({center:.2g} {length})"
         for element in (6, 7, 8)
         if not known.deviation[element] < center
     ]
-    why = f": {'; '.join(wide)}" if wide else ""
+    why = f": {'; '.join(texts)}" if texts else ""
     return [
         f"no sample was tested for failed jets, since the estimates did not converge{why}; it takes a "
         "record that excites them, or wider limits in estimation.convergence"
@@ -91,7 +91,7 @@ def _test_warnings(known: KnownOfRecord) -> list[str]:
 
 def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Returns warnings of readings out of proportion to the prediction: a wrong unit, or jets that fail."""
-    found = []
+    warnings = []
     blamed: dict[tuple[str, ...], list[str]] = {}
     for entry in known.packages:
         name = entry.package.name
@@ -103,117 +103,117 @@ def _unit_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
         if jets:
             blamed.setdefault(tuple(jets), []).append(name)
             continue
-        unit, usual = "rad/s", factors.rate_factors(known.vehicle.sample_period_s)
+        unit, known_factors = "rad/s", factors.rate_factors(known.vehicle.sample_period_s)
         if isinstance(entry.package, Accelerometer):
             unit = fill_unit_template("{length}/s", known.vehicle.unit_names)
-            usual = factors.velocity_factors(known.vehicle.units, known.vehicle.sample_period_s)
-        found.append(
+            known_factors = factors.velocity_factors(known.vehicle.units, known.vehicle.sample_period_s)
+        warnings.append(
             f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
-            f"body axes{likely_cause(slope, usual)}"
+            f"body axes{likely_cause(slope, known_factors)}"
         )
-    found += [
+    warnings += [
         f"{', '.join(names)} {'follow' if len(names) > 1 else 'follows'} what is predicted but while "
         f"{' or '.join(jets)} {'is' if len(jets) == 1 else 'are'} told to fire: look there for a failure"
         for jets, names in blamed.items()
     ]
-    return found
+    return warnings
 
 
 def _row_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Returns warnings of gaps, jitter, a wrong sample period, rows left out, and unused columns."""
-    found = []
+    warnings = []
     gaps = quality["gaps"]
     if gaps["count"]:
         first = gaps["first"][0]
-        found.append(
+        warnings.append(
             f"{counted(gaps['count'], 'gap')} in time, {gaps['longest_s']:.6g} s the longest, the first after "
             f"{moment(first['time_s'])} s; estimates are kept over it"
         )
     period, nominal = quality["sample_period_s"], known.vehicle.sample_period_s
     if known.filter == "joint" and quality["jitter"]["count"] and not known.own_times:
         regular = "at regular ticks, found from the stamps; where they do at these, set joint.switching=stamps"
-        taken = f"commands are taken to switch {'at the stamps' if known.at_stamps else regular}"
-        found.append(
+        text = f"commands are taken to switch {'at the stamps' if known.at_stamps else regular}"
+        warnings.append(
             f"{counted(quality['jitter']['count'], 'interval')} between rows off the sample period, by "
-            f"{quality['jitter']['largest_s']:.2g} s at the most: {taken}"
+            f"{quality['jitter']['largest_s']:.2g} s at the most: {text}"
         )
     if known.filter == "thesis" and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
-        found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
+        warnings.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
     late = quality["duplicates"] + quality["backward"]
     if late:
-        found.append(f"{counted(late, 'row')} left out whose time does not go on")
+        warnings.append(f"{counted(late, 'row')} left out whose time does not go on")
     if quality["without_time"]:
-        found.append(f"{counted(quality['without_time'], 'row')} left out that have no time")
-    for name, meant in quality["unknown_columns"].items():
-        if meant is not None:
-            found.append(f"column '{name}' is not used; is '{meant}' meant?")
-    return found
+        warnings.append(f"{counted(quality['without_time'], 'row')} left out that have no time")
+    for name, similar in quality["unknown_columns"].items():
+        if similar is not None:
+            warnings.append(f"column '{name}' is not used; is '{similar}' meant?")
+    return warnings
 
 
 def _actuator_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Returns warnings of engines and wheels of the vehicle that the record has no columns for."""
-    found, absent = list[str](), quality["absent_sensors"]
+    warnings, absent = list[str](), quality["absent_sensors"]
     for engine in known.vehicle.engines:
         if engine.name in absent:
-            found.append(f"the record has no {engine.columns[0]}: engine {engine.name} counts as shut")
+            warnings.append(f"the record has no {engine.columns[0]}: engine {engine.name} counts as shut")
     unread = [column for wheel in known.vehicle.wheels if wheel.name in absent for column in wheel.columns]
     if unread:
-        found.append(
+        warnings.append(
             f"the record has no {', '.join(unread)}: what these wheels do turns the vehicle untold, and hides the rest"
         )
-    return found
+    return warnings
 
 
 def _sensor_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Returns warnings of readings that are missing, stuck, repeated, saturated or jump."""
-    found = []
+    warnings = []
     for name, count in quality["missing"].items():
         if count:
-            found.append(f"{name} is missing in {counted(count, 'row')}")
+            warnings.append(f"{name} is missing in {counted(count, 'row')}")
     if not known.weighs:
-        found.append("the vehicle has no accelerometer: its mass is not observable")
+        warnings.append("the vehicle has no accelerometer: its mass is not observable")
     elif known.accelerometers and set(known.accelerometers) <= set(quality["absent_sensors"]):
-        found.append("the record has no accelerometer: the mass is not observable in it")
-    found += _actuator_warnings(quality, known)
+        warnings.append("the record has no accelerometer: the mass is not observable in it")
+    warnings += _actuator_warnings(quality, known)
     for entry in quality["unanswered"][:LISTED]:
-        found.append(
+        warnings.append(
             f"{', '.join(entry['jets'])} told to fire {format_stretch(entry)}, but no "
             f"sensor shows it: jets that did not fire, not sensors that stood still"
         )
     for entry in quality["stuck"][:LISTED]:
-        found.append(
+        warnings.append(
             f"{entry['sensor']}_{entry['axis']} stands still {format_stretch(entry)} "
             f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
         )
     if known.n_stuck > LISTED:
-        found.append(f"and {known.n_stuck - LISTED} more times a sensor stands still")
+        warnings.append(f"and {known.n_stuck - LISTED} more times a sensor stands still")
     for name, repeated in quality["repeated"].items():
-        found.append(
+        warnings.append(
             f"{name} repeats its reading in {repeated['count']} of {repeated['of']} samples in which the jets "
             "commanded should have changed it: what has not been read anew tells nothing new, but counts as if it "
             "did; leave such cells empty, or say `every` of it in a map"
         )
     for name, count in quality["saturated"].items():
         if count:
-            found.append(f"{name} is at the end of its range in {counted(count, 'row')}")
+            warnings.append(f"{name} is at the end of its range in {counted(count, 'row')}")
     for name, jump in quality["jumps"].items():
-        found.append(
+        warnings.append(
             f"{name} jumps {counted(jump['count'], 'time')} by more than all jets could cause in a sample, first at "
             f"{moment(jump['first_s'])} s, the most {jump['largest']:.3g}"
         )
-    return found
+    return warnings
 
 
 def _sample_warnings(quality: dict[str, Any], known: KnownOfRecord) -> list[str]:
     """Returns a warning for each filter that could use no sample, with the commonest reason."""
     names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
-    found = []
+    warnings = []
     for name, counts in quality["samples"].items():
         if counts["used"]:
             continue
         worst = max(list(counts)[1:], key=lambda reason: counts[reason])
-        found.append(
+        warnings.append(
             f"no sample could be used for {names[name]}: they are as they were at the start; most often "
             f"({counts[worst]} times) the reason was: {worst.replace('_', ' ')}"
         )
-    return found
+    return warnings

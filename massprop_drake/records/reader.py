@@ -82,7 +82,7 @@ class Reader:
         vehicle: Vehicle,
         *,
         gyro: str | None,
-        after: Continuation | None = None,
+        previous: Continuation | None = None,
         stream: IO[bytes] | None = None,
         rows_per_block: int = 1024,
     ):
@@ -105,17 +105,17 @@ class Reader:
         except BaseException:
             self._table.close()
             raise
-        self._after = after
-        self._awaiting = after is not None
+        self._after = previous
+        self._awaiting = previous is not None
         n_jets = len(vehicle.jets)
         self.before: tuple[Array, Array, Array | None] = np.zeros(n_jets), np.zeros(6), None
-        if after is not None:
-            self.before = after.command, after.outside_wrench, after.onset_s
-        start = {} if after is None else after.velocity
+        if previous is not None:
+            self.before = previous.command, previous.outside_wrench, previous.onset_s
+        start = {} if previous is None else previous.velocity
         self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
-        self._held = HeldRows(n_jets, after)
+        self._held = HeldRows(n_jets, previous)
         self._cadence = {package.name: Cadence(package.rate_hz) for package in vehicle.sensors}
-        self._last_s = math.nan if after is None else after.time_s
+        self._last_s = math.nan if previous is None else previous.time_s
         self._before_s = self._last_s
         self._late_in_a_row = 0
         self._first_steps: list[float] = []
@@ -136,8 +136,8 @@ class Reader:
     @property
     def ragged(self) -> tuple[int, int, bool]:
         """Number of rows with the wrong number of cells, the line of the first, and whether the last was cut off."""
-        found = self._table.ragged
-        return found.count, found.first_line, found.last_incomplete
+        rows = self._table.ragged
+        return rows.count, rows.first_line, rows.last_incomplete
 
     @property
     def losses(self) -> Sequence[Loss]:
@@ -155,48 +155,48 @@ class Reader:
     # ----------------------------------------------------------------------------------- columns
 
     def _plan_columns(self, gyro: str | None) -> None:
-        """Chooses the columns to read and sets their places; raises InputError where required ones are missing."""
+        """Chooses the columns to read and sets their indices; raises InputError where required ones are missing."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = jet_columns(vehicle, present)
-        own = [f"{gyro}_{axis}" for axis in AXES] if gyro is not None else []
-        problems = self._describe_missing_columns(["time_s", *own, *jets], present)
+        gyro_columns = [f"{gyro}_{axis}" for axis in AXES] if gyro is not None else []
+        problems = self._describe_missing_columns(["time_s", *gyro_columns, *jets], present)
         self._wanted: list[int] = []
         self._accelerations: list[str] = []
         used: set[str] = set()
 
-        def place(names: Iterable[str]) -> list[int]:
-            """Adds columns to those to read, and returns their places among these."""
-            places = []
+        def add(names: Iterable[str]) -> list[int]:
+            """Adds columns to those to read, and returns their indices among these."""
+            indices = []
             for name in names:
                 used.add(name)
                 self._wanted.append(header.index(name))
-                places.append(len(self._wanted) - 1)
-            return places
+                indices.append(len(self._wanted) - 1)
+            return indices
 
         self._sensor_places: dict[str, list[int]] = {}
         if not problems:
-            place(["time_s"])
+            add(["time_s"])
         for package in vehicle.sensors:
             names = [f"{package.name}_{axis}" for axis in AXES]
             accelerations = [f"{package.name}_accel_{axis}" for axis in AXES]
             if package not in vehicle.gyros and not present & set(names) and present & set(accelerations):
                 names = accelerations
                 self._accelerations.append(package.name)
-            there = [name for name in names if name in present]
-            if there and len(there) < 3:
+            found = [name for name in names if name in present]
+            if found and len(found) < 3:
                 lacking = next(name for name in names if name not in present)
                 if not any(lacking in problem for problem in problems):
                     problems.append(
-                        f"{self.source}: has column '{there[0]}' but no '{lacking}'; give all three axes or none"
+                        f"{self.source}: has column '{found[0]}' but no '{lacking}'; give all three axes or none"
                         + suggest_column(lacking, present - used)
                     )
-            elif there and not problems:
-                self._sensor_places[package.name] = place(names)
-            elif not there:
+            elif found and not problems:
+                self._sensor_places[package.name] = add(names)
+            elif not found:
                 self.record.absent.append(package.name)
         self._tracked = [index for index, name in enumerate(vehicle.tracked_columns) if name in present]
-        self._tracked_places = [] if problems else place(vehicle.tracked_columns[index] for index in self._tracked)
+        self._tracked_places = [] if problems else add(vehicle.tracked_columns[index] for index in self._tracked)
         self.record.absent += [one.name for one in vehicle.tracked if not present & set(one.columns)]
         outside = [name for name in WRENCH if name in present]
         for what in ("torque", "force"):
@@ -206,12 +206,12 @@ class Reader:
         if problems:
             raise InputError(*problems)
         self._outside = [WRENCH.index(name) for name in outside]
-        self._outside_places = place(outside)
-        self._command_places = place(jets)
+        self._outside_places = add(outside)
+        self._command_places = add(jets)
         self._timed = np.array([name in on_time_columns(vehicle) for name in jets])
         opening = onset_columns(vehicle)
         self._opening = [jet for jet, name in enumerate(opening) if name in present]
-        self._opening_places = place(opening[jet] for jet in self._opening)
+        self._opening_places = add(opening[jet] for jet in self._opening)
         known = [name for name in [*telemetry_columns(vehicle), *WRENCH] if name not in present]
         self.record.unknown = {
             name: _closest_name(name, known) for name in dict.fromkeys(header) if name and name not in used
@@ -225,13 +225,13 @@ class Reader:
             missing.insert(1, sensors[0].columns[0])
         if not missing:
             return []
-        shown = ", ".join(missing[:_FEW]) + (f" and {len(missing) - _FEW} more" if len(missing) > _FEW else "")
-        strange = present - set(telemetry_columns(self._vehicle))
-        own = "its gyro's three axes" if self._vehicle.gyros else "its sensors"
-        hint = next((hint for hint in (suggest_column(name, strange) for name in missing) if hint), "")
+        names_text = ", ".join(missing[:_FEW]) + (f" and {len(missing) - _FEW} more" if len(missing) > _FEW else "")
+        unknown = present - set(telemetry_columns(self._vehicle))
+        sensors_text = "its gyro's three axes" if self._vehicle.gyros else "its sensors"
+        hint = next((hint for hint in (suggest_column(name, unknown) for name in missing) if hint), "")
         return [
-            f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
-            f"'{self._vehicle.name}' needs time_s, {own} and a column for each jet"
+            f"{self.source}: no column{'s' if len(missing) > 1 else ''} {names_text}{hint}; vehicle "
+            f"'{self._vehicle.name}' needs time_s, {sensors_text} and a column for each jet"
             + ("; 'massprop map' proposes what another program's columns mean" if len(missing) > _FEW else "")
         ]
 
@@ -279,9 +279,9 @@ class Reader:
         times = times[np.isfinite(times)]
         steps = np.diff(times)
         steps = steps[steps > 0.0]
-        told = ~np.isnan(self._first.values[:, self._command_places]).all(axis=1)
+        has_commands = ~np.isnan(self._first.values[:, self._command_places]).all(axis=1)
         dense = steps.size and float(np.median(steps)) < self._period_s * (1.0 - JITTER)
-        if not dense or (told.all() and not self._table.own_times):
+        if not dense or (has_commands.all() and not self._table.own_times):
             return None
         return float(steps.size / steps.sum())
 
@@ -303,24 +303,24 @@ class Reader:
 
     def _check_on_times(self, block: Block) -> None:
         """Raises InputError for an on-time beyond the sample period, or an onset and on-time that end after it."""
-        period_s, given = self._period_s, block.values[:, self._command_places]
-        wrong = self._timed & ((given < 0.0) | (given > period_s * (1.0 + JITTER)))
+        period_s, cells = self._period_s, block.values[:, self._command_places]
+        wrong = self._timed & ((cells < 0.0) | (cells > period_s * (1.0 + JITTER)))
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
             column = on_time_columns(self._vehicle)[jet]
             raise InputError(
-                f"{self._table.where(int(block.lines[row]), column)}, column {column}: {given[row, jet]:g} s is no "
+                f"{self._table.where(int(block.lines[row]), column)}, column {column}: {cells[row, jet]:g} s is no "
                 f"on-time of 0 to {period_s:g} s, the sample period"
             )
-        on_s = np.where(self._timed, given, given * period_s)[:, self._opening]
+        on_s = np.where(self._timed, cells, cells * period_s)[:, self._opening]
         opens_s = block.values[:, self._opening_places]
         late = ((opens_s < 0.0) | (opens_s + on_s > period_s * (1.0 + ROUNDING))) & (on_s > 0.0) & (on_s <= period_s)
         if late.any():
-            row, place = np.argwhere(late)[0]
-            column = onset_columns(self._vehicle)[self._opening[place]]
+            row, index = np.argwhere(late)[0]
+            column = onset_columns(self._vehicle)[self._opening[index]]
             raise InputError(
                 f"{self._table.where(int(block.lines[row]), column)}, column {column}: opens after "
-                f"{opens_s[row, place]:g} s for {on_s[row, place]:g} s, which is not within the sample of "
+                f"{opens_s[row, index]:g} s for {on_s[row, index]:g} s, which is not within the sample of "
                 f"{period_s:g} s"
             )
 
@@ -332,15 +332,15 @@ class Reader:
         if not (vehicle.has_on_times or self._timed.any() or self._opening):
             return commands, None
         onsets_s = onsets(commands, vehicle.jet_commands.at, self._period_s)
-        given = values[:, self._opening_places]
-        onsets_s[:, self._opening] = np.where(np.isnan(given), onsets_s[:, self._opening], given)
+        recorded = values[:, self._opening_places]
+        onsets_s[:, self._opening] = np.where(np.isnan(recorded), onsets_s[:, self._opening], recorded)
         return commands, onsets_s
 
     def _order_rows(self, block: Block) -> Rows | None:
-        """Returns a block's rows that advance in time, and a row without readings at each gap; None: no row."""
+        """Returns a block's rows that advance in time, with an empty row at each gap; None: no row."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
-        off = ~self._follows(steps)
+        off = ~self._are_regular(steps)
         if not self._awaiting and not off.any():
             self._count_intervals(steps, self.record.interval_sum_s + float(steps.sum()))
             self._last_s = float(times[-1])
@@ -348,23 +348,23 @@ class Reader:
             return self._make_rows(block, np.arange(times.size), {})
         # rows that follow a row in use by a period are taken together, others one by one
         ends = [*np.flatnonzero(off).tolist(), times.size]
-        taken: list[int] = []
-        breaks: dict[int, float] = {}
+        chosen: list[int] = []
+        gap_times: dict[int, float] = {}
         index = 0
         while index < times.size:
             end = ends[bisect.bisect_left(ends, index)]
-            before = self._last_s if index == 0 else times[index - 1]
-            if end > index and not self._awaiting and self._last_s == before:
+            previous_s = self._last_s if index == 0 else times[index - 1]
+            if end > index and not self._awaiting and self._last_s == previous_s:
                 self._count_intervals(steps[index:end], _accumulate_steps(self.record.interval_sum_s, steps[index:end]))
-                taken.extend(range(index, end))
+                chosen.extend(range(index, end))
                 self._last_s, self._late_in_a_row = float(times[end - 1]), 0
                 index = end
             else:
-                self._place_row(index, float(times[index]), block, taken, breaks)
+                self._append_row(index, float(times[index]), block, chosen, gap_times)
                 index += 1
-        return self._make_rows(block, np.array(taken, dtype=int), breaks) if taken else None
+        return self._make_rows(block, np.array(chosen, dtype=int), gap_times) if chosen else None
 
-    def _follows(self, steps: Array) -> Flags:
+    def _are_regular(self, steps: Array) -> Flags:
         """Flags time steps to the next row without a gap, within the jitter; not NaN ones."""
         if self._any_time:
             within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
@@ -372,8 +372,10 @@ class Reader:
         follows: Flags = np.abs(steps - self._period_s) <= self.jitter * self._period_s * (1.0 + ROUNDING)
         return follows
 
-    def _place_row(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
-        """Appends a row's index, after a gap's where there is one, to those in use, or counts why it is left out."""
+    def _append_row(
+        self, index: int, time: float, block: Block, chosen: list[int], gap_times: dict[int, float]
+    ) -> None:
+        """Appends a row's index to the chosen ones, after a gap's where there is one, or counts why it is left out."""
         record, period = self.record, self._period_s
         line = int(block.lines[index])
         if math.isnan(time):
@@ -391,9 +393,9 @@ class Reader:
                 return
             self._awaiting = False
         if step <= _SAME * period:
-            same = abs(step) <= _SAME * period
-            record.duplicates += same
-            record.backward += not same
+            is_same = abs(step) <= _SAME * period
+            record.duplicates += is_same
+            record.backward += not is_same
             record.first_late_line = record.first_late_line or line
             self._late_in_a_row += 1
             if self._late_in_a_row >= _STUCK_CLOCK:
@@ -404,18 +406,18 @@ class Reader:
             return
         self._late_in_a_row = 0
         if not math.isnan(step):
-            if self._follows(np.array([step]))[0]:
+            if self._are_regular(np.array([step]))[0]:
                 self._count_intervals(np.array([step]), record.interval_sum_s + step)
             else:
-                breaks[len(taken)] = self._last_s + min(period, 0.5 * step)
-                taken.append(-1)
+                gap_times[len(chosen)] = self._last_s + min(period, 0.5 * step)
+                chosen.append(-1)
                 record.gaps += 1
                 record.gap_sum_s += step
                 record.longest_gap_s = max(record.longest_gap_s, step)
                 if len(record.first_gaps) < _LISTED_GAPS:
                     record.first_gaps.append((self._last_s, step))
                 self._watch_period([step])
-        taken.append(index)
+        chosen.append(index)
         self._last_s = time
 
     def _state_at_boundary(self, block: Block, index: int) -> tuple[Array, Array, Array | None]:
@@ -440,9 +442,9 @@ class Reader:
 
     def _watch_period(self, steps: list[float]) -> None:
         """Collects the first intervals between rows, and checks the sample period once there are enough."""
-        lacking = FIRST_INTERVALS - len(self._first_steps)
-        if lacking > 0:
-            self._first_steps.extend(steps[:lacking])
+        n_missing = FIRST_INTERVALS - len(self._first_steps)
+        if n_missing > 0:
+            self._first_steps.extend(steps[:n_missing])
             if len(self._first_steps) == FIRST_INTERVALS:
                 self._require_period()
 
@@ -463,11 +465,11 @@ class Reader:
                 f"'{self._vehicle.name}' is {self._period_s:g} s{looks}; resample the record, or set sample_period_s"
             )
 
-    def _make_rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:
+    def _make_rows(self, block: Block, chosen: NDArray[np.int_], gap_times: dict[int, float]) -> Rows:
         """Makes filter rows from the chosen rows of a block, with an empty one at each gap."""
-        values = block.values[taken]
-        recorded = taken >= 0
-        for row, time in breaks.items():
+        values = block.values[chosen]
+        recorded = chosen >= 0
+        for row, time in gap_times.items():
             values[row] = np.nan
             values[row, 0] = time
         record = self.record
@@ -479,33 +481,33 @@ class Reader:
 
         readings, steps = {}, self._sample_lengths(times)
         for name in self._vehicle.sensor_names():
-            places = self._sensor_places.get(name)
-            reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
-            if places is not None:
-                there = times[recorded], reading[recorded]
-                lacking = self._cadence[name].count_missing(*there) if self.own_times else _count_rows_lacking(there[1])
-                record.missing[name] = record.missing.get(name, 0) + lacking
+            indices = self._sensor_places.get(name)
+            reading = np.full((chosen.size, 3), np.nan) if indices is None else values[:, indices]
+            if indices is not None:
+                read = times[recorded], reading[recorded]
+                n_missing = self._cadence[name].count_missing(*read) if self.own_times else _count_rows_lacking(read[1])
+                record.missing[name] = record.missing.get(name, 0) + n_missing
             if name in self._accelerations:
                 since_s = self._cadence[name].steps(times, reading, self._period_s) if self.own_times else steps
                 reading = self._integrate(name, reading, since_s)
             readings[name] = reading
         outside = None
         if self._outside:
-            outside = np.zeros((taken.size, 6))
+            outside = np.zeros((chosen.size, 6))
             outside[:, self._outside] = values[:, self._outside_places]
         commands, onsets_s = self._read_commands(values)
         commands = np.clip(commands, 0.0, 1.0)
-        own: Flags | None = None
+        has_commands: Flags | None = None
         if self.own_times:
-            own, told = rows_with_values(commands), (commands, onsets_s, outside)
-            commands, onsets_s, outside = self._held.fill_in(times, recorded, told, self._period_s)
+            has_commands, signals = rows_with_values(commands), (commands, onsets_s, outside)
+            commands, onsets_s, outside = self._held.fill_in(times, recorded, signals, self._period_s)
         if outside is not None:
             outside = np.nan_to_num(outside)
         tracked = None
         if self._vehicle.tracked:
-            tracked = np.full((taken.size, len(self._vehicle.tracked_columns)), np.nan)
+            tracked = np.full((chosen.size, len(self._vehicle.tracked_columns)), np.nan)
             tracked[:, self._tracked] = values[:, self._tracked_places]
-        return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
+        return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, has_commands)
 
     def _sample_lengths(self, times: Array) -> Array:
         """Computes the length of the sample that ends with each row, s, shape (n, 1)."""
@@ -530,18 +532,18 @@ def _count_rows_lacking(reading: Array) -> int:
 
 
 def _accumulate_steps(start: float, steps: Array) -> float:
-    """Returns the start plus all steps, added one by one so that it rounds as row by row."""
+    """Returns the start plus all steps, added one by one so that rounding equals that of single rows."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
 def _closest_name(word: str, valid: Iterable[str]) -> str:
     """Returns the valid name most like a word, upper or lower case; "": none is close."""
     by_lower = {name.lower(): name for name in valid}
-    found = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.75)
-    return by_lower[found[0]] if found else ""
+    matches = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.75)
+    return by_lower[matches[0]] if matches else ""
 
 
-def suggest_column(missing: str, strange: Iterable[str]) -> str:
-    """Returns a hint for a message, that a strange column may be the missing one; "": none looks like it."""
-    found = _closest_name(missing, strange)
-    return f" (is '{found}' meant to be '{missing}'?)" if found else ""
+def suggest_column(missing: str, unknown: Iterable[str]) -> str:
+    """Returns a hint for a message, that an unknown column may be the missing one; "": none looks like it."""
+    similar = _closest_name(missing, unknown)
+    return f" (is '{similar}' meant to be '{missing}'?)" if similar else ""

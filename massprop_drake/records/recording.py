@@ -25,19 +25,19 @@ from massprop_drake.records.topics import (
     digest,
     require_few_columns,
     split_lists,
-    unwanted_columns,
+    unused_columns,
 )
 from massprop_drake.records.ulog import read_ulog
 
 _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
 
-def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
+def open_recording(path: str | Path, record_map: RecordMap | None = None, rows: int | None = None) -> Recording:
     """Reads a telemetry file of any known kind, recognized by its suffix, into topics of columns.
 
     Args:
         path: of a CSV, Parquet, .mat, ULog (.ulg), ROS 1 (.bag), ROS 2 (folder, .db3) or MCAP (.mcap) file.
-        by: the map, of whose columns and topics alone are read; None: all that can be.
+        record_map: the map, of whose columns and topics alone are read; None: all that can be.
         rows: so many at the most of each topic; None: all.
 
     Raises:
@@ -57,15 +57,15 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
         known = ", ".join(sorted(one for one in _READERS if one))
         raise InputError(f"{path}: '{ending}' is no ending of a record that is known; known are {known}")
     require_file(path)
-    found = reader(path, by, rows)
-    if by is not None and by.cut_off == "refuse" and found.losses:
-        raise InputError(*(f"{one.text}; the map has `cut_off: refuse`" for one in found.losses))
-    if not any(topic.rows for topic in found.topics.values()):
+    recording = reader(path, record_map, rows)
+    if record_map is not None and record_map.cut_off == "refuse" and recording.losses:
+        raise InputError(*(f"{one.text}; the map has `cut_off: refuse`" for one in recording.losses))
+    if not any(topic.rows for topic in recording.topics.values()):
         nothing = "has no row of data"
-        if found.losses:
-            raise InputError(*(f"{one.text}; it {nothing} that can be read" for one in found.losses))
+        if recording.losses:
+            raise InputError(*(f"{one.text}; it {nothing} that can be read" for one in recording.losses))
         raise InputError(f"{path}: is empty: it {nothing}")
-    return found
+    return recording
 
 
 def require_table(path: str | Path) -> None:
@@ -94,22 +94,22 @@ def _has_a_bag(path: Path) -> bool:
         return False
 
 
-def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def _read_parquet(path: Path, record_map: RecordMap | None, rows: int | None) -> Recording:
     """Reads the columns of a Parquet file that the map needs, or all, into a recording of one topic."""
     pyarrow, file = open_parquet(path)
-    every = names = file.schema_arrow.names
-    if by is None:
-        require_few_columns(path, every)
+    all_names = names = file.schema_arrow.names
+    if record_map is None:
+        require_few_columns(path, all_names)
     else:
-        read = {name.partition("[")[0] for name in by.columns} | by.columns
-        names = [name for name in names if name in read]
+        wanted = {name.partition("[")[0] for name in record_map.columns} | record_map.columns
+        names = [name for name in names if name in wanted]
     losses: list[Loss] = []
-    places: list[NDArray[np.int64]] = []
+    lines_read: list[NDArray[np.int64]] = []
     batches = []
     for first, batch in parquet_batches(file, names, CHUNK, str(path), losses):
         batches.append(batch)
-        places.append(np.arange(first + 1, first + 1 + batch.num_rows))
-        if rows is not None and sum(map(len, places)) >= rows:
+        lines_read.append(np.arange(first + 1, first + 1 + batch.num_rows))
+        if rows is not None and sum(map(len, lines_read)) >= rows:
             break
     try:
         schema = file.schema_arrow
@@ -121,8 +121,8 @@ def _read_parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recordi
         information = _convert_dates_to_seconds(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
         raise InputError(f"{path}: not a Parquet file that can be read: {first_line(error)}") from None
-    lines = np.concatenate([*places, np.empty(0, np.int64)])[: table.num_rows]
-    topic = Topic(str(path), columns, lines=lines, unread=unwanted_columns(every, names))
+    lines = np.concatenate([*lines_read, np.empty(0, np.int64)])[: table.num_rows]
+    topic = Topic(str(path), columns, lines=lines, unread=unused_columns(all_names, names))
     return Recording(
         str(path), "table", {"": topic}, information=information, sha256=digest(path), losses=tuple(losses)
     )

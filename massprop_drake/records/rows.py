@@ -74,9 +74,9 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
         data["vehicle"] = load_vehicle(vehicle)
     if filter_of(data) == "thesis":  # others have no such choice
         for block, keys in _TURNING_FAST.items():
-            given = data.setdefault(block, {})
-            if isinstance(given, dict):
-                data[block] = {**keys, **given}
+            stated = data.setdefault(block, {})
+            if isinstance(stated, dict):
+                data[block] = {**keys, **stated}
     return resolve_scenario(data, document)
 
 
@@ -112,15 +112,15 @@ class Rows(NamedTuple):
         """Selects the first rows of the block, at most count."""
         return self.select(slice(count))
 
-    def select(self, which: slice | NDArray[np.int_]) -> Rows:
+    def select(self, chosen: slice | NDArray[np.int_]) -> Rows:
         """Returns the rows that a slice, mask or indices select."""
-        readings = {name: values[which] for name, values in self.readings.items()}
+        readings = {name: values[chosen] for name, values in self.readings.items()}
         outside, tracked, onsets_s = (
-            None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)
+            None if part is None else part[chosen] for part in (self.outside_wrench, self.tracked, self.onsets_s)
         )
-        told = None if self.told is None else self.told[which]
-        recorded = self.recorded[which]
-        return Rows(self.time_s[which], readings, self.commands[which], outside, recorded, tracked, onsets_s, told)
+        told = None if self.told is None else self.told[chosen]
+        recorded = self.recorded[chosen]
+        return Rows(self.time_s[chosen], readings, self.commands[chosen], outside, recorded, tracked, onsets_s, told)
 
 
 def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:

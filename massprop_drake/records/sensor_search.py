@@ -33,20 +33,20 @@ class SensorSearch(JetSearch):
                 groups.setdefault((("rate",), name.unit), {})[name.turn_axis] = name
             elif name.axis >= 0 and self._find_quantity(name):
                 groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
-        found: dict[str, list[dict[int, ColumnName]]] = {}
+        by_kind: dict[str, list[dict[int, ColumnName]]] = {}
         for members in map(_number_axes_from_zero, groups.values()):
             if set(members) <= set(range(4 if self._find_quantity(members[min(members)]) == "quaternion" else 3)):
-                found.setdefault(self._find_quantity(members[min(members)]), []).append(members)
-        for kind, several in found.items():
+                by_kind.setdefault(self._find_quantity(members[min(members)]), []).append(members)
+        for kind, several in by_kind.items():
             several.sort(key=lambda one, kind=kind: self._sort_key(kind, one))  # type: ignore[misc]
-        position = next(iter(found.get("position", [])), {})
-        pairs = self._find_differences(topic, position, angles, found)
-        for members in found.get("gyro", []):
+        position = next(iter(by_kind.get("position", [])), {})
+        pairs = self._find_differences(topic, position, angles, by_kind)
+        for members in by_kind.get("gyro", []):
             self._add_gyro(topic, members)
-        both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
+        both = [(members, kind) for kind in ("increment", "accelerometer") for members in by_kind.get(kind, [])]
         for members, kind in sorted(both, key=lambda one: self._sort_key("accelerometer", one[0])):
             self._add_accelerometer(topic, members, kind == "increment")
-        for members in found.get("velocity", []):
+        for members in by_kind.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
             package = self._take_tracker(
                 "velocity", "velocity", f"{_join_column_names(members)}, velocities by their names"
@@ -56,7 +56,7 @@ class SensorSearch(JetSearch):
                 self._say(f"{package}: {_join_column_names(members)}, by their names")
         self._add_wheels(names)
         self._add_engines(names)
-        quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
+        quaternion = next((one for one in by_kind.get("quaternion", []) if len(one) == 4), {})
         self._add_pose(position, angles, quaternion)
         if pairs:
             self._use_differences(topic, pairs)
@@ -64,11 +64,11 @@ class SensorSearch(JetSearch):
     def _add_wheels(self, names: Sequence[ColumnName]) -> None:
         """Adds speeds of wheels to the map: columns named after them, or all wheel columns in order."""
         of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
-        called = {compact_name("".join(one.words)): one for one in names}
-        every = len(of_wheels) == len(self.vehicle.wheels)
-        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if every else {}
+        by_name = {compact_name("".join(one.words)): one for one in names}
+        is_complete = len(of_wheels) == len(self.vehicle.wheels)
+        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if is_complete else {}
         for name in list(self._free["wheel"]):
-            column = called.get(compact_name(name)) or called.get(compact_name(f"{name}speed")) or by_order.get(name)
+            column = by_name.get(compact_name(name)) or by_name.get(compact_name(f"{name}speed")) or by_order.get(name)
             if column is None:
                 continue
             unit = self._unit({0: column}, "rate", "rad/s")
@@ -78,9 +78,9 @@ class SensorSearch(JetSearch):
 
     def _add_engines(self, names: Sequence[ColumnName]) -> None:
         """Adds engines to the map whose level and gimbal angles have columns of these names."""
-        called = {compact_name("".join(one.words)): one for one in names}
+        by_name = {compact_name("".join(one.words)): one for one in names}
         for engine in self.vehicle.engines:
-            columns = [called[name] for name in map(compact_name, engine.columns) if name in called]
+            columns = [by_name[name] for name in map(compact_name, engine.columns) if name in by_name]
             if len(columns) < len(engine.columns) or engine.name not in self._free["engine"]:
                 continue
             level, *angles = columns
@@ -94,23 +94,23 @@ class SensorSearch(JetSearch):
     def _sort_key(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
         """Returns a sort key of a group of columns: named as a package, all axes, readings before estimates."""
         words = members[min(members)].words
-        own = kind in self._called and self._is_own(kind, words)
-        return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
+        is_package = kind in self._called and self._is_package_name(kind, words)
+        return not is_package, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
 
     def _find_differences(
         self,
         topic: Topic,
         position: Mapping[int, ColumnName],
         angles: Mapping[int, ColumnName],
-        found: dict[str, list[dict[int, ColumnName]]],
+        by_kind: dict[str, list[dict[int, ColumnName]]],
     ) -> list[tuple[dict[str, str], Array]]:
         """Returns pairs of value and rate columns with time steps where rates are differences; drops these groups."""
         pairs: list[tuple[dict[str, str], Array]] = []
         groups = []
         for kind, values, dimension, usual in (("velocity", position, "length", "m"), ("gyro", angles, "angle", "rad")):
-            for members in found.get(kind, []):
+            for members in by_kind.get(kind, []):
                 rate_unit = self._unit(members, "velocity" if kind == "velocity" else "rate", f"{usual}/s")
-                here = []
+                axis_pairs = []
                 for axis in sorted(set(members) & set(values)):
                     unit = self._unit({0: values[axis]}, dimension, usual)
                     steps = _find_difference_steps(
@@ -121,10 +121,10 @@ class SensorSearch(JetSearch):
                         pair |= (
                             {} if (unit, rate_unit) == ("m", "m/s") else {"value_unit": unit, "rate_unit": rate_unit}
                         )
-                        here.append((pair, steps))
-                if here and len(here) == len(set(members)):
-                    groups.append((kind, members, here))
-                    pairs += here
+                        axis_pairs.append((pair, steps))
+                if axis_pairs and len(axis_pairs) == len(set(members)):
+                    groups.append((kind, members, axis_pairs))
+                    pairs += axis_pairs
         if not pairs:
             return []
         with np.errstate(invalid="ignore"):
@@ -133,11 +133,11 @@ class SensorSearch(JetSearch):
             columns = ", ".join(pair["rate"] for pair, _ in pairs)
             self._say(f"{columns} are no exact differences: they would have been taken over unlike steps in a row")
             return []
-        for kind, members, here in groups:
-            found[kind].remove(members)
+        for kind, members, axis_pairs in groups:
+            by_kind[kind].remove(members)
             self._say(
                 f"{_join_column_names(members)}: backward differences of "
-                f"{', '.join(pair['value'] for pair, _ in here)}, not "
+                f"{', '.join(pair['value'] for pair, _ in axis_pairs)}, not "
                 "measurements of their own: no sensor"
             )
         return pairs
@@ -149,13 +149,13 @@ class SensorSearch(JetSearch):
         time = self.data.setdefault("time", {})
         if "column" in time:
             logged = np.diff(topic.numbers(time["column"])) * si_factor(time.get("unit", "s"), "time")
-            usual = float(np.median(logged))
-            if float(np.median(np.abs(logged - usual))) > _UNIFORM * usual:
+            counted = float(np.median(logged))
+            if float(np.median(np.abs(logged - counted))) > _UNIFORM * counted:
                 return  # a clock that measures
-            if abs(typical - usual) < 1e-3 * usual and float(np.std(steps)) < 1e-3 * usual:
+            if abs(typical - counted) < 1e-3 * counted and float(np.std(steps)) < 1e-3 * counted:
                 return
             self._say(
-                f"time.differences: {time['column']} only counts, {usual:.6g} s a row, while the differences were "
+                f"time.differences: {time['column']} only counts, {counted:.6g} s a row, while the differences were "
                 f"divided by {typical:.6g} s in the median, {np.percentile(steps, 5):.4g} to "
                 f"{np.percentile(steps, 95):.4g} s: the true steps are taken from them"
             )
@@ -172,8 +172,8 @@ class SensorSearch(JetSearch):
             self._guessed[package] = ""
             sizes = np.concatenate([np.abs(topic.numbers(one.column)) for one in members.values()])
             limit = min(100.0, np.pi / self.vehicle.sample_period_s)
-            usual = float(np.nanpercentile(sizes, 99.0))
-            fitting = (one for one in mapping.RATE_UNITS if not usual * si_factor(one, "rate") > limit)
+            size = float(np.nanpercentile(sizes, 99.0))
+            fitting = (one for one in mapping.RATE_UNITS if not size * si_factor(one, "rate") > limit)
             unit = next(fitting, "deg/s")
             why = f"by their names; {unit} since nothing says otherwise" + (
                 ""
@@ -181,10 +181,10 @@ class SensorSearch(JetSearch):
                 else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for larger units"
             )
         entry: dict[str, Any] = {"kind": "gyro", "columns": _column_names(members), "unit": unit}
-        every = _rows_per_reading(np.column_stack([topic.numbers(one.column) for one in members.values()]))
-        if every > 1:
-            entry["every"] = every
-            why += f"; they change in every {every} rows at the most, so rows between only repeat them"
+        n_rows = _rows_per_reading(np.column_stack([topic.numbers(one.column) for one in members.values()]))
+        if n_rows > 1:
+            entry["every"] = n_rows
+            why += f"; they change in every {n_rows} rows at the most, so rows between only repeat them"
         self._add_sensor(package, entry)
         self._say(f"{package}: rates {_join_column_names(members)} in {unit}, {why}")
 
@@ -195,7 +195,9 @@ class SensorSearch(JetSearch):
         if not package:
             self._say(f"{_join_column_names(members)}: accelerations, but the vehicle has no further accelerometer")
             return
-        own = f"{self.vehicle.unit_names['length']}/s" if self._is_own("accelerometer", first.words) else "m/s"
+        usual = (
+            f"{self.vehicle.unit_names['length']}/s" if self._is_package_name("accelerometer", first.words) else "m/s"
+        )
         if increments:
             gives, unit, why = (
                 "increment",
@@ -206,9 +208,9 @@ class SensorSearch(JetSearch):
             compact_name("".join(first.words)) in self._called["accelerometer"]
             and si_factor_or_none(first.unit, "acceleration") is None
         ):
-            gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
+            gives, unit, why = "integral", self._unit(members, "velocity", usual), "as the vehicle's own, integrating"
             if si_factor_or_none(first.unit, "velocity") is None:
-                self._guessed[package] = own
+                self._guessed[package] = usual
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
             like_g = 0.9 < float(np.median(sizes)) < 1.1
@@ -220,7 +222,7 @@ class SensorSearch(JetSearch):
             if abs(float(np.median(sizes)) * si_factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
                 why += "; they hold the reaction to the weight: give what they show at rest as `zero`"
             if si_factor_or_none(first.unit, "acceleration") is None:
-                self._guessed[package] = own
+                self._guessed[package] = usual
         entry = {"kind": "accelerometer", "columns": _column_names(members), "unit": unit, "gives": gives}
         self._add_sensor(package, entry)
         self._say(f"{package}: {_join_column_names(members)} in {unit}, {why}")
@@ -255,12 +257,12 @@ class SensorSearch(JetSearch):
             return
         if position:
             unit = self._unit(position, "length", "m")
-            said = f"position {_join_column_names(position)} in {unit}" + (f", {why}" if entry else "")
+            text = f"position {_join_column_names(position)} in {unit}" + (f", {why}" if entry else "")
             entry = {"position": _column_names(position), "unit": unit, **entry}
         else:
-            said = why
+            text = why
         self._add_sensor(name, {"kind": kind, **entry})
-        self._say(f"{name}: {said}")
+        self._say(f"{name}: {text}")
 
 
 def _number_axes_from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:

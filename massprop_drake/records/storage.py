@@ -88,15 +88,15 @@ class Storage:
         self.stated: Counter[str] = Counter()
         self.losses: list[Loss] = []
 
-    def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
-        """Yields all messages of a bag's file in order, without data for topics that are not wanted.
+    def messages(self, accept: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+        """Yields all messages of a bag's file in order, without data for topics that are not accepted.
 
         Raises:
             InputError: when the file is none of its kind.
         """
         read = {".db3": self._read_sqlite, ".mcap": self._read_mcap, ".bag": self._read_ros1}[self.path.suffix.lower()]
         try:
-            yield from read(wanted)
+            yield from read(accept)
         except OSError as error:
             raise InputError(f"{self.name}: cannot be read: {error.strerror or error}") from None
 
@@ -106,55 +106,55 @@ class Storage:
         if loss not in self.losses[-1:]:
             self.losses.append(loss)
 
-    def _map_file(self, begins: bytes, what: str) -> memoryview:
+    def _map_file(self, signature: bytes, kind: str) -> memoryview:
         """Maps the file into memory; raises InputError where it does not begin with its kind's signature."""
         with self.path.open("rb") as file:
-            start = file.read(len(begins))
+            start = file.read(len(signature))
             if not start:
                 raise InputError(f"{self.name}: is empty: it has no row of data")
-            if start != begins:
-                raise InputError(f"{self.name}: not {what}: it does not begin as one")
+            if start != signature:
+                raise InputError(f"{self.name}: not {kind}: it does not begin as one")
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
 
     # -------------------------------------------------------------------------------------- MCAP
 
-    def _read_mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+    def _read_mcap(self, accept: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of an MCAP file; skips damaged parts and adds them to the losses."""
         content = self._map_file(_MCAP, "an MCAP file")
         chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
         whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
         if whole:  # the summary has all channels and counts; without it they come along the way
             chunks = self._read_mcap_summary(content, schemas)
-        place = len(_MCAP)
+        offset = len(_MCAP)
         while True:
-            for op, body in _mcap_records(content, place, len(content)):
-                place += 9 + len(body)
+            for op, body in _mcap_records(content, offset, len(content)):
+                offset += 9 + len(body)
                 if op in (_DATA_END, _END):
                     checksum = int.from_bytes(body[:4], "little") if op == _DATA_END else 0
-                    if checksum and not self.losses and zlib.crc32(content[: place - 9 - len(body)]) != checksum:
+                    if checksum and not self.losses and zlib.crc32(content[: offset - 9 - len(body)]) != checksum:
                         self._note_loss("damaged", "its checksum is another: something in it has changed")
                     if not whole:
                         self._note_loss("truncated", "is cut off within the summary at its end; all messages are there")
                     return
                 if op == _CHUNK:
-                    yield from self._read_mcap_chunk(body, wanted, schemas)
+                    yield from self._read_mcap_chunk(body, accept, schemas)
                 else:
-                    yield from self._read_mcap_record(op, body, wanted, schemas)
+                    yield from self._read_mcap_record(op, body, accept, schemas)
             if not whole:
                 self._note_loss(
                     "truncated", f"is cut off: it ends at byte {len(content)}, without the summary at its end"
                 )
-                if content[place : place + 1] == bytes([_CHUNK]):
-                    yield from self._read_mcap_chunk(content[place + 9 :], wanted, schemas, cut=True)
+                if content[offset : offset + 1] == bytes([_CHUNK]):
+                    yield from self._read_mcap_chunk(content[offset + 9 :], accept, schemas, is_cut=True)
                 return
-            following = min((one for one in chunks if one > place), default=len(content))
-            self._note_loss("damaged", f"bytes {place} to {following} are damaged, and left out")
-            place = following
-            if place == len(content):
+            following = min((one for one in chunks if one > offset), default=len(content))
+            self._note_loss("damaged", f"bytes {offset} to {following} are damaged, and left out")
+            offset = following
+            if offset == len(content):
                 return
 
     def _read_mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
-        """Reads the channels and counts in the summary; returns the places of the chunks in the file."""
+        """Reads the channels and counts in the summary; returns the offsets of the chunks in the file."""
         chunks = []
         begin = int.from_bytes(content[-28:-20], "little")
         try:
@@ -175,18 +175,18 @@ class Storage:
         """Adds the schema or channel in an MCAP record to those known; ignores records of other kinds."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
-            name, place = _read_text(body, 2)
-            language, place = _read_text(body, place)
-            schemas[number] = name, language, _read_text(body, place)[0]
+            name, offset = _read_text(body, 2)
+            language, offset = _read_text(body, offset)
+            schemas[number] = name, language, _read_text(body, offset)[0]
         elif op == _CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
-            topic, place = _read_text(body, 4)
-            encoding, _ = _read_text(body, place)
+            topic, offset = _read_text(body, 4)
+            encoding, _ = _read_text(body, offset)
             msgtype, language, definition = schemas.get(schema, ("of no type", "", ""))
             self.channels[number] = StoredTopic(topic, _ros2_type_name(msgtype), encoding, language, definition)
 
     def _read_mcap_record(
-        self, op: int, body: memoryview, wanted: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
+        self, op: int, body: memoryview, accept: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
     ) -> Iterator[Message]:
         """Yields the message in an MCAP record, if it is one; adds a schema or channel to those known."""
         try:
@@ -198,34 +198,34 @@ class Storage:
         except _DAMAGED:
             self._note_loss("damaged", "a record is damaged, and left out")
             return
-        yield Message(channel, stamp, body[22:].tobytes() if wanted(channel) else b"")
+        yield Message(channel, stamp, body[22:].tobytes() if accept(channel) else b"")
 
     def _read_mcap_chunk(
         self,
         body: memoryview,
-        wanted: Callable[[StoredTopic], bool],
+        accept: Callable[[StoredTopic], bool],
         schemas: dict[int, tuple[str, str, str]],
         *,
-        cut: bool = False,
+        is_cut: bool = False,
     ) -> Iterator[Message]:
         """Yields the messages in an MCAP chunk; of one that is cut off, those before its end."""
-        where = "a chunk is"
+        subject = "a chunk is"
         try:
             start, end, size, checksum = struct.unpack_from("<QQQI", body)
-            where = f"messages between {_NANO * start:.3f} and {_NANO * end:.3f} s are"
-            compression, place = _read_text(body, 28)
-            data = decompress(body[place + 8 :][: int.from_bytes(body[place : place + 8], "little")], compression)
-            if not cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
+            subject = f"messages between {_NANO * start:.3f} and {_NANO * end:.3f} s are"
+            compression, offset = _read_text(body, 28)
+            data = decompress(body[offset + 8 :][: int.from_bytes(body[offset : offset + 8], "little")], compression)
+            if not is_cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
                 raise ValueError("its checksum is another")
-            for op, record in _mcap_records(memoryview(data), 0, len(data), strict=not cut):
-                yield from self._read_mcap_record(op, record, wanted, schemas)
+            for op, record in _mcap_records(memoryview(data), 0, len(data), strict=not is_cut):
+                yield from self._read_mcap_record(op, record, accept, schemas)
         except _DAMAGED as error:
-            if not cut:
-                self._note_loss("damaged", f"{where} damaged, and left out: {error}")
+            if not is_cut:
+                self._note_loss("damaged", f"{subject} damaged, and left out: {error}")
 
     # -------------------------------------------------------------------------------------- ROS 1
 
-    def _read_ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+    def _read_ros1(self, accept: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of a ROS 1 bag; skips damaged parts and adds them to the losses."""
         content = self._map_file(_ROS1, "a bag of ROS 1")
         header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
@@ -233,108 +233,108 @@ class Storage:
             raise InputError(f"{self.name}: is encrypted")
         index = int.from_bytes(header.fields.get("index_pos", b""), "little")
         whole = 0 < index <= len(content)
-        chunks = self._read_ros1_index(content[index:], wanted) if whole else []
-        place, end = len(_ROS1), index if whole else len(content)
+        chunks = self._read_ros1_index(content[index:], accept) if whole else []
+        offset, end = len(_ROS1), index if whole else len(content)
         while True:
-            for header, data in _ros1_records(content[:end], place):
-                place += header.size + len(data)
+            for header, data in _ros1_records(content[:end], offset):
+                offset += header.size + len(data)
                 try:
                     if header.op == 5:
                         inner = decompress(data, header.fields["compression"].decode())
                         if len(inner) != header.number("size", "<I"):
                             raise ValueError("a chunk is not whole")
-                        yield from self._read_ros1_chunk(inner, wanted, strict=True)
+                        yield from self._read_ros1_chunk(inner, accept, strict=True)
                     else:
-                        yield from self._read_ros1_record(header, data, wanted)
+                        yield from self._read_ros1_record(header, data, accept)
                 except _DAMAGED:
-                    self._note_loss("damaged", f"the record that ends at byte {place} is damaged, and left out")
-            if place == end and whole:
+                    self._note_loss("damaged", f"the record that ends at byte {offset} is damaged, and left out")
+            if offset == end and whole:
                 return
             if not whole:
-                cut = f"is cut off: it ends at byte {end}" if place < end or index else "was not finished"
-                self._note_loss("truncated", f"{cut}, without the index at its end")
+                reason = f"is cut off: it ends at byte {end}" if offset < end or index else "was not finished"
+                self._note_loss("truncated", f"{reason}, without the index at its end")
                 with contextlib.suppress(*_DAMAGED):
-                    header = _Header.read(content, place)
+                    header = _Header.read(content, offset)
                     if header.op == 5:
-                        inner = decompress(content[place + header.size :], header.fields["compression"].decode())
-                        yield from self._read_ros1_chunk(inner, wanted, strict=False)
+                        inner = decompress(content[offset + header.size :], header.fields["compression"].decode())
+                        yield from self._read_ros1_chunk(inner, accept, strict=False)
                 return
-            following = min((one for one in chunks if one > place), default=end)
-            self._note_loss("damaged", f"bytes {place} to {following} are damaged, and left out")
-            place = following
+            following = min((one for one in chunks if one > offset), default=end)
+            self._note_loss("damaged", f"bytes {offset} to {following} are damaged, and left out")
+            offset = following
 
-    def _read_ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
-        """Reads the channels and counts in the index of a bag; returns the places of the chunks."""
-        chunks, place = [], 0
+    def _read_ros1_index(self, content: memoryview, accept: Callable[[StoredTopic], bool]) -> list[int]:
+        """Reads the channels and counts in the index of a bag; returns the offsets of the chunks."""
+        chunks, offset = [], 0
         try:
             for header, data in _ros1_records(content, 0):
-                place += header.size + len(data)
+                offset += header.size + len(data)
                 if header.op == 6:
                     chunks.append(header.number("chunk_pos", "<Q"))
                     for number, count in struct.iter_unpack("<II", data):
                         self.stated[self.channels[number].topic] += count
                 else:
-                    list(self._read_ros1_record(header, data, wanted))
+                    list(self._read_ros1_record(header, data, accept))
         except _DAMAGED:
             self._note_loss("damaged", "its index is damaged")
-        if place < len(content):
+        if offset < len(content):
             self._note_loss("truncated", "is cut off within the index at its end; all messages are there")
         return chunks
 
     def _read_ros1_chunk(
-        self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool
+        self, content: bytes, accept: Callable[[StoredTopic], bool], *, strict: bool
     ) -> Iterator[Message]:
         """Yields the messages in a decompressed chunk of a ROS 1 bag."""
         for header, data in _ros1_records(memoryview(content), 0, strict=strict):
-            yield from self._read_ros1_record(header, data, wanted)
+            yield from self._read_ros1_record(header, data, accept)
 
     def _read_ros1_record(
-        self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
+        self, header: _Header, data: memoryview, accept: Callable[[StoredTopic], bool]
     ) -> Iterator[Message]:
         """Yields the message in a ROS 1 record, if it is one; adds a connection to the channels."""
         if header.op == 7:
-            about = _split_header(data)
+            parts = _split_header(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
-            definition = about["message_definition"].decode(errors="replace")
+            definition = parts["message_definition"].decode(errors="replace")
             self.channels[header.number("conn", "<I")] = StoredTopic(
-                topic, _ros2_type_name(about["type"].decode()), "ros1", "ros1msg", definition, about["md5sum"].decode()
+                topic, _ros2_type_name(parts["type"].decode()), "ros1", "ros1msg", definition, parts["md5sum"].decode()
             )
         elif header.op == 2:
             seconds, nanoseconds = struct.unpack("<II", header.fields["time"])
             channel = self.channels[header.number("conn", "<I")]
             stamp = seconds * 1_000_000_000 + nanoseconds
-            yield Message(channel, stamp, data.tobytes() if wanted(channel) else b"")
+            yield Message(channel, stamp, data.tobytes() if accept(channel) else b"")
 
     # ------------------------------------------------------------------------------------- SQLite
 
-    def _read_sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
+    def _read_sqlite(self, accept: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of an SQLite bag, from a copy where reading could change it or it is cut off."""
         content = self._map_file(_SQLITE, "a database of SQLite")
         size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
         size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
-        lacking = max(pages * size - len(content), 0)
+        n_missing = max(pages * size - len(content), 0)
         whole = len(content) // size * size  # SQLite would read zeros for the rest of a page
-        beside = [path for end in _BESIDE if (path := self.path.with_name(self.path.name + end)).exists()]
+        side_files = [path for end in _BESIDE if (path := self.path.with_name(self.path.name + end)).exists()]
         with TemporaryDirectory(prefix="massprop-") as folder:
-            where = f"{self.path.absolute().as_uri()}?immutable=1"
-            if whole < len(content) or any(path.stat().st_size for path in beside):  # it would write into those
+            uri = f"{self.path.absolute().as_uri()}?immutable=1"
+            if whole < len(content) or any(path.stat().st_size for path in side_files):  # it would write into those
                 file = Path(folder, self.path.name)
                 file.write_bytes(content[:whole])
-                for path in beside:
+                for path in side_files:
                     shutil.copyfile(path, Path(folder, path.name))
-                where = file.as_uri()
-            with closing(sqlite3.connect(where, uri=True)) as connection:
-                yield from self._read_sqlite_messages(connection, wanted, lacking)
+                uri = file.as_uri()
+            with closing(sqlite3.connect(uri, uri=True)) as connection:
+                yield from self._read_sqlite_messages(connection, accept, n_missing)
 
     def _read_sqlite_messages(
-        self, connection: sqlite3.Connection, wanted: Callable[[StoredTopic], bool], lacking: int
+        self, connection: sqlite3.Connection, accept: Callable[[StoredTopic], bool], n_missing: int
     ) -> Iterator[Message]:
         """Yields the messages in a bag's database; adds damaged ones and missing bytes to the losses."""
-        cut = f"is cut off: {counted(lacking, 'byte')} of the database are missing" if lacking else ""
+        cut = f"is cut off: {counted(n_missing, 'byte')} of the database are missing" if n_missing else ""
         try:
             connection.execute("PRAGMA writable_schema=ON")  # or a database that is cut off cannot be read at all
             self._read_sqlite_channels(connection)
-            numbers = ",".join(str(number) for number, one in self.channels.items() if wanted(one))
+            numbers = ",".join(str(number) for number, one in self.channels.items() if accept(one))
             rows = connection.execute(
                 f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({numbers}) THEN data ELSE x'' END FROM messages"
             )
@@ -375,10 +375,10 @@ class Storage:
 # ------------------------------------------------------------------------------------------ bytes
 
 
-def _read_text(body: memoryview, place: int) -> tuple[str, int]:
-    """Reads a length-prefixed text at a place; returns it and the place after it."""
-    begin = place + 4
-    end = begin + int.from_bytes(body[place:begin], "little")
+def _read_text(body: memoryview, offset: int) -> tuple[str, int]:
+    """Reads a length-prefixed text at an offset; returns it and the offset after it."""
+    begin = offset + 4
+    end = begin + int.from_bytes(body[offset:begin], "little")
     if end > len(body):
         raise ValueError("a text is cut off")
     return body[begin:end].tobytes().decode(), end
@@ -390,17 +390,17 @@ def _ros2_type_name(msgtype: str) -> str:
 
 
 def _mcap_records(
-    content: memoryview, place: int, end: int, *, strict: bool = False
+    content: memoryview, offset: int, end: int, *, strict: bool = False
 ) -> Iterator[tuple[int, memoryview]]:
     """Yields kind and body of MCAP records up to the first incomplete one; strict: raises ValueError there."""
-    while place < end:
-        op, size = content[place], int.from_bytes(content[place + 1 : place + 9], "little")
-        if op == 0 or place + 9 + size > end:
+    while offset < end:
+        op, size = content[offset], int.from_bytes(content[offset + 1 : offset + 9], "little")
+        if op == 0 or offset + 9 + size > end:
             if strict:
                 raise ValueError("a record is not whole")
             return
-        yield op, content[place + 9 : place + 9 + size]
-        place += 9 + size
+        yield op, content[offset + 9 : offset + 9 + size]
+        offset += 9 + size
 
 
 class _Header(NamedTuple):
@@ -426,42 +426,42 @@ class _Header(NamedTuple):
         return int(struct.unpack(form, self.fields[name])[0])
 
     @staticmethod
-    def read(content: memoryview, place: int) -> _Header:
-        """Reads a record's header at a place; raises ValueError or struct.error where there is none."""
-        (size,) = struct.unpack_from("<I", content, place)
-        if place + 8 + size > len(content):
+    def read(content: memoryview, offset: int) -> _Header:
+        """Reads a record's header at an offset; raises ValueError or struct.error where there is none."""
+        (size,) = struct.unpack_from("<I", content, offset)
+        if offset + 8 + size > len(content):
             raise ValueError("a header is cut off")
-        (length,) = struct.unpack_from("<I", content, place + 4 + size)
-        return _Header(_split_header(content[place + 4 : place + 4 + size]), 8 + size, length)
+        (length,) = struct.unpack_from("<I", content, offset + 4 + size)
+        return _Header(_split_header(content[offset + 4 : offset + 4 + size]), 8 + size, length)
 
 
 def _split_header(content: memoryview) -> dict[str, bytes]:
     """Maps names to values, bytes, of the fields in a ROS 1 record's header."""
-    found, place = {}, 0
-    while place < len(content):
-        (size,) = struct.unpack_from("<I", content, place)
-        name, mark, value = content[place + 4 : place + 4 + size].tobytes().partition(b"=")
+    fields, offset = {}, 0
+    while offset < len(content):
+        (size,) = struct.unpack_from("<I", content, offset)
+        name, mark, value = content[offset + 4 : offset + 4 + size].tobytes().partition(b"=")
         if not mark:
             raise ValueError("a field has no name")
-        found[name.decode()] = value
-        place += 4 + size
-    return found
+        fields[name.decode()] = value
+        offset += 4 + size
+    return fields
 
 
-def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> Iterator[tuple[_Header, memoryview]]:
+def _ros1_records(content: memoryview, offset: int, *, strict: bool = False) -> Iterator[tuple[_Header, memoryview]]:
     """Yields header and data of ROS 1 records up to the first incomplete one; strict: raises ValueError there."""
-    while place < len(content):
+    while offset < len(content):
         try:
-            header = _Header.read(content, place)
+            header = _Header.read(content, offset)
         except _DAMAGED:
             header = _Header({}, 0, len(content))
-        begin = place + header.size
+        begin = offset + header.size
         if begin + header.length > len(content):
             if strict:
                 raise ValueError("a record is not whole")
             return
         yield header, content[begin : begin + header.length]
-        place = begin + header.length
+        offset = begin + header.length
 
 
 def decompress(data: memoryview, compression: str) -> bytes:

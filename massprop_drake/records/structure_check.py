@@ -43,12 +43,12 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
         "late": record.duplicates + record.backward,
         "unknown": list(record.unknown),
         **{name: getattr(record, name) for name in ("absent", "notes")},
-        **_lost(reader.losses),
+        **_completeness_keys(reader.losses),
     }
 
 
-def _lost(losses: Sequence[Loss]) -> dict[str, Any]:
-    """Returns completeness, and the losses as texts, as keys of a check's result."""
+def _completeness_keys(losses: Sequence[Loss]) -> dict[str, Any]:
+    """Returns completeness and losses of a record as keys of a check's result."""
     return {"completeness": completeness(losses), "completeness_detail": [one.text for one in losses]}
 
 
@@ -60,8 +60,8 @@ def _check_structure(path: Path) -> dict[str, Any]:
             hint = suggest_column("time_s", table.header)
             raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
         time = table.header.index("time_s")
-        wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]
-        parts = [block.values[:, 0] for block in table.blocks(wanted)]
+        columns = [time, *(index for index, name in enumerate(table.header) if name and index != time)]
+        parts = [block.values[:, 0] for block in table.blocks(columns)]
     finally:
         table.close()
     times = np.concatenate([np.empty(0), *parts])
@@ -82,5 +82,5 @@ def _check_structure(path: Path) -> dict[str, Any]:
         "jitter": int((off[~gaps] > EXACT * (period or 0.0)).sum()),
         "late": int((steps <= 0.0).sum()),
         **{name: [] for name in ("unknown", "absent", "notes")},
-        **_lost(table.losses),
+        **_completeness_keys(table.losses),
     }

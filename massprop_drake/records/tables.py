@@ -57,11 +57,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
 
 
 def require_file(path: Path) -> None:
-    """Raises InputError for a path that is neither file nor folder, as a pipe or device, which may block.
-
-    Raises:
-        InputError: when it is there, and neither.
-    """
+    """Raises InputError for a path that is neither file nor folder, as a pipe or device, which may block."""
     try:
         kind = path.stat().st_mode
     except (OSError, ValueError):  # told when it is opened
@@ -179,50 +175,50 @@ class CsvTable(Table):
         require_unique(header, f"{self.source}, line {self._line}")
         return header
 
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields blocks of rows: line numbers, and values of the columns at wanted positions.
+    def blocks(self, indices: list[int]) -> Iterator[Block]:
+        """Yields blocks of rows: line numbers, and values of the columns at these indices.
 
         Raises:
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
         """
         width = len(self.header)
-        pick, ending = _make_picker(wanted, width), Ending()
-        numeric = width - 1 in wanted
+        pick, ending = _make_picker(indices, width), Ending()
+        numeric = width - 1 in indices
         lines: list[int] = []
         values = array("d")
-        good, pending = 0, 0  # rows taken; line of a ragged row that may be the last
+        n_regular, pending = 0, 0  # rows taken; line of a ragged row that may be the last
         for row in self._rows():
             if not row:
                 continue
             if pending:
                 self.ragged.add(pending)
                 self.ragged.last_incomplete = False
-                self._require_regular(good)
+                self._require_regular(n_regular)
                 pending = 0
-            if len(row) != width or (self._unended and ending.is_cut(row[-1], number=numeric)):
+            if len(row) != width or (self._unended and ending.is_cut(row[-1], is_numeric=numeric)):
                 pending, self.ragged.last_incomplete = self._line, len(row) <= width
                 continue
             ending.note_last_cell(row[-1])
             cells = pick(row)
             try:
-                values.extend(map(float, self._strictly(cells, wanted) if self._suspicious else cells))
+                values.extend(map(float, self._parse_cells(cells, indices) if self._suspicious else cells))
             except ValueError:
-                del values[len(lines) * len(wanted) :]
-                values.extend(self._strictly(cells, wanted))
+                del values[len(lines) * len(indices) :]
+                values.extend(self._parse_cells(cells, indices))
             lines.append(self._line)
-            good += 1
+            n_regular += 1
             if len(lines) == self._rows_per_block:
-                yield self._make_block(lines, values, wanted)
+                yield self._make_block(lines, values, indices)
                 lines, values = [], array("d")
         if lines:
-            yield self._make_block(lines, values, wanted)
+            yield self._make_block(lines, values, indices)
         if pending:
             self.ragged.add(pending)
-        self._require_regular(good, at_end=True)
+        self._require_regular(n_regular, at_end=True)
 
-    def _strictly(self, cells: Sequence[str], wanted: list[int]) -> list[float]:
-        """Parses the wanted cells of a row to numbers; raises InputError with the place of other text."""
-        return [self._parse_number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
+    def _parse_cells(self, cells: Sequence[str], columns: list[int]) -> list[float]:
+        """Parses cells of a row to numbers; raises InputError with the location of other text."""
+        return [self._parse_number(cell, self.header[column]) for cell, column in zip(cells, columns, strict=True)]
 
     def _parse_number(self, cell: str, column: str) -> float:
         """Returns a cell's number, NaN if missing; raises InputError with its place for other text."""
@@ -239,38 +235,39 @@ class CsvTable(Table):
             )
         return float(text)
 
-    def _make_block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
+    def _make_block(self, lines: list[int], values: array[float], columns: list[int]) -> Block:
         """Makes a block from lines and values; raises InputError for a value that is infinite or too large."""
-        block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
-        require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
+        block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(columns)))
+        require_meaningful(block, [self.header[column] for column in columns], self.source, self.place)
         return block
 
-    def _require_regular(self, good: int, *, at_end: bool = False) -> None:
-        require_regular(self.ragged, self.source, good, len(self.header), at_end=at_end)
+    def _require_regular(self, n_regular: int, *, at_end: bool = False) -> None:
+        """Raises InputError where too many rows read so far are ragged."""
+        require_regular(self.ragged, self.source, n_regular, len(self.header), at_end=at_end)
 
 
-def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_end: bool = True) -> None:
+def require_regular(ragged: Ragged, source: str, n_regular: int, width: int, *, at_end: bool = True) -> None:
     """Raises InputError where too many rows of a table have a number of cells other than its columns'.
 
     Args:
         ragged: those that have.
         source: what to call the table.
-        good: rows that have not.
+        n_regular: rows that have not.
         width: number of columns.
         at_end: whether all of the table has been read.
     """
     count = ragged.count
-    if count > FEW_RAGGED and count > (RAGGED_SHARE if at_end else 0.5) * (good + count):
+    if count > FEW_RAGGED and count > (RAGGED_SHARE if at_end else 0.5) * (n_regular + count):
         raise InputError(
-            f"{source}: {count} of {good + count} rows have another number of cells than the "
+            f"{source}: {count} of {n_regular + count} rows have another number of cells than the "
             f"{width} columns, first line {ragged.first_line}; check the separator and the export"
         )
 
 
-def _make_picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
-    """Makes a function that returns the wanted cells of a row with `width` cells."""
-    if wanted == list(range(width)):
+def _make_picker(columns: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
+    """Makes a function that returns the cells at some columns of a row with `width` cells."""
+    if columns == list(range(width)):
         return lambda row: row
-    if len(wanted) == 1:
-        return lambda row: [row[wanted[0]]]
-    return itemgetter(*wanted)
+    if len(columns) == 1:
+        return lambda row: [row[columns[0]]]
+    return itemgetter(*columns)

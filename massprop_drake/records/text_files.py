@@ -19,35 +19,35 @@ from massprop_drake.inputs.units import parse_unit
 from massprop_drake.records.completeness import MISSING, Ending, Loss, Ragged, text_lines
 from massprop_drake.records.stamps import is_number, parse_stamp
 from massprop_drake.records.tables import require_regular
-from massprop_drake.records.topics import Column, Recording, Topic, digest, require_few_columns, unwanted_columns
+from massprop_drake.records.topics import Column, Recording, Topic, digest, require_few_columns, unused_columns
 
 _LOOKED_AT = 100  # lines of text by which its form is told
 _LOOKED_ACROSS = 200  # cells of such a line that are looked at
 CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
-def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    """Reads a text table into a recording; `by`: its map, `rows`: the most rows to read."""
-    as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
+def read_text_file(path: Path, record_map: RecordMap | None, rows: int | None) -> Recording:
+    """Reads a text table, as its map says, into a recording of at most so many rows."""
+    as_text = set() if record_map is None or record_map.commands.listed is None else {record_map.commands.listed.column}
     losses: list[Loss] = []
     try:
-        form, units = _detect_form(path) if by is None else (by.csv, [])
+        form, units = _detect_form(path) if record_map is None else (record_map.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form, losses)
-            where = _CurrentLine()
-            lined = where.follow(numbered)
-            named = next(lined, "")
-            header = _split_cells(named, form.separator)
-            marked = named.strip().partition(form.separator)[0].strip()
-            if by is not None and _comment_mark(named) and marked in by.columns:
+            current = _CurrentLine()
+            lined = current.follow(numbered)
+            names_line = next(lined, "")
+            header = _split_cells(names_line, form.separator)
+            marked = names_line.strip().partition(form.separator)[0].strip()
+            if record_map is not None and _comment_mark(names_line) and marked in record_map.columns:
                 header[0] = marked
             cells = csv.reader(lined, delimiter=form.separator, strict=True)
-            _require_names(header, form, f"{path}, line {where.line}")
-            if by is None:
+            _require_names(header, form, f"{path}, line {current.line}")
+            if record_map is None:
                 require_few_columns(path, header)
-            read = set(header) if by is None else by.columns
-            wanted = [name for name in header if name and name in read]
-            columns, lines, ragged = _collect_columns(cells, header, wanted, (form, as_text, rows, where))
+            wanted_names = set(header) if record_map is None else record_map.columns
+            wanted = [name for name in header if name and name in wanted_names]
+            columns, lines, ragged = _collect_columns(cells, header, wanted, (form, as_text, rows, current))
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8; expected a table of separated values") from None
     except csv.Error as error:
@@ -61,7 +61,7 @@ def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Record
         None,
         "line",
         lines,
-        unwanted_columns(header, wanted),
+        unused_columns(header, wanted),
         dict(zip(header, map(unit_in, units), strict=False)),
     )
     losses += ragged.losses(str(path))
@@ -84,10 +84,10 @@ def _detect_form(path: Path) -> tuple[CsvForm, list[str]]:
     if not lines:
         return CsvForm(), []
     counts = {one: [_count_cells(line, one) for _, line, _ in lines] for one in _SEPARATORS}
-    usual = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
-    regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
+    common = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
+    regular = {one: found.count(common[one]) if common[one] > 1 else 0 for one, found in counts.items()}
     separator = max(_SEPARATORS, key=lambda one: regular[one])
-    whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
+    whole = [index for index, count in enumerate(counts[separator]) if count == common[separator]]
     cells = {index: _split_cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
     first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
     comma = separator != "," and any(
@@ -133,19 +133,19 @@ def _is_value(cell: str) -> bool:
 
 def _has_units(cells: list[str]) -> bool:
     """Tests whether most cells of a line are names of units."""
-    found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
-    return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
+    units = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
+    return bool(units) and sum(map(bool, units)) > 0.5 * len(units)
 
 
 def unit_in(text: str) -> str:
     """Returns the unit in a text, with or without brackets, as `inputs.units` has it; "": none."""
     text = text.strip().strip("[]()").strip()
-    for one in (text, text.lower()):
+    for candidate in (text, text.lower()):
         try:
-            parse_unit(one)
+            parse_unit(candidate)
         except InputError:
             continue
-        return one
+        return candidate
     return ""
 
 
@@ -173,97 +173,97 @@ def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple
 
     The names are in the first line that is no comment, or, where that is a row already, in the first comment.
     """
-    seen, commented = 0, None
+    n_lines, commented = 0, None
     for number, line in text_lines(file, file.name, losses):
         if number <= form.skip or not line.strip():
             continue
         if form.comment and line.startswith(form.comment):
             commented = commented or (number, line)
             continue
-        seen += 1
-        if seen == 1 and commented and any(map(_is_value, _split_cells(line, form.separator))):
+        n_lines += 1
+        if n_lines == 1 and commented and any(map(_is_value, _split_cells(line, form.separator))):
             yield commented
-            seen += 1
-        if seen == 1 or seen > 1 + form.below:
-            yield number, line if seen == 1 or form.separator != " " else " ".join(line.split()) + "\n"
+            n_lines += 1
+        if n_lines == 1 or n_lines > 1 + form.below:
+            yield number, line if n_lines == 1 or form.separator != " " else " ".join(line.split()) + "\n"
 
 
-def _require_names(header: list[str], form: CsvForm, where: str) -> None:
+def _require_names(header: list[str], form: CsvForm, location: str) -> None:
     """Raises InputError where a header is empty, has numbers, a column twice or another separator."""
     if not header:
-        raise InputError(f"{where.rpartition(', line')[0]}: is empty; expected a line of column names")
+        raise InputError(f"{location.rpartition(', line')[0]}: is empty; expected a line of column names")
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
         if len(header) == 1 and separator in header[0] and separator != form.separator:
             raise InputError(
-                f"{where}: columns are separated by {name}; give `csv: {{separator: {separator!r}}}` in the map"
+                f"{location}: columns are separated by {name}; give `csv: {{separator: {separator!r}}}` in the map"
             )
     if all(is_number(name) for name in header if name):
-        raise InputError(f"{where}: has numbers; expected a line of column names")
+        raise InputError(f"{location}: has numbers; expected a line of column names")
     twice = next((name for name, count in Counter(header).items() if name and count > 1), None)
     if twice is not None:
-        raise InputError(f"{where}: column '{twice}' appears twice; keep one of them")
+        raise InputError(f"{location}: column '{twice}' appears twice; keep one of them")
 
 
 def _collect_columns(
     cells: Iterator[list[str]],
     header: list[str],
-    wanted: list[str],
-    how: tuple[CsvForm, set[str], int | None, _CurrentLine],
+    names: list[str],
+    options: tuple[CsvForm, set[str], int | None, _CurrentLine],
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
-    """Returns wanted columns by name, the line of each row, and the rows with a wrong number of cells."""
-    form, as_text, most, where = how
-    place_of = {name: place for place, name in reversed(list(enumerate(header)))}
-    places = [place_of[name] for name in wanted]
-    pieces: list[list[Column]] = [[] for _ in wanted]
-    held: list[list[str]] = [[] for _ in wanted]
+    """Returns columns by name, the line of each row, and the rows with a wrong number of cells."""
+    form, as_text, max_rows, current = options
+    place_of = {name: index for index, name in reversed(list(enumerate(header)))}
+    indices = [place_of[name] for name in names]
+    pieces: list[list[Column]] = [[] for _ in names]
+    cells_read: list[list[str]] = [[] for _ in names]
     lines: list[int] = []
     ragged, ending = Ragged(), Ending()
 
     def convert_held() -> None:
         """Moves the cells gathered so far into the columns, as numbers if all are, else as texts."""
-        for name, piece, column in zip(wanted, pieces, held, strict=True):
+        for name, piece, column in zip(names, pieces, cells_read, strict=True):
             piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
             column.clear()
 
     def is_last_numeric() -> bool:
-        """Tests whether the header's last column is wanted and had numbers alone so far."""
-        if header[-1] not in wanted or header[-1] in as_text:
+        """Tests whether the header's last column is collected and had numbers alone so far."""
+        if header[-1] not in names or header[-1] in as_text:
             return False
-        above = held[wanted.index(header[-1])]
-        return above != [] and all(is_number(one.replace(form.decimal, ".")) for one in above)
+        previous = cells_read[names.index(header[-1])]
+        return previous != [] and all(is_number(one.replace(form.decimal, ".")) for one in previous)
 
-    for row in _whole_rows(cells, where):
+    for row in _whole_rows(cells, current):
         cut = (
-            where.unended
+            current.unended
             and len(row) == len(header)
-            and ending.is_cut(row[-1].replace(form.decimal, "."), number=is_last_numeric())
+            and ending.is_cut(row[-1].replace(form.decimal, "."), is_numeric=is_last_numeric())
         )
         ragged.last_incomplete = cut or len(row) < len(header)
         if cut or len(row) != len(header):
-            ragged.add(where.line)
+            ragged.add(current.line)
             continue
         ending.note_last_cell(row[-1])
-        for place, column in zip(places, held, strict=True):
-            column.append(row[place])
-        lines.append(where.line)
+        for index, column in zip(indices, cells_read, strict=True):
+            column.append(row[index])
+        lines.append(current.line)
         if len(lines) % CHUNK == 0:
             convert_held()
-        if most is not None and len(lines) >= most:
+        if max_rows is not None and len(lines) >= max_rows:
             break
     convert_held()
     return (
-        {name: _join_pieces(piece) for name, piece in zip(wanted, pieces, strict=True)},
+        {name: _join_pieces(piece) for name, piece in zip(names, pieces, strict=True)},
         np.array(lines, np.int64),
         ragged,
     )
 
 
-def _whole_rows(cells: Iterator[list[str]], where: _CurrentLine) -> Iterator[list[str]]:
+def _whole_rows(cells: Iterator[list[str]], current: _CurrentLine) -> Iterator[list[str]]:
     """Yields the cells of each row; an empty list for one that the file's end cuts within quotes."""
     try:
         yield from cells
     except csv.Error:
-        if not where.unended:
+        if not current.unended:
             raise
         yield []
 

@@ -98,8 +98,8 @@ class Topic:
         values = self.column(name)
         if date is not None:
             pairs = zip(self.texts(date), self.texts(name), strict=True)
-            both = [f"{day.strip()} {clock.strip()}" if day.strip() and clock.strip() else "" for day, clock in pairs]
-            values = np.array(both, dtype=object)
+            joined = [f"{day.strip()} {clock.strip()}" if day.strip() and clock.strip() else "" for day, clock in pairs]
+            values = np.array(joined, dtype=object)
         filled = [cell for cell in values if str(cell).strip().lower() not in MISSING] if values.dtype == object else []
         if not filled or any(map(is_number, filled)):
             return self.numbers(name) * unit_s
@@ -110,10 +110,10 @@ class Topic:
                 f"{self.where(wrong[0])}, column {name}: {str(values[wrong[0]])[:40]!r} is neither a number nor an "
                 "ISO 8601 stamp such as 2024-05-01T12:00:00.25Z"
             )
-        since = np.array(stamps, "datetime64[ns]") - np.datetime64(0, "s")
-        seconds, rest = since.astype("timedelta64[s]"), since % np.timedelta64(1, "s")
-        found: Array = seconds / np.timedelta64(1, "s") + rest / np.timedelta64(1, "s")
-        return found
+        elapsed = np.array(stamps, "datetime64[ns]") - np.datetime64(0, "s")
+        seconds, rest = elapsed.astype("timedelta64[s]"), elapsed % np.timedelta64(1, "s")
+        times: Array = seconds / np.timedelta64(1, "s") + rest / np.timedelta64(1, "s")
+        return times
 
     def texts(self, name: str) -> list[str]:
         """Returns a column's cells as texts, "" for None."""
@@ -168,9 +168,9 @@ def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Los
     return InputError(f"{source}: no topic '{name}'{suggestion(name, known)}{lost}")
 
 
-def missing_extra(path: Path, package: str, extra: str, what: str) -> InputError:
+def missing_extra(path: Path, package: str, extra: str, file_kind: str) -> InputError:
     """Makes the InputError for a package that is not installed, with the extra that installs it."""
-    return InputError(f"{path}: reading {what} needs {package}: pip install 'massprop-drake[{extra}]'")
+    return InputError(f"{path}: reading {file_kind} needs {package}: pip install 'massprop-drake[{extra}]'")
 
 
 def digest(path: Path) -> str:
@@ -184,10 +184,10 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def unwanted_columns(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Returns the names of columns that are not wanted, but empty ones."""
-    known = set(wanted)
-    return tuple(name for name in every if name and name not in known)
+def unused_columns(names: Sequence[str], used: Sequence[str]) -> tuple[str, ...]:
+    """Returns the names, but empty ones, that are not among the used ones."""
+    known = set(used)
+    return tuple(name for name in names if name and name not in known)
 
 
 def require_few_columns(path: Path, names: Sequence[str]) -> None:
@@ -203,15 +203,15 @@ def split_lists(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, 
     """Maps `name[0]`, `name[1]`, ... to the items of a column of short lists; unlike lengths add them as text."""
     lists = [() if one is None else tuple(one) for one in values]
     longest = max(map(len, lists), default=0)
-    found: dict[str, Column] = {}
+    columns: dict[str, Column] = {}
     if any(len(one) != longest for one in lists) or not longest:
-        found[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
+        columns[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
     if longest <= MOST_ELEMENTS and not any(isinstance(item, str) for one in lists for item in one):
         for index in range(longest):
-            found[f"{name}[{index}]"] = np.array([one[index] if index < len(one) else np.nan for one in lists], float)
-    elif name not in found and longest <= MOST_ELEMENTS:
-        found[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
-    return found
+            columns[f"{name}[{index}]"] = np.array([one[index] if index < len(one) else np.nan for one in lists], float)
+    elif name not in columns and longest <= MOST_ELEMENTS:
+        columns[name] = np.array([" ".join(map(format_item, one)) for one in lists], dtype=object)
+    return columns
 
 
 def format_item(item: Any) -> str:

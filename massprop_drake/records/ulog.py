@@ -22,12 +22,12 @@ _LONGEST = 10_000  # bytes of a message; pyulog takes a longer one for damaged
 _MESSAGE = struct.Struct("<HB")  # size and type before each message
 
 
-def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+def read_ulog(path: Path, record_map: RecordMap | None, rows: int | None) -> Recording:
     """Reads a PX4 ULog into a recording; its topics are `name`, and `name/1` for the second instance of a topic.
 
     Args:
         path: of the file.
-        by: the map, of whose topics alone are read.
+        record_map: the map, of whose topics alone are read.
         rows: so many at the most of each topic.
 
     Raises:
@@ -38,12 +38,12 @@ def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         from pyulog.core import ULogException  # noqa: PLC0415
     except ImportError:
         raise missing_extra(path, "pyulog", "ulog", "ULog") from None
-    cut = _find_last_message(path)
-    wanted = None if by is None else sorted({name.partition("/")[0] for name in by.topics})
-    said = io.StringIO()  # pyulog prints what it thinks of the file
+    cut_end = _find_last_message(path)
+    topic_names = None if record_map is None else sorted({name.partition("/")[0] for name in record_map.topics})
+    output = io.StringIO()  # pyulog prints what it thinks of the file
     try:
-        with contextlib.redirect_stdout(said), path.open("rb") as file:
-            log = ULog(file, wanted)
+        with contextlib.redirect_stdout(output), path.open("rb") as file:
+            log = ULog(file, topic_names)
     except (ULogException, struct.error, *_DAMAGED) as error:
         raise InputError(f"{path}: not a ULog that can be read: {first_line(error)}") from None
     topics = {}
@@ -54,7 +54,7 @@ def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         stamps = data.data["timestamp"][:rows]
         columns: dict[str, Column] = {key: value[:rows] for key, value in data.data.items() if "_padding" not in key}
         topics[name] = Topic(f"{path}, {name}", columns, stamps.astype(np.int64) * 1e-6)
-    for name in () if by is None else sorted(by.topics - set(topics)):
+    for name in () if record_map is None else sorted(record_map.topics - set(topics)):
         if name.partition("/")[0] not in {one.partition("/")[0] for one in topics}:
             raise missing_topic(str(path), name, list(log.message_formats))
     parameters = {**log.initial_parameters, **{name: value for _, name, value in log.changed_parameters}}
@@ -64,19 +64,19 @@ def read_ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         topics,
         {name: float(value) for name, value in parameters.items() if isinstance(value, (int, float))},
         sha256=digest(path),
-        losses=tuple(_losses(path, log, cut)),
+        losses=tuple(_losses(path, log, cut_end)),
     )
 
 
-def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
-    """Yields the losses of a log: damage, a cut end (its place and missing bytes given), and dropouts."""
-    place, lacking = cut
+def _losses(path: Path, log: Any, cut_end: tuple[int, int]) -> Iterator[Loss]:
+    """Yields the losses of a log: damage, a cut end (its offset and missing bytes given), and dropouts."""
+    offset, n_missing = cut_end
     if log.file_corruption:
         yield Loss("damaged", f"{path}: is damaged in places, which are left out")
-    elif lacking > _LONGEST:
-        yield Loss("damaged", f"{path}: is damaged from byte {place} on, and not read further")
-    elif lacking:
-        short = counted(lacking, "byte")
+    elif n_missing > _LONGEST:
+        yield Loss("damaged", f"{path}: is damaged from byte {offset} on, and not read further")
+    elif n_missing:
+        short = counted(n_missing, "byte")
         yield Loss("truncated", f"{path}: is cut off: it ends within a message, {short} short, which is left out")
     if log.dropouts:
         total = sum(one.duration for one in log.dropouts)
@@ -86,7 +86,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _find_last_message(path: Path) -> tuple[int, int]:
-    """Returns the place of a ULog's last message, and the number of bytes that it lacks; 0: it is whole."""
+    """Returns the offset of a ULog's last message, and the number of bytes that it lacks; 0: it is whole."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -95,9 +95,9 @@ def _find_last_message(path: Path) -> tuple[int, int]:
         raise InputError(f"{path}: is empty: it has no row of data")
     if not content.startswith(_MAGIC) or len(content) < _HEADER:
         raise InputError(f"{path}: not a ULog: it does not begin as one")
-    begin, place, size = 0, _HEADER, len(content)
-    while place < size:
-        begin, place = place, place + _MESSAGE.size
-        if place <= size:
-            place += _MESSAGE.unpack_from(content, begin)[0]
-    return begin, place - size
+    begin, offset, size = 0, _HEADER, len(content)
+    while offset < size:
+        begin, offset = offset, offset + _MESSAGE.size
+        if offset <= size:
+            offset += _MESSAGE.unpack_from(content, begin)[0]
+    return begin, offset - size

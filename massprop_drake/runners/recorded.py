@@ -107,7 +107,7 @@ def estimate(
     own_times = params.steps_by_readings(scenario)
     joint = scenario.estimation.filter == "joint"
     source = _open_record(telemetry, record_map, (vehicle, gyro), (own_times, joint))
-    reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
+    reader = Reader(source, vehicle, gyro=gyro, previous=after, stream=stream)
     can_be_read_again = stream is None and str(telemetry) != "-"
     try:
         if not own_times and joint and can_be_read_again:
