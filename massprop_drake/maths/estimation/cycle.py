@@ -168,16 +168,16 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
 def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
     """Runs the detector, which must exist, on a sample's innovations; returns its judgment."""
     assert params.detector is not None
-    seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
-    evidence = seen
-    if isinstance(seen, Joint):
-        evidence = make_evidence(sample.time_s, sample.command, measured.interval.impulses, seen)
+    filter_evidence = params.filter.evidence(state.filter, measured.measurement, measured.interval)
+    evidence = filter_evidence
+    if isinstance(filter_evidence, Joint):
+        evidence = make_evidence(sample.time_s, sample.command, measured.interval.impulses, filter_evidence)
     return params.detector.judge(state.detector, evidence, params.detector_params)
 
 
-def make_evidence(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
+def make_evidence(time_s: float, command: Array, impulses: Impulses, innovations: Joint) -> Evidence:
     """Makes the detector's evidence from the filter's innovations, the command and the interval's impulses."""
-    return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
+    return Evidence(time_s, command, impulses.usable, impulses.firing, *innovations)
 
 
 def finish(
@@ -215,8 +215,8 @@ def step(
     """
     measured = call(ESTIMATORS, measure, state, sample, params)
     judgment = None if params.detector is None else call(DETECTOR, judge, state, sample, measured, params)
-    done: EstimationStep = call(ESTIMATORS, finish, state, sample, measured, judgment, params)
-    return done
+    result: EstimationStep = call(ESTIMATORS, finish, state, sample, measured, judgment, params)
+    return result
 
 
 def estimate_and_covariance(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
@@ -224,9 +224,9 @@ def estimate_and_covariance(state: EstimationState, params: EstimationParams) ->
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
-def reported_estimate(done: EstimationStep) -> tuple[Array, Array]:
+def reported_estimate(result: EstimationStep) -> tuple[Array, Array]:
     """Returns estimate and 1-sigma of the ten parameters after a cycle, NaN if not observed, shape (10,) each."""
-    rotation, mass = done.filtered.rotation, done.filtered.mass
+    rotation, mass = result.filtered.rotation, result.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
     deviations = join_ten_parameters(rotation.standard_deviation, deviation)
     return join_ten_parameters(rotation.estimate, reciprocal), deviations
@@ -254,25 +254,25 @@ def restore_state(groups: Groups, params: EstimationParams) -> EstimationState:
     if params.detector is not None:
         detector = params.detector.unpack_state(groups[params.detector.group], params.detector_params)
     state = params.filter.restored(groups, params.filter_params)
-    begun = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
-    _require_estimates(params.filter.predicted(state), params.filter.covariance(state), begun)
+    initial_variances = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
+    _require_possible_estimates(params.filter.predicted(state), params.filter.covariance(state), initial_variances)
     return EstimationState(memory.command, memory.level, state, detector)
 
 
-def _require_estimates(estimate: Array, covariance: Array, begun: Array) -> None:
+def _require_possible_estimates(estimate: Array, covariance: Array, initial_variances: Array) -> None:
     """Raises ValueError for ten parameters, or a covariance of them, that no run can leave.
 
     Args:
         estimate, covariance: shapes (10,) and (10, 10).
-        begun: variances at the start, NaN for what is not observed, shape (10,).
+        initial_variances: variances at the start, NaN for what is not observed, shape (10,).
     """
-    observed = ~np.isnan(begun)
+    observed = ~np.isnan(initial_variances)
     if not np.isfinite(estimate[observed]).all():
         raise ValueError("estimates must be finite")
     if not is_covariance(covariance[np.ix_(observed, observed)]):
         raise ValueError("the covariance of the estimates must be symmetric and positive semidefinite")
     variances = covariance.diagonal()
-    if (variances[begun > 0.0] == 0.0).any():
+    if (variances[initial_variances > 0.0] == 0.0).any():
         raise ValueError(
             "the covariance of the estimates must be positive definite: what is estimated is never certain"
         )
