@@ -43,14 +43,14 @@ def acting_force(state: Any, mass_properties: Array, command: Array, params: Any
 
 
 @kernel
-def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
+def excess_share(state: Any, jet_indices: NDArray[np.int_], command: Array, params: Any) -> Array:
     """Computes the fraction of each known force that is not commanded, shape (k,).
 
     A jet that is stuck on gives no more when it is told to fire; a leak does.
 
     Args:
-        jets: indices of those whose force is known, shape (k,).
+        jet_indices: indices of those whose force is known, shape (k,).
     """
-    stuck = state.force[jets] > 0.5 * params.thrusts[jets]
-    told = command[jets]
-    return select_where(stuck, 1.0 - select_where(np.isnan(told), 0.0, told), 1.0)
+    stuck = state.force[jet_indices] > 0.5 * params.thrusts[jet_indices]
+    fractions = command[jet_indices]
+    return select_where(stuck, 1.0 - select_where(np.isnan(fractions), 0.0, fractions), 1.0)
