@@ -303,7 +303,7 @@ def make_aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParam
     pairs[nothing, 1] = -1
     given = Priors.stated(faults)
     sized = zip(suspected.forces.tolist(), suspected.thrusts.tolist(), strict=True)
-    told = [log_failure_probability(*both, 1.0, given, missing=suspected.loss) for both in sized]
+    told = [log_failure_probability(*both, 1.0, given, is_loss=suspected.loss) for both in sized]
     needed = (declaration_log_odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
     jumps = jump_variances(params), log_jump_probability(1.0, given)

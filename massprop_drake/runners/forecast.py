@@ -255,7 +255,7 @@ def _leak_times(
         for one, each in zip(times_s, shown, strict=True)
     ]
     fails = np.array(
-        [log_failure_probability(share, 1.0, one, given, missing=False) for one in times_s]
+        [log_failure_probability(share, 1.0, one, given, is_loss=False) for one in times_s]
     )  # alike for all jets
     otherwise = np.logaddexp(0.0, np.array(jumped))
     counts = np.arange(1, since_s.size + 1) >= FOLLOWED
