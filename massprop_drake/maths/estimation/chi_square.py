@@ -11,7 +11,7 @@ def chi_square_limit(probability: float, degrees: int) -> float:
     """Computes the value that chi-square of some degrees of freedom exceeds with a given probability, by bisection.
 
     Args:
-        probability: probability, 1e-300 < rate < 1.
+        probability: of the tail, above 1e-300 and below 1.
         degrees: of freedom, at least 1.
     """
     low, high = 0.0, 2.0 * degrees - 4.0 * math.log(probability)

@@ -136,7 +136,7 @@ def initial_state(params: EstimationParams) -> EstimationState:
 
 
 def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
-    """Runs a cycle's first part: the jets' impulses in the interval, and the filter's measurement."""
+    """Computes the jets' impulses in a sample's interval, and the filter's innovations: a cycle's first part."""
     outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
     impulses = interval_impulses(
         sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
@@ -158,7 +158,7 @@ def collect_commands(sample: Sample) -> Told:
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
-    """Computes wrench and covariances by forces of failed jets that the detector has declared already."""
+    """Computes the wrench of declared failed jets' known forces, and the covariances it adds to both increments."""
     if params.detector is None or not has_nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
@@ -183,7 +183,7 @@ def make_evidence(time_s: float, command: Array, impulses: Impulses, innovations
 def finish(
     state: EstimationState, sample: Sample, measured: Measured, judgment: Judgment | None, params: EstimationParams
 ) -> EstimationStep:
-    """Runs a cycle's last part: the filter's update by the judgment, and the state for the next cycle."""
+    """Updates the filter as the detector judged the sample; returns the cycle's result with the next state."""
     interval, measurement = measured
     adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
@@ -198,7 +198,7 @@ def finish(
 
 
 def _call_directly(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Calls a function with its arguments; the cycle's part is ignored."""
+    """Calls a function with its arguments, whichever part of the cycle it is."""
     return function(*arguments)
 
 
@@ -233,7 +233,7 @@ def reported_estimate(result: EstimationStep) -> tuple[Array, Array]:
 
 
 def save_state(state: EstimationState, params: EstimationParams) -> Groups:
-    """Maps each system of the diagram that holds a part of the estimation's state to that part as a vector."""
+    """Packs the estimation's state into vectors, by the name of the diagram's system that holds each."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
@@ -264,7 +264,7 @@ def _require_possible_estimates(estimate: Array, covariance: Array, initial_vari
 
     Args:
         estimate, covariance: shapes (10,) and (10, 10).
-        initial_variances: variances at the start, NaN for what is not observed, shape (10,).
+        initial_variances: NaN for what is not observed, shape (10,).
     """
     observed = ~np.isnan(initial_variances)
     if not np.isfinite(estimate[observed]).all():

@@ -68,7 +68,7 @@ def impulses(memory: Array, command: Array, outside_wrench: Array, holder: Any) 
     Args:
         memory: packed as `cycle.MEMORY`.
         command: see `interval_impulses`.
-        outside_wrench: wrench of known outside forces, shape (6,).
+        outside_wrench: of known outside forces, shape (6,).
         holder: holder of `Lagging`.
     """
     bundle, jets = holder.value, command.size
@@ -182,13 +182,13 @@ _ROTATION_SEEN = RotationSeen(_SQUARE, _THREE, _THREE, False, _SQUARE, _CROSS, _
 
 @kernel
 def measure_rotation(state_vector: Array, rates: Array, impulses: Array, known_force: Array, holder: Any) -> Array:
-    """Computes a sample's rotation innovation and predictions, packed as `Turned`, then `RotationSeen`.
+    """Computes the rotation filter's innovation and predictions for a sample, packed as `Turned`, then `RotationSeen`.
 
     Args:
-        state_vector: state, packed as `thesis.ROTATION_STATE`.
+        state_vector: packed as `thesis.ROTATION_STATE`.
         rates: readings of the gyros, shape (s, 3), of which the first that is there counts.
-        impulses: impulses, packed as `impulses.LAYOUT`.
-        known_force: that is known, packed as `detector.KNOWN_FORCE`.
+        impulses: packed as `impulses.LAYOUT`.
+        known_force: packed as `detector.KNOWN_FORCE`.
         holder: holder of `Rotating`.
 
     Raises:
@@ -229,7 +229,7 @@ def finish_rotation(measurement: Array, adaptation: Array, holder: Any) -> Array
     """Updates the rotation filter; returns its log row, packed as `ROTATION_REPORT`, then its state.
 
     Args:
-        measurement: what `measure_rotation` gave.
+        measurement: result of `measure_rotation`.
         adaptation: packed as `adaptation.LAYOUT`.
         holder: holder of `Rotating`.
     """
@@ -345,9 +345,9 @@ def measure_mass(
     """Computes both filters' innovations for the detector, packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
-        state_vector: state, packed as `thesis.MASS_STATE`.
+        state_vector: packed as `thesis.MASS_STATE`.
         velocities: readings of the accelerometers, shape (s, 3), of which the first that is there counts.
-        rotation_prediction: what the rotation filter says, packed as `Turned`.
+        rotation_prediction: of the rotation filter, packed as `Turned`.
         impulses, known_force: as in `measure_rotation`.
         holder: holder of `Weighing`.
 
@@ -403,7 +403,7 @@ def finish_mass(measurement: Array, adaptation: Array, holder: Any) -> Array:
     """Updates the mass filter; returns its log row, packed as `MASS_REPORT`, then its state.
 
     Args:
-        measurement: what `measure_mass` gave.
+        measurement: result of `measure_mass`.
         adaptation: packed as `adaptation.LAYOUT`.
         holder: holder of `Weighing`.
     """
@@ -447,8 +447,8 @@ def known_force(state_vector: Array, predicted_parameters: Array, command: Array
     """Computes wrench and covariances of failed jets' known forces, packed as `detector.KNOWN_FORCE`.
 
     Args:
-        state_vector: state, packed as `cglr.LAYOUT`.
-        predicted_parameters: the ten parameters, shape (10,).
+        state_vector: packed as `cglr.LAYOUT`.
+        predicted_parameters: the ten, shape (10,).
         command: see `known_forces.known_force`.
         holder: holder of `Judging`.
     """
@@ -465,10 +465,10 @@ def run_detector(
     """Runs one cycle of the detector on packed vectors; returns its packed state, adaptation and log values.
 
     Args:
-        state_vector: state, packed as `cglr.LAYOUT`.
+        state_vector: packed as `cglr.LAYOUT`.
         time_s, command: see `detector.Evidence`.
-        impulses: impulses, packed as `impulses.LAYOUT`.
-        innovations: by the filters, packed as `filter.JOINT`.
+        impulses: packed as `impulses.LAYOUT`.
+        innovations: of both filters, packed as `filter.JOINT`.
         holder: holder of `Judging`.
 
     Returns:

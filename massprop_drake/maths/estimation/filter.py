@@ -200,6 +200,7 @@ NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), 
 
 
 def _empty_joint():  # type: ignore[no-untyped-def] # compiled alone
+    """Makes the result of `empty_joint` in compiled code."""
     unknown = np.full(6, np.nan)
     return Joint(unknown, np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
 
@@ -306,7 +307,6 @@ def replace_estimates(step: FilterStep, estimate: Array, covariance: Array) -> F
     """Returns a filter step with the estimates in its log rows replaced; the innovations stay.
 
     Args:
-        step: the cycle.
         estimate, covariance: of the ten parameters, shapes (10,) and (10, 10).
     """
     n_rotation = step.rotation.estimate.shape[0]

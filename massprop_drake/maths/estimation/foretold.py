@@ -44,11 +44,7 @@ class Foretelling(NamedTuple):
 
 
 def begin_forecast(mass_properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
-    """Returns the forecast of faults' information before the first sample, and the linear filter's parameters.
-
-    Args:
-        mass_properties: the ten parameters, shape (10,).
-    """
+    """Makes the initial forecast of fault information, and filter parameters without inflation or second order."""
     places, initial = params.joint.places, joint.initial_state(params)
     state = initial.joint._replace(mean=initial.joint.mean.copy(), guarded=True)
     state.mean[:N_PROPERTIES] = mass_properties
@@ -67,12 +63,10 @@ def step(
     *,
     failing: bool = False,
 ) -> Foretelling:
-    """Advances the filter, and the information that its innovations give on leaks, losses and jumps, by a sample.
+    """Advances the filter by a sample, with the information that its innovations give on leaks, losses and jumps.
 
     Args:
-        forecast: the forecast up to then.
         readings: rates and velocities, NaN where missing, shape (s, 3) each.
-        commands: see `Told`.
         failing: whether jets leak from before the interval on.
     """
     measured = joint.step(forecast.filter, *readings, commands, params)

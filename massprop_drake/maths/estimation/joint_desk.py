@@ -99,10 +99,9 @@ class Besides(NamedTuple):
 def make_extra_readings(
     n_rows: int, layout: Places, tracked: Array | None = None, onsets_s: Array | None = None
 ) -> Besides:
-    """Allocates tracked readings and command onsets of rows, as `Besides`; zeros where cycles fill them in.
+    """Makes rows of tracked readings and command onsets, with zeros for the values that cycles fill in.
 
     Args:
-        n_rows: number of rows.
         tracked: see `filter.Told`, shape (n, columns); None: nothing.
         onsets_s: of the commands, shape (n, n_jets) at least; None: these are levels.
     """
@@ -174,7 +173,7 @@ def initial_memory(state: JointState, layout: Places) -> JointMemory:
 
 
 def empty_past(layout: Places, n_cycles: int) -> Past:
-    """Allocates zeros for the filter states at onsets, and for the linearizations of so many past cycles."""
+    """Allocates zeros for filter states at possible fault onsets, and for linearizations of `n_cycles` past cycles."""
     states = np.zeros((ONSETS, state_layout(layout).size))
     kept = np.zeros((n_cycles, link_layout(layout).size))
     roots, order = np.zeros((ONSETS, layout.size, layout.size)), np.zeros(ONSETS, dtype=np.int_)
@@ -182,7 +181,7 @@ def empty_past(layout: Places, n_cycles: int) -> Past:
 
 
 def empty_buffers(layout: Places) -> JointDesk:
-    """Returns inputs and log rows of compiled cycles, one row of zeros: a template of their types."""
+    """Makes buffers of compiled cycles, inputs and log rows, with one row of zeros as a template of their types."""
     samples, nothing = allocate_sample(layout.gyros, layout.accelerometers, layout.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((layout.jets, 6)), lag_factors(np.zeros(layout.jets), 1.0), nothing, nothing)
     rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)

@@ -58,7 +58,7 @@ def activity_rank(activity: Array, typical_arm: float) -> Activity:
 
     Args:
         activity: activity vectors as columns, rotation first, shape (6, n_jets).
-        typical_arm: ft or m, positive.
+        typical_arm: of the jets, ft or m, positive.
     """
     scaled = activity * np.array([typical_arm] * 3 + [1.0] * 3)[:, None]
     values = np.zeros(6)
@@ -91,8 +91,7 @@ def unobservable_combinations(jacobian: Array, parameter_scales: Array) -> Array
 
     Args:
         jacobian: see `impulse_jacobian`, shape (n, 10).
-        parameter_scales: size of each parameter, such as its 1-sigma before any measurement; combinations are in
-            units of it, positive, shape (10,).
+        parameter_scales: such as 1-sigmas before any measurement, units of the combinations, positive, shape (10,).
     """
     scaled = jacobian * parameter_scales
     # rows of rotation and translation differ in unit, as those of strong and weak jets do in size

@@ -44,7 +44,7 @@ class Quiet:
     """Cycles in which nothing happens, between those that are left to `cycle.step`.
 
     Args:
-        made: parameters of the cycle, see `covers`.
+        params: of the cycle, see `covers`.
         compiled: whether the kernel is.
 
     Attributes:
@@ -71,19 +71,14 @@ class Quiet:
         )  # by row or as it was
 
     def begin(
-        self, samples: Samples, stamps_s: Array, tracked_and_onsets: tuple[Array | None, Array | None], rows: JointRows
+        self, samples: Samples, stamps_s: Array, tracked: tuple[Array | None, Array | None], rows: JointRows
     ) -> None:
         """Sets the samples that compiled cycles take, and the log rows that they fill in.
 
         Args:
-            samples, stamps_s: see `JointDesk`.
-            tracked_and_onsets: tracked readings and onsets, see `make_extra_readings`.
-            rows: to be filled in.
+            tracked: readings and onsets, see `make_extra_readings`.
         """
-        self._samples, self._besides = (
-            samples,
-            make_extra_readings(samples.time_s.size, self._places, *tracked_and_onsets),
-        )
+        self._samples, self._besides = samples, make_extra_readings(samples.time_s.size, self._places, *tracked)
         desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
         self._desk = make_shared_holder(desk, self._compiled)
 
@@ -150,7 +145,7 @@ class Quiet:
         return EstimationState(memory.command, memory.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
-        """Returns the last cycles with sample, linearization and score, scores counted from the first of them."""
+        """Rebuilds the last cycles with sample, linearization and score, scores counted from the first of them."""
         layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
@@ -188,7 +183,7 @@ class Quiet:
 
 
 def covers(params: EstimationParams) -> bool:
-    """Tests whether the compiled kernel can run cycles with such filter, detector and vehicle."""
+    """Tests whether the compiled kernel can run cycles with a given filter, detector and vehicle."""
     return (
         params.filter is joint.FILTER
         and params.detector is faults.DETECTOR
@@ -200,7 +195,7 @@ def covers(params: EstimationParams) -> bool:
 
 
 def _is_plain(params: JointFilterParams) -> bool:
-    """Tests whether the vehicle has no trackers, no wheels and no jets commanded by on-times."""
+    """Tests whether a vehicle has neither trackers nor wheels, and no jets commanded by on-times."""
     return params.joint.places.trackers == 0 and params.joint.places.wheels == 0 and params.opens_at is None
 
 

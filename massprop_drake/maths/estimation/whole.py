@@ -115,7 +115,7 @@ class ThesisBlock(NamedTuple):
 
 
 def covers(params: EstimationParams) -> bool:
-    """Tests whether the compiled kernel can run cycles with such filters, sensor packages and detector."""
+    """Tests whether the compiled kernel can run cycles with given filters, sensor packages and detector."""
     filter_params = params.filter_params
     return (
         params.filter is thesis.FILTER
@@ -146,9 +146,9 @@ def advance(state_holder: Any, block_holder: Any, row_range: NDArray[np.int_], p
 
     Args:
         state_holder: of the state, see `cycle.EstimationState`.
-        block_holder: holder of a `ThesisBlock`.
+        block_holder: of a `ThesisBlock`.
         row_range: the row that is being made, and that before which to stop, shape (2,).
-        params_holder: holder of `WholeParams`.
+        params_holder: of `WholeParams`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
@@ -180,7 +180,6 @@ def step_cycle(
     """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state.
 
     Args:
-        samples, sample_index: the sample among others.
         log_target: rows, and which of them is filled in.
     """
     filters, command = state.filter, samples.commands[sample_index].copy()  # rows may be written to again
@@ -245,7 +244,7 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
 
 @kernel
 def _no_force() -> KnownForce:
-    """Returns a known force of zero."""
+    """Makes a known force of zero wrench and covariances."""
     return KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
@@ -253,7 +252,7 @@ def _no_force() -> KnownForce:
 def _acting_known_force(
     state: DetectorState, filters: Any, command: Array, params: CglrParams
 ) -> tuple[bool, KnownForce]:
-    """Runs `_known_force` for a vehicle with a detector."""
+    """Computes the effect of known forces that a detector holds; returns whether there is any, and the effect."""
     if not has_nonzero(state.variance):
         return False, _no_force()
     predicted = join_ten_parameters(filters.rotation.estimate, filters.mass.mass_reciprocal)

@@ -319,7 +319,7 @@ def _rotation_nis(evidence: Evidence) -> float:
 
 @kernel
 def _with_suspicion(state: DetectorState, cluster: float, alarms: float, age: float) -> DetectorState:
-    """Returns the detector's state with another suspicion: cluster, alarms in a row, and cycles since the last."""
+    """Returns the detector's state with another suspected cluster, alarms in a row, and cycles since the last alarm."""
     return DetectorState(
         cluster, alarms, age, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )

@@ -108,6 +108,7 @@ def information(covariance: Array, coupled: bool) -> Array:
 
 
 def _plain_inverse(covariance):  # type: ignore[no-untyped-def] # compiled alone
+    """Inverts a matrix in compiled code, without the scaling of `_inverse`."""
     return np.linalg.inv(covariance)
 
 

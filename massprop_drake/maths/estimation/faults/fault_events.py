@@ -152,11 +152,7 @@ def needs_special_cycle(hypothesis: Hypothesis, duration_s: float, params: Joint
 
 
 def add_interval_noise(hypothesis: Hypothesis, interval: Link, params: JointParams) -> JointState:
-    """Returns the filter state with noise of walking forces and unknown pushes over the next interval added.
-
-    Args:
-        interval: an interval like the next.
-    """
+    """Returns the filter state with noise of walking forces and unknown pushes over the next interval added."""
     state = add_force_noise(hypothesis.run.state, force_walk_sigmas(hypothesis, interval.duration_s), params)
     return add_push_impulse(state, hypothesis.push, interval, params)
 
@@ -187,11 +183,10 @@ def advance_hypothesis(
     """Advances a hypothesis's filter by one sample, and records its log likelihood.
 
     Args:
-        interval: the cycle of any filter that is near.
         starting: whether the filter's start is under way: hypotheses that are compared converge together.
 
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     run = step_runner(
         hypothesis.run, sample, interval, force_walk_sigmas(hypothesis, interval.duration_s), hypothesis.push, params

@@ -104,11 +104,7 @@ def no_fault_odds(n_jets: int) -> Odds:
 
 
 def hypothesis_report_row(declarations: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
-    """Makes the log row `HYPOTHESIS_REPORT` of a sample from its declarations and fault probabilities.
-
-    Args:
-        history: None: the likeliest history is the one that was reported.
-    """
+    """Makes the log row `HYPOTHESIS_REPORT` of a sample from its declarations and fault probabilities."""
     row: dict[str, Any] = {"fault_probability": odds.jets, "fault_mode": odds.modes}
     row |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
     row |= {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
@@ -184,11 +180,7 @@ def declaration_row(declarations: tuple[Declaration, ...], n_jets: int) -> Any:
 
 
 def jets_by_declaration(group_bits: Array, ranks: Array) -> list[list[int]]:
-    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first.
-
-    Args:
-        group_bits, ranks: as logged at the sample, shape (n_jets,) each.
-    """
+    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first."""
     bits = group_bits.astype(np.int64)
     order = np.argsort(ranks, kind="stable")
     return [order[bits[order] >> number & 1 > 0].tolist() for number in range(int(bits.max()).bit_length())]

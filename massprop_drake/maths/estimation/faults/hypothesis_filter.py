@@ -72,7 +72,7 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
     """Advances the fault hypotheses by a sample; returns new state, declarations and log rows as a judgment.
 
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     joint = params.joint
     search, outcomes = _advance_start_search(state.search, evidence, params)

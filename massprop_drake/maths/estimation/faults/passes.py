@@ -82,9 +82,7 @@ def begin_fit(
     """Makes a Gauss-Newton fit of the initialization's samples under a fault hypothesis, its first pass begun.
 
     Args:
-        proposal: see `PassFit`.
-        log_prior: see `PassFit`.
-        linearization_point: x* but for the failed jet's force, which is what the contender has, shape (size,).
+        linearization_point: x*, of which the proposal replaces the failed jets' forces, shape (size,).
         entry_state: state before the first kept sample.
     """
     linearization_point, cause = linearization_point.copy(), proposal.cause
@@ -104,7 +102,7 @@ def begin_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> Pa
 
 
 def linearization_point(state: JointState, entry_state: JointState, params: JointParams) -> Array:
-    """Returns the next linearization point x*: a state's estimate, failed jets' forces as at entry, shape (size,).
+    """Returns the next linearization point x*: a state's estimate, failed jets' forces of `entry_state`, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -153,7 +151,7 @@ def _filter_sample(fit: PassFit, kept_sample: Kept, params: JointParams) -> tupl
 
 
 def end_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> PassFit:
-    """Ends a pass over all samples: returns the fit marked as arrived, or with another pass begun."""
+    """Ends a Gauss-Newton pass over all samples: returns the fit marked as ended, or with another pass begun."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays = is_pass_converged(fit.state, fit.about, params.places)
     if wanders or fit.passes >= MOST or (stays and _cause_by_force(fit, params) == fit.contender.cause):

@@ -63,7 +63,7 @@ class Priors(NamedTuple):
         return cls(*(getattr(faults, name) for name in cls._fields))
 
     def doubt(self, events_per_hour: float) -> float:
-        """Returns the probability of error at which an event of some prior rate is declared, at most 0.5."""
+        """Returns the accepted probability of a false declaration of events with a given prior rate, at most 0.5."""
         return min(self.false_per_hour / events_per_hour, 0.5)
 
 
@@ -83,7 +83,7 @@ class Params(NamedTuple):
 
 
 def log_event_probability(events_per_hour: float, duration_s: float) -> float:
-    """Computes the log prior probability of an event, its rate per hour times some seconds, nats."""
+    """Computes the log prior probability of an event within a duration, nats."""
     return math.log(events_per_hour * duration_s / _HOUR_S)
 
 
@@ -95,7 +95,7 @@ def log_failure_probability(force: float, thrust: float, duration_s: float, prio
     Args:
         force, thrust: f and T, lbf or N.
         duration_s: within which it fails.
-        is_loss: whether the force is missing, and not too much.
+        is_loss: whether the force is missing thrust, else excess thrust.
     """
     known = force_correction(force, _FAIRLY * force, thrust, priors, is_loss=is_loss)
     return log_event_probability(priors.jet_per_hour, duration_s) + known
@@ -109,13 +109,13 @@ def log_jump_probability(duration_s: float, priors: Priors) -> float:
 def force_correction(
     force: float, sigma: float, thrust: float, priors: Priors, *, is_loss: bool, old_force: float | None = None
 ) -> float:
-    """Computes the log of the mean ratio p(f) / N(f; opened, T^2) of a force's priors over its posterior, nats.
+    """Computes the log ratio of a force's prior to a filter's N(old_force, T^2), averaged over its posterior, nats.
 
     Args:
         force, sigma: of the posterior, lbf or N.
         thrust: T.
-        is_loss: whether the force is missing, and not too much.
-        old_force: the force before it changed; a third of changes is to nothing, a third to full thrust. None: it is new.
+        is_loss: whether the force is missing thrust, else excess thrust.
+        old_force: before it changed, a third of all changes to nothing, a third to full thrust; None: it is new.
     """
     shares = (force + sigma * _NODES) / thrust
     opened_at = 0.0 if old_force is None else old_force / thrust
@@ -150,13 +150,13 @@ def _log_normal_cdf(z: float) -> float:
 
 
 def _peak_ratio(peak: float, opening_mean: float, mean: float, sigma: float) -> float:
-    """Computes the mean of N(f; at, s^2) / N(f; opened, 1) over N(share, width^2), denominator at the joint peak."""
+    """Computes the mean of N(f; peak, s^2) / N(f; opening_mean, 1) over N(mean, sigma^2), about the joint peak."""
     spread = math.hypot(sigma, _FULL_SPREAD)
     there = (mean * _FULL_SPREAD**2 + peak * sigma**2) / spread**2
     return math.exp(-0.5 * ((mean - peak) / spread) ** 2 + 0.5 * (there - opening_mean) ** 2) / spread
 
 
 def _mean_ratio(density: Array, log_reference: Array) -> float:
-    """Computes the mean of density / exp(opened) over the posterior, by quadrature; arguments at its nodes."""
+    """Computes the mean of density / exp(log_reference) over a posterior by quadrature, both given at its nodes."""
     weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
     return float(np.sum(weights * density * np.exp(np.where(possible, -log_reference, 0.0))))

@@ -103,7 +103,6 @@ def draw_proposals(
 
     Args:
         cycle: number of the newest sample.
-        hypotheses: all hypotheses that there are.
     """
     alarm: Alarm = parent.alarm
     since = parent.watch.records[-1].score.without(alarm.scores[0])
@@ -134,10 +133,8 @@ def rank_proposals(
     """Ranks an alarm's jet-fault proposals to first order; returns those to replay, and the rest's sum or None.
 
     Args:
-        parent: hypothesis of which they are children.
         log_weight: log weight that a lead of zero stands for.
-        hypotheses: all hypotheses that there are.
-        error: share of a lead by which the first order may be off.
+        error: of first-order leads, relative.
     """
     joint = params.joint
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
@@ -319,7 +316,7 @@ def _make_children(
 def _make_child(
     parent: Hypothesis, proposal: Contender, log_prior: float, alarm: Alarm, span: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes a proposal's hypothesis at an onset; ``span``: index in the test, its cycle, and cycles in its span."""
+    """Makes a proposal's hypothesis at an onset; `span`: its index in the test, cycle, and cycles it stands for."""
     place, onset, apart = span
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in proposal.kicks)
@@ -411,8 +408,6 @@ def _propose_disturbances(
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
     s << 1, and s of it for s >> 1 (Kalata 1984, the tracking index).
-
-    Args: as of `_propose_component_faults`.
     """
     joint, seconds = params.joint, parent.watch.records[-1].link.duration_s
     unit = np.sqrt(np.sum(joint.unstated**2, axis=1)) * seconds / reading_sigmas(joint)

@@ -81,11 +81,8 @@ def advance_review(
 ) -> Review:
     """Advances the test of alternatives to a hypothesis's newest event by one sample.
 
-    Args:
-        interval: the cycle of any filter that is near.
-
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     run = review.run
     before, likelihood = prepare_cycle(
@@ -114,11 +111,7 @@ def is_force_significant(review: Review, hypothesis: Hypothesis, params: JointPa
 def draw_alternatives(
     review: Review, hypothesis: Hypothesis, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None.
-
-    Args:
-        hypotheses: all hypotheses that there are.
-    """
+    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None."""
     origin: Origin = hypothesis.origin
     if hypothesis.weight > max(other.weight for other in hypotheses) - _NEAR:
         review = review._replace(calm=(review.run.score.likelihood, review.screen.misfit))

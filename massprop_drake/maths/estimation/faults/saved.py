@@ -89,7 +89,7 @@ class _Reader:
         """Reads the next list of numbers, stored after its count."""
         return tuple(self.take(self.count()).tolist())
 
-    def whole(self, minimum: int, maximum: int) -> tuple[int, ...]:
+    def integers(self, minimum: int, maximum: int) -> tuple[int, ...]:
         """Reads the next list of integers within bounds, stored after its count."""
         return tuple(self.index(minimum, maximum) for _ in range(self.count()))
 
@@ -109,7 +109,7 @@ class _Reader:
     def cause(self) -> Cause:
         """Reads the next cause of a fault; raises ValueError for an impossible one."""
         kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
-        jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
+        jets, signs, on_top = self.integers(0, self._places.jets - 1), self.integers(-1, 1), self.integers(0, 1)
         if not len(jets) == len(signs) == len(on_top) or 0 in signs:
             raise ValueError(f"{_NAME}: a failure must be of a jet, too much or too little")
         return Cause(kind, jets, signs, on_top, component)
@@ -177,7 +177,7 @@ def unpack_tree(vector: Array, layout: Places) -> tuple[Tree, Verdicts]:
     )
     groups = []
     for _ in range(reader.count()):
-        flat = reader.whole(-1, layout.jets - 1)
+        flat = reader.integers(-1, layout.jets - 1)
         if len(flat) % 2:
             raise ValueError(f"{_NAME}: a group must be of jets and signs")
         groups.append(frozenset(zip(flat[::2], flat[1::2], strict=True)))
@@ -192,7 +192,7 @@ def _read_hypothesis(reader: _Reader, cycle: int, layout: Places) -> Hypothesis:
     prior, push, weight = reader.take(3).tolist()
     onset, now, lying = reader.index(0, cycle), reader.index(cycle, cycle), reader.index(0, 1)
     share, lie = reader.take(2).tolist()
-    jumped, score, decided = reader.number(), reader.score(), frozenset(reader.whole(0, layout.jets - 1))
+    jumped, score, decided = reader.number(), reader.score(), frozenset(reader.integers(0, layout.jets - 1))
     opened_at, walks = reader.take(layout.n_force), reader.take(layout.n_force)
     state, earlier = reader.state(), reader.state()
     if state is None:

@@ -56,8 +56,7 @@ def begin_screening(
     """Begins a first-order test of all jets for failures at onsets among the kept samples.
 
     Args:
-        entry_state: see `Screening`.
-        linearization_point: see `Screening`.
+        entry_state, linearization_point: see `entry` and `about` of `Screening`.
         onset_window: onset about which it looks, and samples between onsets; None: it looks everywhere.
     """
     count, first = len(samples), samples[0].sample

@@ -130,9 +130,6 @@ def advance_search(
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Keeps a sample of the initialization, and advances the search for faults once readings contradict it.
 
-    Args:
-        state: the filter's state before it.
-
     Returns:
         The search, and once passes have gone over all samples, the hypotheses within 30 nats of the likeliest, which
         comes first; keeping then begins anew.
@@ -247,7 +244,7 @@ def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors,
 
 
 def _tried_key(proposal: Contender, cause_only: bool) -> object:
-    """Returns the key of a jet failure among those fitted already: cause and onset, or if `cause_only` the cause alone."""
+    """Returns the key by which a fitted jet failure is found again: its cause and onset, or the cause alone."""
     return proposal.cause.key if cause_only else (proposal.cause.key, proposal.onset)
 
 

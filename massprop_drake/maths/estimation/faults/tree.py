@@ -84,7 +84,7 @@ class Tree(NamedTuple):
 
     @property
     def leader(self) -> Hypothesis:
-        """Likeliest hypothesis."""
+        """Likeliest hypothesis of the tree."""
         return self.hypotheses[0]
 
     def next_state(self, params: Params) -> JointState:
@@ -125,11 +125,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
 
 
 def tree_from_search(outcomes: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
-    """Makes the tree of fault hypotheses from the outcomes of a search over the initialization.
-
-    Args:
-        tree: before the newest sample.
-    """
+    """Makes the tree of fault hypotheses from the outcomes of a search over the initialization."""
     cycle = tree.cycle + 1
     hypotheses = []
     for outcome in outcomes:
@@ -274,7 +270,7 @@ def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
 
 
 def _is_draw_due(age: int, last_draw_age: int) -> bool:
-    """Tests whether a draw is due at an age, given the age of the last, in cycles: one at 0, 1, 2, 4, 8 ..."""
+    """Tests whether proposals are due to be drawn, at ages of 0, 1, 2, 4, 8 ... cycles, given the last draw's."""
     return age >= 0 and (1 << age.bit_length()) >> 1 > last_draw_age
 
 
@@ -466,7 +462,7 @@ def _detach_reference(proposal: Birth, tree: Tree) -> Birth | None:
 
 
 def _record_history(tree: Tree, previous_leader: Hypothesis) -> Tree:
-    """Records onset and score of the likeliest history where its events differ from those before the sample."""
+    """Records onset and score of the likeliest history where its events differ from the previous leader's."""
     known, now = previous_leader.events, tree.leader.events
     if now == known:
         return tree

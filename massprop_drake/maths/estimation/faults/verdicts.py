@@ -174,7 +174,7 @@ def pending_probability(event_key: Part | frozenset[Way], tree: Tree) -> float:
     """Bounds, to first order, the probability of pending proposals that lack an event about to be declared.
 
     Args:
-        event_key: a part; or jets, of which one is enough.
+        event_key: an event; or jet failures, of which one is enough.
     """
     total, leads = _waiting_odds(tree, lambda child: not _has_event(event_key, child)), relative_log_weights(tree)
     for each in hypotheses_with_draws(tree):

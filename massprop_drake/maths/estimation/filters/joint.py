@@ -330,7 +330,7 @@ def _measure_attitudes(
 ) -> tuple[Array, Array]:
     """Returns tracker readings, shape (n_trackers, 3), and the reference attitude at both ends, shape (2, 4).
 
-    `elapsed` is the interval since the cycle before; `readings` are readings of the gyros, and quaternions that trackers read.
+    `readings` are of the gyros, and quaternions of the trackers.
     """
     rates, quaternions = readings
     if params.places.trackers == 0:

@@ -19,7 +19,7 @@ def _scale_to_three_components(nis: float, degrees: float) -> float:
 
 @kernel
 def rotation_report(estimate: Array, covariance: Array, report: Report, n_gyro: int) -> RotationReport:
-    """Makes the log row of rotation: estimate, 1-sigma and NIS; gyros counts their components."""
+    """Makes the log row of rotation: estimate, 1-sigma and NIS, with the number of gyro components (three a gyro)."""
     used = report.used[:n_gyro]
     return RotationReport(
         estimate[:N_ROTATION],

@@ -312,7 +312,7 @@ def _test_jump(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Tests for a jump of 1/m after an update of share kappa^T lambda, corrects one, and updates in time (3-82)."""
+    """Tests for a jump of 1/m after an update of gain kappa^T lambda, corrects one, and updates in time (3-82)."""
     jumped = False
     reciprocal, variance, window = state.mass_reciprocal, state.variance, state.window
     if params.jump_threshold < math.inf and adaptation.action == Action.NONE:
@@ -360,7 +360,6 @@ def _repeat_update(
     """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
-        first_update: the first update.
         update_inputs: state, sample, innovation, and noises: corrected, as measured, and what gains have besides.
         sensitivity, thrust_errors, effects: of that state, the sample and the innovation.
     """
@@ -391,7 +390,7 @@ def _joseph_update(
 
 @kernel
 def _cross_covariance(independent_part: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the covariance of 1/m with the innovation from its first term, shape (3,)."""
+    """Computes the covariance of 1/m with the innovation from its part independent of thrust errors, shape (3,)."""
     if effects is None or sensitivity is None:
         return independent_part
     return independent_part + effects @ sensitivity
@@ -557,7 +556,7 @@ def finish_one(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Runs `finish` with one measurement; the interval's flags are usable and firing."""
+    """Updates the mass filter by one measurement if its interval is usable and firing, and in time."""
     sample, innovation = measurement
     usable, firing = usable_and_firing
     there = not math.isnan(innovation.nis)

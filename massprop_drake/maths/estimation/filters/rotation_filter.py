@@ -294,7 +294,7 @@ def _joseph_update(
 
 @kernel
 def _cross_covariance(independent_part: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its first term, shape (9, 3)."""
+    """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its independent part, shape (9, 3)."""
     if effects is None or sensitivity is None:
         return independent_part
     return independent_part + sensitivity @ effects.T
@@ -374,8 +374,7 @@ def _repeat_update(
     """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
-        first_update: the first update.
-        update_inputs: state, innovation and noises that it was made with: corrected, as measured, and what gains have besides.
+        update_inputs: state, innovation, and noises: corrected, as measured, and what gains have besides.
         jacobian: H.
         sensitivity, thrust_errors: of that state, and of the sample.
     """
@@ -542,7 +541,7 @@ def finish_one(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Runs `finish` with one gyro's, or one combined, measurement."""
+    """Updates the rotation filter by one gyro's, or one combined, measurement if usable and firing, and in time."""
     sample, innovation = measurement
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_propagate(state, params), False, False)

@@ -290,8 +290,6 @@ def _add_error_coupling(
 
     Args:
         covariances: of the parameters, and of innovations with them.
-        rotation_sensitivity, translation_sensitivity: sensitivities of both filters.
-        translation_effects, rotation_effects: effects on both innovations.
     """
     if rotation_sensitivity is None or translation_sensitivity is None:
         return
@@ -419,8 +417,6 @@ def rotation_start(
     """Returns the initial state of the rotation filter, and its memory without readings.
 
     Args:
-        estimate, covariance: shapes (9,) and (9, 9).
-        params: for the number of gyros.
         n_errors: number of jets whose thrust errors are considered.
     """
     sensitivity = np.zeros((N_ROTATION, n_errors)) if n_errors else None
