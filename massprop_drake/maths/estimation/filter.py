@@ -304,11 +304,7 @@ def publish_own_state(step: FilterStep, _state: Any, _params: Any) -> FilterStep
 
 
 def replace_estimates(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
-    """Returns a filter step with the estimates in its log rows replaced; the innovations stay.
-
-    Args:
-        estimate, covariance: of the ten parameters, shapes (10,) and (10, 10).
-    """
+    """Returns a filter step with the estimates in its log rows replaced; the innovations stay."""
     n_rotation = step.rotation.estimate.shape[0]
     rotation = step.rotation._replace(
         estimate=estimate[:n_rotation], standard_deviation=np.sqrt(covariance.diagonal())[:n_rotation]

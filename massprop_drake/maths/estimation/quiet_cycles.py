@@ -73,11 +73,7 @@ class Quiet:
     def begin(
         self, samples: Samples, stamps_s: Array, tracked: tuple[Array | None, Array | None], rows: JointRows
     ) -> None:
-        """Sets the samples that compiled cycles take, and the log rows that they fill in.
-
-        Args:
-            tracked: readings and onsets, see `make_extra_readings`.
-        """
+        """Sets samples, with tracked readings and onsets, that compiled cycles take, and log rows that they fill in."""
         self._samples, self._besides = samples, make_extra_readings(samples.time_s.size, self._places, *tracked)
         desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
         self._desk = make_shared_holder(desk, self._compiled)

@@ -177,11 +177,7 @@ def run_cycle(state: EstimationState, block: ThesisBlock, row: int, params: Whol
 def step_cycle(
     state: EstimationState, samples: Samples, sample_index: int, log_target: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
-    """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state.
-
-    Args:
-        log_target: rows, and which of them is filled in.
-    """
+    """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state."""
     filters, command = state.filter, samples.commands[sample_index].copy()  # rows may be written to again
     rates, velocities = samples.rates[sample_index].copy(), samples.velocities[sample_index].copy()
     # measure

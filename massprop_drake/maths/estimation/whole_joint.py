@@ -106,11 +106,7 @@ def run_part(part: int, arguments: Any, bank_arguments: Any, memory: Any, buffer
 
 @kernel
 def run_quiet_cycles(memory: Any, buffers: JointDesk, params: JointParams) -> None:
-    """Runs cycles up to a row or the first alarm or event, whose cycle is discarded; memory is updated in place.
-
-    Args:
-        memory: holder of a `JointMemory`.
-    """
+    """Runs cycles up to a row or the first alarm or event, whose cycle is discarded; updates the holder `memory`."""
     reached = buffers.reached
     while reached[0] < reached[1]:
         after, on = _run_quiet_cycle(memory.value, buffers, reached[0], params)

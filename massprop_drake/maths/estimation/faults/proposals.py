@@ -99,11 +99,7 @@ class Origin(NamedTuple):
 def draw_proposals(
     parent: Hypothesis, cycle: int, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[list[Birth], Rest | None]:
-    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None.
-
-    Args:
-        cycle: number of the newest sample.
-    """
+    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None."""
     alarm: Alarm = parent.alarm
     since = parent.watch.records[-1].score.without(alarm.scores[0])
     explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
