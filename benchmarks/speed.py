@@ -192,7 +192,7 @@ def joint_cycles() -> list[dict[str, Any]]:
             Loop(scenario).advance(1.0)  # compiles
             gc.collect()  # what the compiler has left behind is not of the flight
             run = Loop(scenario)
-            run._known = timed = _Timed(run._known)  # type: ignore[assignment]
+            run._cycles = timed = _Timed(run._cycles)  # type: ignore[assignment]
             run.advance(scenario.duration_s)
             each_ms = [1e3 * spent for spent in timed.each_s]
             rows.append({"case": name, "way": way, "mean": statistics.mean(each_ms), "longest": max(each_ms)})

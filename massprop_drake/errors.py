@@ -23,7 +23,7 @@ class InputError(ValueError):
 
 
 def in_words(error: BaseException) -> str:
-    """Describes in a line what went wrong."""
+    """Describes an error in one line, for messages."""
     if isinstance(error, InputError):
         return str(error)
     if not isinstance(error, Exception):
@@ -39,7 +39,7 @@ def require_text(name: str) -> None:
     """
     if "\0" in name:
         raise InputError(f"{name}: has the character NUL, which no file's name has")
-    if any("\ud800" <= one <= "\udfff" for one in name):
+    if any("\ud800" <= character <= "\udfff" for character in name):
         raise InputError(f"{name}: has bytes that are no text in this system's encoding; rename what is named so")
 
 
@@ -49,7 +49,7 @@ def moment(time_s: float) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """Formats a number of things, in words."""
+    """Formats a count with its noun, plural but for one, such as "3 jets"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -64,7 +64,7 @@ def suggestion(word: object, known: Iterable[str]) -> str:
 
 
 def dotted(path: tuple[str | int, ...]) -> str:
-    """Formats the path of a field as people write it: jets[3].direction."""
+    """Formats the path of a field in an input file, such as jets[3].direction."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
@@ -72,18 +72,19 @@ def dotted(path: tuple[str | int, ...]) -> str:
 
 
 @contextlib.contextmanager
-def logged_by_drake() -> Iterator[list[str]]:
+def collect_drake_warnings() -> Iterator[list[str]]:
     """Collects the warnings that Drake logs, in place of its lines on the error stream."""
-    found: list[str] = []
+    messages: list[str] = []
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            found.append(record.getMessage())
+            """Stores the message of a log record."""
+            messages.append(record.getMessage())
 
     log = logging.getLogger("drake")
     handlers, propagates = log.handlers, log.propagate
     log.handlers, log.propagate = [Collector(logging.WARNING)], False
     try:
-        yield found
+        yield messages
     finally:
         log.handlers, log.propagate = handlers, propagates

@@ -159,7 +159,7 @@ def foretell(
     case = sources.load_recovered_scenario(scenario, overrides or [])
     found = forecast.foretell(case, nominal=nominal, share=leak, since_s=since)
     if as_json:
-        show.print_json(forecast.as_data(found))
+        show.print_json(forecast.forecast_to_json(found))
     else:
         show.print_forecast(found, case.vehicle_data)
 

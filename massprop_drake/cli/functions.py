@@ -17,7 +17,7 @@ from typing import Any
 
 import massprop_drake
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError, logged_by_drake, suggestion
+from massprop_drake.errors import InputError, collect_drake_warnings, suggestion
 
 _OURS = str(Path(massprop_drake.__file__).parent)
 
@@ -38,7 +38,7 @@ def guard_user_code(target: str) -> Iterator[None]:
     Raises:
         InputError: with the error's own words, file and line.
     """
-    with logged_by_drake() as logged:
+    with collect_drake_warnings() as logged:
         try:
             with contextlib.redirect_stdout(sys.stderr):
                 yield

@@ -11,7 +11,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from massprop_drake.errors import logged_by_drake
+from massprop_drake.errors import collect_drake_warnings
 from massprop_drake.inputs.model_file import model_joints, model_kind
 from massprop_drake.inputs.true_blocks import MultibodyBlock
 
@@ -35,7 +35,7 @@ class Links:
         self._graph = SceneGraph()
         self._plant = MultibodyPlant(0.0)
         self._plant.RegisterAsSourceForSceneGraph(self._graph)
-        with logged_by_drake():  # of what is not drawn
+        with collect_drake_warnings():  # of what is not drawn
             Parser(self._plant).AddModelsFromString(block.model, model_kind(block.model))
             self._plant.Finalize()
         self._context = self._plant.CreateDefaultContext()
@@ -52,7 +52,7 @@ class Links:
     def draw(self, meshcat: Meshcat, path: str) -> None:
         """Draws the bodies' visual geometries below a Meshcat path, `<path>/<number>` each."""
         inspector = self._graph.model_inspector()
-        with logged_by_drake():
+        with collect_drake_warnings():
             for number, link in enumerate(self._links):
                 for place, geometry in enumerate(self._plant.GetVisualGeometriesForBody(link)):
                     below = f"{path}/{number}/{place}"

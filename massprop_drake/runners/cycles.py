@@ -49,7 +49,7 @@ class Cycles(Protocol):
 
     Attributes:
         spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
-        asked: what the detector has others do after the last cycle, written in place.
+        asked: requests of the detector after the last cycle, written in place.
     """
 
     spent_s: dict[str, float]
@@ -61,14 +61,14 @@ class Cycles(Protocol):
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Sets the rows of a record to estimate from, and the log that the cycles write into."""
 
-    def advance(self, until: int) -> None:
+    def advance(self, end_row: int) -> None:
         """Runs and logs the cycles of all rows that are not done yet and come before a row."""
 
     @property
     def done(self) -> int:
         """Number of rows whose cycles are complete, also after an error."""
 
-    def known(self) -> tuple[Array, Array]:
+    def estimate_and_covariance(self) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
 
 
@@ -76,17 +76,17 @@ class SteppedCycles:
     """Cycles by `cycle.step`, with any filter and detector, see `Cycles`.
 
     Args:
-        made: parameters of the cycle.
+        params: parameters of the cycle.
         state: to begin with.
     """
 
-    def __init__(self, made: EstimationParams, state: EstimationState):
+    def __init__(self, params: EstimationParams, state: EstimationState):
         self._stopwatch = Stopwatch()
         self.spent_s = self._stopwatch.spent_s
         self.spent_s.update(dict.fromkeys((ESTIMATORS, DETECTOR), 0.0))
         self.asked = whole.empty_requests(state.level.size)
-        self._params, self._state = made, state
-        self._done: EstimationStep | None = None
+        self._params, self._state = params, state
+        self._last_step: EstimationStep | None = None
         self._next = 0
 
     def state(self) -> EstimationState:
@@ -97,9 +97,9 @@ class SteppedCycles:
         """Sets the rows of a record to estimate from, and the log that the cycles write into."""
         self._record, self._log, self._next = record, log, 0
 
-    def advance(self, until: int) -> None:
+    def advance(self, end_row: int) -> None:
         """Runs and logs the cycles of all rows that are not done yet and come before a row."""
-        for row in range(self._next, until):
+        for row in range(self._next, end_row):
             self._run_cycle(row_sample(self._record, row), row)
             self._next = row + 1
 
@@ -109,51 +109,51 @@ class SteppedCycles:
         return self._next
 
     def _run_cycle(self, sample: Sample, row: int) -> None:
-        """Runs the cycle of a row by `cycle.step`, logs it, and stores the detector's requests to the vehicle."""
-        before = self._state.detector
+        """Runs the estimation cycle of a row by `cycle.step`, logs it, and stores the detector's requests."""
+        detector_before = self._state.detector
         try:
             with self._stopwatch:
-                done = cycle.step(self._state, sample, self._params, time_call)
+                step = cycle.step(self._state, sample, self._params, time_call)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, ESTIMATOR) from None
-        self._log.put(row, done, before)
-        self._state, self._done = done.state, done
-        if done.judgment is not None:
-            after = done.judgment.state
-            declared = done.judgment.status.detector_event == Verdict.DECLARED
-            for place, value in zip(self.asked, (declared, after.force, after.removed, after.closed), strict=True):
-                place[:] = value
+        self._log.put(row, step, detector_before)
+        self._state, self._last_step = step.state, step
+        if step.judgment is not None:
+            after = step.judgment.state
+            declared = step.judgment.status.detector_event == Verdict.DECLARED
+            for part, value in zip(self.asked, (declared, after.force, after.removed, after.closed), strict=True):
+                part[:] = value
 
-    def known(self) -> tuple[Array, Array]:
+    def estimate_and_covariance(self) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
-        published = None if self._done is None else self._done.filtered.known
+        published = None if self._last_step is None else self._last_step.filtered.known
         return published or cycle.estimate_and_covariance(self._state, self._params)
 
 
 def row_sample(record: RecordRows, row: int) -> Sample:
     """Returns the sample in a row of a record: time, readings, commands and outside wrench."""
-    time_s, rates, velocities, command, outside = (part[row] for part in record.samples)
-    stamp_s, coming, tracked = (
+    time_s, rates, velocities, command, outside_wrench = (part[row] for part in record.samples)
+    stamp_s, next_command, tracked = (
         None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
     )
-    stamped = None if stamp_s is None else float(stamp_s)
+    stamp = None if stamp_s is None else float(stamp_s)
     onsets_s = (None, None) if record.onsets_s is None else record.onsets_s[row : row + 2]
-    return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked, *onsets_s)
+    return Sample(float(time_s), rates, velocities, command, outside_wrench, stamp, next_command, tracked, *onsets_s)
 
 
 class JointKernelCycles(SteppedCycles):
     """Cycles by the kernel of `maths.estimation.whole_joint`, and by `cycle.step` where something happens.
 
     Args:
-        made: parameters of the cycle.
+        params: parameters of the cycle.
         state: to begin with.
         compiled: whether the kernel is.
     """
 
-    def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
-        super().__init__(made, state)
-        self._kernel, self._opens_within = quiet_cycles.Quiet(made, compiled=compiled), False
-        self._own_times = made.filter_params.joint.rates.period_s > 0.0
+    def __init__(self, params: EstimationParams, state: EstimationState, *, compiled: bool):
+        super().__init__(params, state)
+        self._kernel, self._opens_within = quiet_cycles.Quiet(params, compiled=compiled), False
+        self._own_times = params.filter_params.joint.rates.period_s > 0.0
         self._kernel.take_up(state)
 
     def state(self) -> EstimationState:
@@ -174,31 +174,35 @@ class JointKernelCycles(SteppedCycles):
         onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
         self._kernel.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
-    def advance(self, until: int) -> None:
+    def advance(self, end_row: int) -> None:
         """Runs and logs the cycles of all rows that are not done yet and come before a row."""
-        while self._next < until:
+        while self._next < end_row:
             if self._kernel.on:
-                self._advance_by_kernel(until)
+                self._advance_by_kernel(end_row)
                 continue
             self._run_cycle(row_sample(self._record, self._next), self._next)
             self._next += 1
             if not self._opens_within:
                 self._kernel.take_up(self._state)
 
-    def _advance_by_kernel(self, until: int) -> None:
+    def _advance_by_kernel(self, end_row: int) -> None:
         """Runs cycles by the kernel up to a row, or to the first row that needs `cycle.step`."""
         began = time.perf_counter()
-        reached = self._kernel.advance(self._next, until)
+        reached = self._kernel.advance(self._next, end_row)
         if reached > self._next:
-            self._done, self.asked.declared[:] = None, 0.0
+            self._last_step, self.asked.declared[:] = None, 0.0
         if not self._kernel.on:
             self._state = self._kernel.state()
         self._next = reached
         self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
-    def known(self) -> tuple[Array, Array]:
+    def estimate_and_covariance(self) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
-        return super().known() if self._done is not None else cycle.estimate_and_covariance(self.state(), self._params)
+        return (
+            super().estimate_and_covariance()
+            if self._last_step is not None
+            else cycle.estimate_and_covariance(self.state(), self._params)
+        )
 
 
 def _require_writable(samples: Samples) -> Samples:
@@ -210,7 +214,7 @@ class ThesisKernelCycles:
     """Cycles by the kernel of `maths.estimation.whole`, where it covers them, see `Cycles`.
 
     Args:
-        made: parameters of the cycle.
+        params: parameters of the cycle.
         state: to begin with.
         compiled: whether the kernel is.
 
@@ -219,17 +223,18 @@ class ThesisKernelCycles:
             cycles itself, see `mark_done`.
     """
 
-    def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
+    def __init__(self, params: EstimationParams, state: EstimationState, *, compiled: bool):
         self.spent_s = {ESTIMATORS: 0.0}
         self.asked = whole.empty_requests(state.level.size)
-        self._params, self._compiled = made, compiled
+        self._params, self._compiled = params, compiled
         self._advance = compile_kernel_if(whole.advance, compiled)
-        self.given, self.holder = whole.kernel_params(made), make_holder(state, compiled)
+        self.given, self.holder = whole.kernel_params(params), make_holder(state, compiled)
         self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._shared: Any = None  # the rows
 
     @cached_property
     def _params_holder(self) -> Any:
+        """Holder of the kernel's parameters, made at the first cycle."""
         return make_holder(self.given, self._compiled)
 
     def state(self) -> EstimationState:
@@ -247,10 +252,10 @@ class ThesisKernelCycles:
         self._shared = None
         self._times_s, self._next = samples.time_s, 0
 
-    def advance(self, until: int) -> None:
+    def advance(self, end_row: int) -> None:
         """Runs and logs the cycles of all rows that are not done yet and come before a row."""
         reached = self._reached
-        reached[:] = self._next, until
+        reached[:] = self._next, end_row
         began = time.perf_counter()
         if self._shared is None:
             self._shared = make_shared_holder(self.block, self._compiled)
@@ -267,15 +272,15 @@ class ThesisKernelCycles:
         """Number of rows whose cycles are complete, also after an error."""
         return self._next
 
-    def mark_done(self, until: int) -> None:
+    def mark_done(self, end_row: int) -> None:
         """Sets the number of rows whose cycles are complete, where another kernel has run them."""
-        self._next = until
+        self._next = end_row
 
     def restart(self) -> None:
         """Resets to the first row, so that its cycle runs again on a replaced sample."""
         self._next = 0
 
-    def known(self) -> tuple[Array, Array]:
+    def estimate_and_covariance(self) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the last cycle, shapes (10,) and (10, 10)."""
         return cycle.estimate_and_covariance(self.state(), self._params)
 
@@ -284,21 +289,22 @@ class IdleCycles(SteppedCycles):
     """Cycles without estimation, for a flight of which only states, commands and readings are wanted, see `Cycles`."""
 
     def _run_cycle(self, _: Sample, row: int) -> None:
+        """Fills a row of the log with NaN, without estimation."""
         for rows in self._log.rows.values():  # nothing is known
             rows[row] = np.nan
 
 
-def make_cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
+def make_cycles(scenario: Scenario, params: EstimationParams, state: EstimationState | None = None) -> Cycles:
     """Returns the estimation for a scenario's filter and detector: in one kernel if it covers them, or stepwise.
 
     Args:
         scenario: for its `execution`.
-        made: parameters of the cycle.
+        params: parameters of the cycle.
         state: to begin with; None: from the start.
     """
-    begin = cycle.initial_state(made) if state is None else state
-    if whole.covers(made):
-        return ThesisKernelCycles(made, begin, compiled=scenario.execution.compiled)
-    if quiet_cycles.covers(made):
-        return JointKernelCycles(made, begin, compiled=scenario.execution.compiled)
-    return SteppedCycles(made, begin)
+    start = cycle.initial_state(params) if state is None else state
+    if whole.covers(params):
+        return ThesisKernelCycles(params, start, compiled=scenario.execution.compiled)
+    if quiet_cycles.covers(params):
+        return JointKernelCycles(params, start, compiled=scenario.execution.compiled)
+    return SteppedCycles(params, start)

@@ -106,8 +106,8 @@ class DrakeEngine:
         """Builds the Drake diagram to simulate, with one vector log of all output ports that a run stores."""
         builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
         if builder is not diagram:
-            whole = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
-            builder.AddNamedSystem(whole.get_name() or "diagram", whole)
+            inner = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
+            builder.AddNamedSystem(inner.get_name() or "diagram", inner)
         self._systems = builder.GetSystems()
         self._estimation = self._find_system(lambda system: isinstance(system, MassPropertyEstimator))
         _require_period(self._estimation, scenario)
@@ -116,14 +116,14 @@ class DrakeEngine:
         )
         ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
         for port in log:
-            found = self._vector_port("log", port)
-            ports[_user_signal_name(found)] = found
+            vector_port = self._vector_port("log", port)
+            ports[_user_signal_name(vector_port)] = vector_port
         sizes = [port.size() for port in ports.values()]
-        side_by_side = builder.AddSystem(Multiplexer(sizes))
+        multiplexer = builder.AddSystem(Multiplexer(sizes))
         for place, port in enumerate(ports.values()):
-            builder.Connect(port, side_by_side.get_input_port(place))
+            builder.Connect(port, multiplexer.get_input_port(place))
         self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
-        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, scenario.vehicle_data.sample_period_s)
+        self._sink = LogVectorOutput(multiplexer.get_output_port(), builder, scenario.vehicle_data.sample_period_s)
         _require_names(self._systems)
         return builder.Build()
 
@@ -133,13 +133,13 @@ class DrakeEngine:
         count: int = self._sink.FindLog(self._root).num_samples()
         return count + (1 if self._waiting else 0)
 
-    def advance(self, reached_s: float) -> None:
+    def advance(self, until_s: float) -> None:
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
         with self._stopwatch:
             if not self._began:
                 self._simulator.Initialize()
                 self._began = True
-            self._simulator.AdvanceTo(reached_s)
+            self._simulator.AdvanceTo(until_s)
 
     def take_logs(self) -> dict[str, Array]:
         """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs.
@@ -160,22 +160,22 @@ class DrakeEngine:
                     f"truth: {name}: must be finite, but is not at t = {moment(times_s[unknown][0])} s; leave it out "
                     "where it is not known"
                 )
-        return self._with_commands({"time_s": times_s, **logs})
+        return self._add_commands({"time_s": times_s, **logs})
 
-    def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
+    def _add_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
         """Adds the command of the coming interval, that of the next row, where only the past one is logged."""
         if _HELD not in logs:
             return logs
         if self._waiting:
             logs = {name: np.concatenate([self._waiting[name], rows]) for name, rows in logs.items()}
-        beyond = np.full((1, self._n_jets), np.nan)
-        logs["command"] = np.vstack([logs[_HELD][1:], beyond])
-        kept = None if self._ended else -1
+        unknown_row = np.full((1, self._n_jets), np.nan)
+        logs["command"] = np.vstack([logs[_HELD][1:], unknown_row])
+        n_kept = None if self._ended else -1
         self._waiting = {} if self._ended else {name: rows[-1:] for name, rows in logs.items() if name != "command"}
-        return {name: rows[:kept] for name, rows in logs.items()}
+        return {name: rows[:n_kept] for name, rows in logs.items()}
 
-    def moment(self) -> Moment:
-        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
+    def snapshot(self) -> Moment:
+        """Returns true motion, thrusts, estimates, commands and readings of the last sample, for viewers."""
         unknown = np.full(self._n_jets, np.nan)
         removed = np.zeros(self._n_jets, dtype=bool)
         if "reconfiguration" in self._ports:
@@ -236,10 +236,10 @@ class DrakeEngine:
 
     # ------------------------------------------------------------------------------------- its ports
 
-    def _find_ports(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
+    def _find_ports(self, scenario: Scenario, sources: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """Maps names of all signals that a run stores, without true ones, to their output ports."""
-        seen = [sensor.name for sensor in true_params.simulated_non_inertial(scenario)]
-        wanted = (
+        non_inertial = [sensor.name for sensor in true_params.simulated_non_inertial(scenario)]
+        names = (
             "command",
             "command_onset",
             JOINTS,
@@ -248,13 +248,13 @@ class DrakeEngine:
             *ESTIMATION,
             *_UNLOGGED,
             *self._sensors,
-            *seen,
+            *non_inertial,
         )
-        found = {name: port for name in wanted if (port := self._find_port(name) or feeding.get(name)) is not None}
-        if self._find_port("command") is None and "jet_commands" in feeding:
+        found = {name: port for name in names if (port := self._find_port(name) or sources.get(name)) is not None}
+        if self._find_port("command") is None and "jet_commands" in sources:
             found.pop("command", None)
-            found[_HELD] = feeding["jet_commands"]
-        needed = (*_NEEDED, *self._sensors, *seen)
+            found[_HELD] = sources["jet_commands"]
+        needed = (*_NEEDED, *self._sensors, *non_inertial)
         missing = [name for name in needed if name not in found and not (name == "command" and _HELD in found)]
         if missing:
             raise InputError(
@@ -266,8 +266,8 @@ class DrakeEngine:
     def _find_truth_ports(self, truth: Truth | None) -> dict[str, OutputPort]:
         """Maps true signals to output ports: those of the user's table, else the bundled vehicle's; empty: none."""
         if truth is None:
-            there = {name: port for name in _BUNDLED_TRUTH if (port := self._find_port(name)) is not None}
-            return there if len(there) == len(_BUNDLED_TRUTH) else {}
+            ports = {name: port for name in _BUNDLED_TRUTH if (port := self._find_port(name)) is not None}
+            return ports if len(ports) == len(_BUNDLED_TRUTH) else {}
         if not isinstance(truth, Mapping):
             raise InputError(f"truth: must be a table such as {{'rate': port}}, got {type(truth).__name__}")
         return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_truth_name(name)}
@@ -286,7 +286,7 @@ class DrakeEngine:
             )
         return found
 
-    def _vector_port(self, what: str, port: OutputPort | str) -> OutputPort:
+    def _vector_port(self, label: str, port: OutputPort | str) -> OutputPort:
         """Returns the vector output port of a system in the diagram, from the port itself or its name.
 
         Raises:
@@ -294,21 +294,21 @@ class DrakeEngine:
         """
         found = self._find_port(port) if isinstance(port, str) else port
         if found is None:
-            raise InputError(f"{what}: the diagram has no output port '{port}'")
+            raise InputError(f"{label}: the diagram has no output port '{port}'")
         if not isinstance(found, OutputPort):
-            raise InputError(f"{what}: must be an output port or its name, got {found!r}")
+            raise InputError(f"{label}: must be an output port or its name, got {found!r}")
         if found.get_system() not in self._systems:
             raise InputError(
-                f"{what}: '{found.get_name()}' is a port of system '{found.get_system().get_name()}', which the "
+                f"{label}: '{found.get_name()}' is a port of system '{found.get_system().get_name()}', which the "
                 "builder does not have; give a port of one that it has, or of the diagram around it that exports it"
             )
         if found.get_data_type() != PortDataType.kVectorValued:
-            raise InputError(f"{what}: must be a port of numbers; '{found.get_name()}' has no vector")
+            raise InputError(f"{label}: must be a port of numbers; '{found.get_name()}' has no vector")
         return found
 
     def _find_port(self, name: str) -> OutputPort | None:
         """Returns the output port with a name, of the first system that has one; None where no system has."""
-        return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
+        return next((system.GetOutputPort(name) for system in self._systems if system.HasOutputPort(name)), None)
 
     def _evaluate_port(self, name: str) -> Array:
         """Evaluates the output port of a signal at the present simulated time, shape (size,)."""
@@ -317,12 +317,12 @@ class DrakeEngine:
             value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
         return value
 
-    def _find_system(self, is_it: Callable[[System], bool]) -> Any:
-        """Returns the first system, also in inner diagrams, for which a predicate is true; None where there is none."""
+    def _find_system(self, predicate: Callable[[System], bool]) -> Any:
+        """Returns the first system, inner diagrams included, that satisfies a predicate; None where there is none."""
         waiting = list(self._systems)
         while waiting:
             system = waiting.pop(0)
-            if is_it(system):
+            if predicate(system):
                 return system
             waiting += system.GetSystems() if isinstance(system, Diagram) else []
         return None
@@ -344,9 +344,9 @@ def _explain_diagram_errors(diagram: Any) -> Iterator[None]:
 def _require_names(systems: Sequence[System]) -> None:
     """Raises InputError where two systems have the same name, at which Drake would end the process."""
     names = [system.get_name() for system in systems]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"simulate: diagram: two of its systems are named '{twice}'; rename one")
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise InputError(f"simulate: diagram: two of its systems are named '{repeated}'; rename one")
 
 
 def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario) -> None:

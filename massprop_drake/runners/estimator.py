@@ -289,7 +289,7 @@ class Estimator:
         *,
         onsets_s: ArrayLike | None = None,
     ) -> EstimatorStep:
-        """Updates the estimates by the readings of one sample, and stores the commands that act from now on.
+        """Updates the estimates by the readings of one sample, and stores the commands of the interval that it begins.
 
         Where sensors have rates of their own (`rate_hz` of the vehicle's, or `estimation.readings_per_s`) there is a
         call whenever anything is read or commanded, with that alone.
@@ -342,10 +342,10 @@ class Estimator:
     ) -> tuple[Array, Array, float]:
         """Returns commands from now on and their onsets, s, shape (n_jets,) each, and the time of the commands, s."""
         if commands is not None:
-            coming = _copy_numbers(commands, self._command.shape, "commands")
-            if ((coming < 0.0) | (coming > 1.0)).any():
+            next_commands = _copy_numbers(commands, self._command.shape, "commands")
+            if ((next_commands < 0.0) | (next_commands > 1.0)).any():
                 raise ValueError("commands must be fractions from 0 to 1")
-            return coming, self._check_onsets(coming, onsets_s), time_s
+            return next_commands, self._check_onsets(next_commands, onsets_s), time_s
         if not self._own_times:
             raise ValueError("commands must be given with every sample; only with rate_hz of a sensor do they go on")
         period_s = self._vehicle.sample_period_s
@@ -353,19 +353,19 @@ class Estimator:
             unknown = np.full(self._command.size, np.nan)
             return unknown, unknown.copy(), self._told_s
         since_s = np.array([time_s - self._time_s])
-        coming, opening = rest_of_sample(self._command[None], self._onset_s[None], since_s, period_s)
-        return coming[0], opening[0], self._told_s
+        next_commands, next_onsets_s = rest_of_sample(self._command[None], self._onset_s[None], since_s, period_s)
+        return next_commands[0], next_onsets_s[0], self._told_s
 
     def _check_onsets(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
         """Returns onsets of commands, the caller's after a check or else the vehicle's, s, NaN: level, (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
             return command_onsets(commands, None, self._vehicle.opens_at, period_s)
-        given = _copy_numbers(onsets_s, commands.shape, "onsets_s")
-        late = (given < 0.0) | (given + commands * period_s > period_s * (1.0 + _ROUNDING))
+        checked = _copy_numbers(onsets_s, commands.shape, "onsets_s")
+        late = (checked < 0.0) | (checked + commands * period_s > period_s * (1.0 + _ROUNDING))
         if (late & (commands > 0.0)).any():
             raise ValueError(f"onsets_s: a jet must open and close within the sample period of {period_s:g} s")
-        return given
+        return checked
 
     def _run_cycle(self, sample: cycle.Sample) -> _Cycle:
         """Runs the estimation cycle of a sample, by one kernel or by `cycle.step`, and returns its reports."""
@@ -376,68 +376,73 @@ class Estimator:
             self._whole.restart()
             self._whole.advance(1)
             _, force, removed, _ = self._whole.asked
-            return _Cycle(self._log.known(0), *self._log.reports(0), None, force.copy(), removed.copy())
+            return _Cycle(
+                self._log.estimate_and_deviation(0), *self._log.reports(0), None, force.copy(), removed.copy()
+            )
         try:
-            done = cycle.step(self._kept, sample, self._params)
+            step = cycle.step(self._kept, sample, self._params)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "estimator") from None
-        self._kept, self._published = done.state, done.filtered.known
-        filtered, judgment, detector = done.filtered, done.judgment, done.state.detector
-        seen = (cycle.reported_estimate(done), filtered.rotation, filtered.mass)
+        self._kept, self._published = step.state, step.filtered.known
+        filtered, judgment, detector = step.filtered, step.judgment, step.state.detector
+        reports = (cycle.reported_estimate(step), filtered.rotation, filtered.mass)
         if judgment is None:
-            return _Cycle(*seen, None, None, nothing, nothing)
-        return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
+            return _Cycle(*reports, None, None, nothing, nothing)
+        return _Cycle(*reports, judgment.status, judgment.own, detector.force, detector.removed)
 
-    def _make_step_result(self, time_s: float, done: _Cycle) -> EstimatorStep:
+    def _make_step_result(self, time_s: float, reports: _Cycle) -> EstimatorStep:
         """Converts the reports of a cycle to what `Estimator.step` returns."""
-        (ten, deviation), mass = done.known, done.mass
+        (estimate, deviation), mass = reports.known, reports.mass
         return EstimatorStep(
             time_s,
-            ten,
+            estimate,
             deviation,
-            self._are_converged(ten, deviation),
-            bool(done.rotation.rotation_used),
+            self._are_converged(estimate, deviation),
+            bool(reports.rotation.rotation_used),
             mass is not None and bool(mass.mass_used),
-            done.rotation.rotation_nis,
+            reports.rotation.rotation_nis,
             math.nan if mass is None else mass.mass_nis,
-            done.status is not None and bool(done.status.alarm),
-            None if done.status is None else self._make_detection(done.status, done.own),
-            done.force @ self._unit_wrenches,
-            done.removed != 0.0,
-            *self._probabilities(done.own),
+            reports.status is not None and bool(reports.status.alarm),
+            None if reports.status is None else self._make_detection(reports.status, reports.own),
+            reports.force @ self._unit_wrenches,
+            reports.removed != 0.0,
+            *self._probabilities(reports.own),
         )
 
-    def _probabilities(self, own: Any) -> tuple[Array, float]:
+    def _probabilities(self, report: Any) -> tuple[Array, float]:
         """Returns posterior probabilities of jet failures, shape (n_jets,), and of an unknown cause; zero: no such."""
-        if own is None or math.isnan(own.none_probability):
+        if report is None or math.isnan(report.none_probability):
             return np.zeros(len(self._vehicle.jets)), 0.0
-        return own.fault_probability.copy(), float(own.unknown_probability)
+        return report.fault_probability.copy(), float(report.unknown_probability)
 
-    def _are_converged(self, ten: Array, deviation: Array) -> bool:
-        return bool(are_converged(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
+    def _are_converged(self, estimate: Array, deviation: Array) -> bool:
+        """Tests whether the 1-sigmas of the ten estimates are within their limits."""
+        return bool(are_converged(deviation[None], estimate[None], self._params.limits, self._not_estimated)[0])
 
-    def _make_detection(self, status: Any, own: Any) -> Detection | None:
+    def _make_detection(self, status: Any, report: Any) -> Detection | None:
         """Returns the `Detection` of a cycle by the detector's reports; None where nothing is declared or changed."""
         event = Verdict(int(status.detector_event))
         if event == Verdict.NOTHING:
             return None
         if event == Verdict.JUMP or math.isnan(status.suspected_jet):
-            of_it = {} if own is None else self._fields_without_jet(own)
+            fields = {} if report is None else self._fields_without_jet(report)
             kind = (
-                "mass_property_jump" if event == Verdict.JUMP else _event_kind(own, of_it.get("sensor"), self._vehicle)
+                "mass_property_jump"
+                if event == Verdict.JUMP
+                else _event_kind(report, fields.get("sensor"), self._vehicle)
             )
-            return Detection(kind, status.onset, None, None, False, 0.0, 0.0)._replace(**of_it)
+            return Detection(kind, status.onset, None, None, False, 0.0, 0.0)._replace(**fields)
         jet = self._vehicle.jets[int(status.suspected_jet)]
         jets = [int(status.suspected_jet)] if status.jet_isolated else []
-        if own is not None:
-            jets, *_ = jets_by_declaration(own.verdict_group, own.verdict_place)
+        if report is not None:
+            jets, *_ = jets_by_declaration(report.verdict_group, report.verdict_place)
         kinds = {Verdict.DECLARED: "jet", Verdict.WITHDRAWN: "withdrawn"}
-        erratic = own is not None and own.verdict[int(status.suspected_jet)] == Word.ERRATIC
-        apart: dict[str, Any] = {}
-        if own is not None and not status.jet_isolated:
-            by, after_s = own.verdict_apart_by[jets[0]], own.verdict_apart_after[jets[0]]
-            name = None if math.isnan(by) else self._vehicle.designations[int(by)]
-            apart = {"told_apart_by": name, "told_apart_s": float(after_s)}
+        erratic = report is not None and report.verdict[int(status.suspected_jet)] == Word.ERRATIC
+        separability: dict[str, Any] = {}
+        if report is not None and not status.jet_isolated:
+            jet_index, after_s = report.verdict_apart_by[jets[0]], report.verdict_apart_after[jets[0]]
+            name = None if math.isnan(jet_index) else self._vehicle.designations[int(jet_index)]
+            separability = {"told_apart_by": name, "told_apart_s": float(after_s)}
         return Detection(
             kinds.get(event, "erratic" if erratic else "changed"),
             status.onset,
@@ -447,30 +452,32 @@ class Estimator:
             status.suspected_magnitude,
             status.suspected_magnitude_std,
             tuple(self._vehicle.jets[j].designation for j in jets),
-            **apart,
+            **separability,
         )
 
-    def _fields_without_jet(self, own: Any) -> dict[str, Any]:
+    def _fields_without_jet(self, report: Any) -> dict[str, Any]:
         """Maps fields of a `Detection` to values, for a faulty sensor, a disturbance or a jump of mass properties."""
-        if math.isfinite(own.lying_component):
-            named = locate_reading(int(own.lying_component), params.vector_sensor_names(self._scenario), self._vehicle)
+        if math.isfinite(report.lying_component):
+            named = locate_reading(
+                int(report.lying_component), params.vector_sensor_names(self._scenario), self._vehicle
+            )
             return dict(zip(("sensor", "axis"), named, strict=True))
-        if math.isfinite(own.disturbed_since):
-            return {"torque_std": own.disturbance_torque, "force_std": own.disturbance_force}
-        there = bool(np.isfinite(own.jump_position).all())
+        if math.isfinite(report.disturbed_since):
+            return {"torque_std": report.disturbance_torque, "force_std": report.disturbance_force}
+        is_known = bool(np.isfinite(report.jump_position).all())
         return {
-            "mass": own.jump_mass,
-            "mass_std": own.jump_mass_std,
-            "position": tuple(own.jump_position.tolist()) if there else None,
-            "position_std": tuple(own.jump_position_std.tolist()) if there else None,
+            "mass": report.jump_mass,
+            "mass_std": report.jump_mass_std,
+            "position": tuple(report.jump_position.tolist()) if is_known else None,
+            "position_std": tuple(report.jump_position_std.tolist()) if is_known else None,
         }
 
 
-def _event_kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
+def _event_kind(report: Any, sensor: str | None, vehicle: Vehicle) -> str:
     """Returns the kind of a detector's event that concerns neither a jet nor a new jump, as `Detection` has it."""
-    if not math.isnan(own.jump_measured):
+    if not math.isnan(report.jump_measured):
         return "jump_measured"
-    if not math.isnan(own.disturbed_since):
+    if not math.isnan(report.disturbed_since):
         return "disturbance"
     return "unexplained" if sensor is None else sensor_event_kind(sensor, vehicle)
 
@@ -489,35 +496,35 @@ def _tracked_readings(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle
 
 
 def _package_readings(
-    readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], what: str
+    readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], label: str
 ) -> Array:
     """Stacks readings of sensor packages, that in use first, NaN where missing or saturated, shape (s, 3)."""
     if readings is None:
         return np.full((len(packages), 3), np.nan)
     if not isinstance(readings, Mapping):
         if not packages:
-            raise ValueError(f"{what}: the vehicle has none; give None")
+            raise ValueError(f"{label}: the vehicle has none; give None")
         readings = {packages[0].name: readings}
     known = [package.name for package in packages]
     unknown = [name for name in readings if name not in known]
     if unknown or not readings:
-        given = f"'{unknown[0]}' is no package" if unknown else "no reading"
-        raise ValueError(f"{what}: {given}; the vehicle has {known}")
+        problem = f"'{unknown[0]}' is no package" if unknown else "no reading"
+        raise ValueError(f"{label}: {problem}; the vehicle has {known}")
     result = np.full((len(packages), 3), np.nan)
     for row, package in zip(result, packages, strict=True):
         if package.name in readings:
-            row[:] = mask_saturated(_copy_numbers(readings[package.name], (3,), what), package.limit)
+            row[:] = mask_saturated(_copy_numbers(readings[package.name], (3,), label), package.limit)
     return result
 
 
-def _copy_numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+def _copy_numbers(values: ArrayLike, shape: tuple[int, ...], label: str) -> Array:
     """Returns a float copy of the caller's numbers after a check of shape and size; NaN: a missing value."""
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{what} must be numbers of shape {shape}, got {reprlib.repr(values)}") from None
+        raise ValueError(f"{label} must be numbers of shape {shape}, got {reprlib.repr(values)}") from None
     if numbers.shape != shape:
-        raise ValueError(f"{what} must have shape {shape}, got {numbers.shape}")
+        raise ValueError(f"{label} must have shape {shape}, got {numbers.shape}")
     if (np.abs(numbers) > LARGEST).any():
-        raise ValueError(f"{what} must be finite and at most {LARGEST:g}, got {reprlib.repr(values)}")
+        raise ValueError(f"{label} must be finite and at most {LARGEST:g}, got {reprlib.repr(values)}")
     return numbers

@@ -84,7 +84,7 @@ class Forecast(NamedTuple):
 def foretell(
     scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
 ) -> Forecast:
-    """Forecasts 1-sigmas of mass properties and detection times of leaks, by the joint filter along a flight.
+    """Forecasts 1-sigmas of mass properties, and how soon a jet that leaks a share of its thrust is detected.
 
     The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
 
@@ -112,20 +112,20 @@ def foretell(
             f"foretell: a jet must fail before the end of the flight, {scenario.duration_s:g} s, not at {fails_s:g} s"
         )
     ideal = _undispersed_scenario(scenario, nominal=nominal)
-    made = params.estimation_params(ideal)
-    return _forecast(ideal, _fly_scenario(ideal, made), made.filter_params, fails_s, share)
+    estimation_params = params.estimation_params(ideal)
+    return _forecast(ideal, _fly_scenario(ideal, estimation_params), estimation_params.filter_params, fails_s, share)
 
 
-def as_data(found: Forecast) -> dict[str, Any]:
+def forecast_to_json(forecast: Forecast) -> dict[str, Any]:
     """Converts a forecast to JSON data: arrays as lists, parameters in the order of a summary's covariance."""
     return {
-        "scenario": found.scenario,
-        "properties": found.properties.tolist(),
-        "floors": found.floors.tolist(),
-        "standard_deviations": found.deviations[-1].tolist(),
-        "propellant": found.propellant,
-        "fails_s": found.fails_s,
-        "suspects": [suspect._asdict() for suspect in found.suspects],
+        "scenario": forecast.scenario,
+        "properties": forecast.properties.tolist(),
+        "floors": forecast.floors.tolist(),
+        "standard_deviations": forecast.deviations[-1].tolist(),
+        "propellant": forecast.propellant,
+        "fails_s": forecast.fails_s,
+        "suspects": [suspect._asdict() for suspect in forecast.suspects],
     }
 
 
@@ -145,14 +145,14 @@ def _undispersed_scenario(scenario: Scenario, *, nominal: bool) -> Scenario:
     return scenario.model_copy(update=nothing)
 
 
-def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
-    """Simulates the flight without estimation; maps names of signals to true states, commands and readings."""
+def _fly_scenario(scenario: Scenario, estimation_params: EstimationParams) -> Mapping[str, Array]:
+    """Simulates a flight without estimation; maps names of signals to true states, commands and readings."""
     if needs_diagram(scenario):
         run = simulate(scenario, look_back=False)
         return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
     from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
-    loop = Loop(scenario, IdleCycles(estimation, initial_state(estimation)))
+    loop = Loop(scenario, IdleCycles(estimation_params, initial_state(estimation_params)))
     loop.advance(scenario.duration_s)
     logs = loop.take_logs()
     body = logs["body_state"]
@@ -160,25 +160,35 @@ def _fly_scenario(scenario: Scenario, estimation: EstimationParams) -> Mapping[s
 
 
 def _forecast(
-    scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams, fails_s: float, share: float
+    scenario: Scenario,
+    logs: Mapping[str, Array],
+    filter_params: JointFilterParams,
+    fails_s: float,
+    leak_fraction: float,
 ) -> Forecast:
-    """Runs the joint filter along the logs of a flight, and returns its 1-sigmas and the leaks' detection times.
+    """Runs the joint filter along the logs of a flight, and returns its 1-sigmas and detection times of leaks.
 
     Args:
         scenario: as it is foretold.
         logs: see `_fly_scenario`.
-        made: parameters of the filter.
+        filter_params: parameters of the filter.
         fails_s: from when on a suspect leaks, s.
-        share: of its thrust.
+        leak_fraction: of its thrust.
     """
-    vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _make_record_rows(scenario, logs, made)
-    (now, linear), deviations, shown = foretold.begin_forecast(logs["truth"][0], made), list[Array](), list[Array]()
+    vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _make_record_rows(scenario, logs, filter_params)
+    (state, linear), deviations, information = (
+        foretold.begin_forecast(logs["truth"][0], filter_params),
+        list[Array](),
+        list[Array](),
+    )
     for row in range(time_s.size):
         sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
-        now = foretold.step(now, (sample.rates, sample.velocities), collect_commands(sample), linear, failing=failing)
-        deviations.append(np.sqrt(np.diagonal(now.filter.covariance)))
+        state = foretold.step(
+            state, (sample.rates, sample.velocities), collect_commands(sample), linear, failing=failing
+        )
+        deviations.append(np.sqrt(np.diagonal(state.filter.covariance)))
         if failing:
-            shown.append(now.shown)
+            information.append(state.shown)
     seconds = logs["thrust"].sum(axis=0) / np.linalg.norm(vehicle.thrusts, axis=1) * vehicle.sample_period_s
     properties = logs["truth"][-1]
     return Forecast(
@@ -186,37 +196,41 @@ def _forecast(
         time_s,
         properties,
         np.array(deviations),
-        _scale_floors(properties, logs["command"], made),
+        _scale_floors(properties, logs["command"], filter_params),
         float(seconds @ vehicle.mass_flows),
         fails_s,
-        tuple(_leak_times(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share, made)),
+        tuple(
+            _leak_times(
+                scenario, time_s[time_s > fails_s] - fails_s, np.array(information), leak_fraction, filter_params
+            )
+        ),
     )
 
 
-def _make_record_rows(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
+def _make_record_rows(scenario: Scenario, logs: Mapping[str, Array], filter_params: JointFilterParams) -> RecordRows:
     """Makes the rows of samples that the filter takes, from the logs of a simulated flight."""
     vehicle, time_s, commands = scenario.vehicle_data, logs["time_s"], logs["command"]
-    n, jets = time_s.size, made.joint.places.jets
+    n, jets = time_s.size, filter_params.joint.places.jets
     rates, velocities = (
         np.stack([logs[sensor.name] for sensor in sensors], axis=1) if sensors else np.zeros((n, 0, 3))
         for sensors in (vehicle.gyros, vehicle.accelerometers)
     )
-    told = np.vstack((np.zeros(jets), commands[:-1]))
-    samples = Samples(time_s, rates, velocities, told, np.zeros((n, 6)))
-    read = [logs[sensor.name].reshape(n, -1) for sensor in vehicle.tracked if sensor.name in logs]
+    commands_before = np.vstack((np.zeros(jets), commands[:-1]))
+    samples = Samples(time_s, rates, velocities, commands_before, np.zeros((n, 6)))
+    tracked = [logs[sensor.name].reshape(n, -1) for sensor in vehicle.tracked if sensor.name in logs]
     onsets_s = logs.get("command_onset")
     if onsets_s is not None:
         onsets_s = np.vstack((level_onsets(jets), onsets_s))
-    return RecordRows(samples, None, commands, np.hstack(read) if read else None, onsets_s)
+    return RecordRows(samples, None, commands, np.hstack(tracked) if tracked else None, onsets_s)
 
 
-def _scale_floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
+def _scale_floors(properties: Array, commands: Array, filter_params: JointFilterParams) -> Array:
     """Computes the least 1-sigmas of the ten parameters that the common error of all thrusts allows, shape (10,).
 
     More thrust of all by the same share and as much more inertia and mass change no reading; wheels, whose inertias are
     known absolutely, show the scale as well as these are known.
     """
-    joint, fires = made.joint, (commands > 0.0).any(axis=0)
+    joint, fires = filter_params.joint, (commands > 0.0).any(axis=0)
     floors = np.zeros(10)
     if joint.places.n_thrust == 0 or not fires.any():
         return floors
@@ -230,32 +244,32 @@ def _scale_floors(properties: Array, commands: Array, made: JointFilterParams) -
 
 
 def _leak_times(
-    scenario: Scenario, since_s: Array, shown: Array, share: float, params: JointFilterParams
+    scenario: Scenario, since_s: Array, information: Array, leak_fraction: float, filter_params: JointFilterParams
 ) -> Iterator[Suspect]:
-    """Yields the jets with the times after which a leak of theirs is noticed and isolated, s.
+    """Yields each jet with the times after which its leak is noticed and isolated, s.
 
     Args:
         scenario: for the vehicle, and how likely faults are.
         since_s: of the samples since a jet leaks, s, shape (n,).
-        shown: see `Foretelling`, by each of them, shape (n, p, p).
-        share: of its thrust that it leaks.
-        params: of the filter.
+        information: see `Foretelling`, by each of them, shape (n, p, p).
+        leak_fraction: of its thrust that it leaks.
+        filter_params: of the filter.
     """
-    vehicle, given, needed = (
+    vehicle, priors, threshold = (
         scenario.vehicle_data,
         Priors.stated(scenario.faults),
         declaration_log_odds(scenario.faults),
     )
     thrusts, n = np.linalg.norm(vehicle.thrusts, axis=1), len(vehicle.jets)
-    forces = share * thrusts
-    own, jets = np.diagonal(shown, axis1=1, axis2=2), np.arange(n)
-    times_s, variances = since_s.tolist(), jump_variances(params.joint)
+    forces = leak_fraction * thrusts
+    own, jets = np.diagonal(information, axis1=1, axis2=2), np.arange(n)
+    times_s, variances = since_s.tolist(), jump_variances(filter_params.joint)
     jumped = [
-        log_jump_probability(one, given) + expected_llr_jumps(each, jets, forces, variances)
-        for one, each in zip(times_s, shown, strict=True)
+        log_jump_probability(one, priors) + expected_llr_jumps(each, jets, forces, variances)
+        for one, each in zip(times_s, information, strict=True)
     ]
     fails = np.array(
-        [log_failure_probability(share, 1.0, one, given, is_loss=False) for one in times_s]
+        [log_failure_probability(leak_fraction, 1.0, one, priors, is_loss=False) for one in times_s]
     )  # alike for all jets
     otherwise = np.logaddexp(0.0, np.array(jumped))
     counts = np.arange(1, since_s.size + 1) >= FOLLOWED
@@ -263,10 +277,12 @@ def _leak_times(
         others = np.delete(np.arange(2 * n), (jet, n + jet))
         force, thrust = float(forces[jet]), float(thrusts[jet])
         led = fails + expected_llr_no_failure(own[:, jet], force, thrust) - otherwise[:, jet]
-        apart = expected_llr_other_jet(own[:, jet, None], shown[:, jet, others], own[:, others], force) >= needed
-        noticed = _first_time(since_s, counts & (led >= needed))
+        apart = (
+            expected_llr_other_jet(own[:, jet, None], information[:, jet, others], own[:, others], force) >= threshold
+        )
+        noticed = _first_time(since_s, counts & (led >= threshold))
         each = np.array(
-            [_first_time(since_s, counts & (led >= needed) & apart[:, place]) for place in range(others.size)]
+            [_first_time(since_s, counts & (led >= threshold) & apart[:, place]) for place in range(others.size)]
         )
         longest = int(np.argmax(each)) if others.size else -1
         alike = longest >= 0 and each[longest] > noticed
@@ -276,7 +292,7 @@ def _leak_times(
         yield Suspect(vehicle.designations[jet], force, after_s, noticed_s, name)
 
 
-def _first_time(since_s: Array, holds: NDArray[np.bool_]) -> float:
+def _first_time(since_s: Array, condition: NDArray[np.bool_]) -> float:
     """Returns the first time at which a condition holds, s; infinity: it never does."""
-    at = np.flatnonzero(holds)
-    return float(since_s[at[0]]) if at.size else math.inf
+    indices = np.flatnonzero(condition)
+    return float(since_s[indices[0]]) if indices.size else math.inf

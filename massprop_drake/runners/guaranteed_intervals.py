@@ -30,9 +30,9 @@ def add_guaranteed_intervals(run: Run) -> Run:
         signals = Spool(index="time_s")
         for block in blocks({"time_s": run.time_s, **run.signals}, "time_s", *run.signals):
             signals.append(block)
-    found = run.results
+    results = run.results
     intervals = allowed_intervals(
-        run.scenario, signals, found.estimates, found.detections, found.events, solve_linear_program
+        run.scenario, signals, results.estimates, results.detections, results.events, solve_linear_program
     )
     time_s = None if isinstance(run.signals, Spool) else run.time_s
-    return Run(run.scenario, replace(found, intervals=intervals), time_s, run.signals, run.state)
+    return Run(run.scenario, replace(results, intervals=intervals), time_s, run.signals, run.state)

@@ -68,21 +68,21 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     """
     signals = IMPULSES.columns(logs["impulses"])
     rotation = ROTATION_REPORT.columns(logs["rotation_report"])
-    there = "mass_report" in logs
-    log = logs["mass_report"] if there else np.full((logs["impulses"].shape[0], MASS_REPORT.size), np.nan)
-    mass = MASS_REPORT.columns(log)
+    has_mass = "mass_report" in logs
+    mass_rows = logs["mass_report"] if has_mass else np.full((logs["impulses"].shape[0], MASS_REPORT.size), np.nan)
+    mass = MASS_REPORT.columns(mass_rows)
     signals["estimate"] = np.hstack([rotation.pop("estimate"), mass.pop("mass_reciprocal")])
     signals["standard_deviation"] = np.hstack([rotation.pop("standard_deviation"), np.sqrt(mass.pop("variance"))])
     limits = params.convergence_limits(scenario)
     known = params.known_parameters(scenario)
-    good = mass_properties.are_converged(signals["standard_deviation"], signals["estimate"], limits, known)
-    signals["converged"] = good.astype(float)[:, None]
+    converged = mass_properties.are_converged(signals["standard_deviation"], signals["estimate"], limits, known)
+    signals["converged"] = converged.astype(float)[:, None]
     signals |= rotation
-    if there:
+    if has_mass:
         signals |= mass
-    own = FILTERS[scenario.estimation.filter].report
-    if own is not None and own.name in logs:
-        signals |= own.sized(jets=len(scenario.vehicle_data.jets)).columns(logs[own.name])
+    layout = FILTERS[scenario.estimation.filter].report
+    if layout is not None and layout.name in logs:
+        signals |= layout.sized(jets=len(scenario.vehicle_data.jets)).columns(logs[layout.name])
     if "detector_report" in logs:
         jets = len(scenario.vehicle_data.jets)
         signals |= DETECTOR_REPORT.sized(jets=jets).columns(logs["detector_report"])
@@ -97,13 +97,13 @@ class EstimationLog:
     Args:
         scenario: for jets and sensors.
         params: of the cycle.
-        count: number of rows.
+        n_rows: number of rows.
 
     Attributes:
         rows: by port, shape (count, its size).
     """
 
-    def __init__(self, scenario: Scenario, params: EstimationParams, count: int):
+    def __init__(self, scenario: Scenario, params: EstimationParams, n_rows: int):
         jets = len(scenario.vehicle_data.jets)
         self._own = params.filter.report and params.filter.report.sized(jets=jets)
         self._detector = params.detector
@@ -116,27 +116,27 @@ class EstimationLog:
         self._judged = DETECTOR_REPORT.sized(jets=jets)
         if self._detector is not None:
             layouts += [self._judged, *([self._said] if self._said else [])]
-        self.rows = {layout.name: np.empty((count, layout.size)) for layout in layouts}
+        self.rows = {layout.name: np.empty((n_rows, layout.size)) for layout in layouts}
 
-    def put(self, index: int, done: EstimationStep, before: Any) -> None:
+    def put(self, row: int, step: EstimationStep, detector_before: Any) -> None:
         """Writes the reports of an estimation cycle into a row of the log.
 
         Args:
-            index: of the row.
-            done: the cycle.
-            before: state of the detector before it.
+            row: of the row.
+            step: the cycle.
+            detector_before: state of the detector before it.
         """
-        rows, filtered, judgment = self.rows, done.filtered, done.judgment
-        rows["impulses"][index] = impulse_row(done.interval.impulses)
-        rows["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
+        rows, filtered, judgment = self.rows, step.filtered, step.judgment
+        rows["impulses"][row] = impulse_row(step.interval.impulses)
+        rows["rotation_report"][row] = ROTATION_REPORT.pack(filtered.rotation)
         if filtered.mass is not None:
-            rows["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
+            rows["mass_report"][row] = MASS_REPORT.pack(filtered.mass)
         if self._own is not None:
-            rows[self._own.name][index] = self._own.pack(filtered.own)
+            rows[self._own.name][row] = self._own.pack(filtered.own)
         if judgment is not None:
-            rows["detector_report"][index] = detector_row(judgment, before, self._judged)
+            rows["detector_report"][row] = detector_row(judgment, detector_before, self._judged)
             if self._said is not None:
-                rows[self._said.name][index] = self._said.pack(judgment.own)
+                rows[self._said.name][row] = self._said.pack(judgment.own)
 
     def reports(self, row: int) -> tuple[Any, Any, Any]:
         """Returns the reports of rotation filter, mass filter and detector in a row; None where there is none."""
@@ -145,7 +145,7 @@ class EstimationLog:
         status = None if self._detector is None else self._judged.read(rows["detector_report"][row])
         return ROTATION_REPORT.read(rows["rotation_report"][row]), mass, status
 
-    def known(self, row: int) -> tuple[Array, Array]:
+    def estimate_and_deviation(self, row: int) -> tuple[Array, Array]:
         """Returns estimate and 1-sigma of the ten parameters in a row, NaN if not observed, shape (10,) each."""
         rotation, mass, _ = self.reports(row)
         reciprocal, variance = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, mass.variance)
@@ -205,12 +205,12 @@ class Intake:
         self._suspicions.add(time_s, signals, events)
         return events, self._entries[known:]
 
-    def last(self, name: str, otherwise: Array) -> Array:
+    def last(self, name: str, default: Array) -> Array:
         """Returns the last row of a spooled signal, or a substitute where the run has no such signal."""
-        return self.spool.last(name) if name in self.spool else otherwise
+        return self.spool.last(name) if name in self.spool else default
 
-    def found(self) -> Findings:
-        """Returns detections, events, suspicions and fault probabilities at the end of the run."""
+    def findings(self) -> Findings:
+        """Makes detections, events, suspicions and fault probabilities at the end of the run."""
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
@@ -263,10 +263,10 @@ def state_groups(diagram: Any, context: Any) -> Groups:
     for system in diagram.GetSystems():
         if not getattr(system, "is_resumed", True):
             continue
-        own = system.GetMyContextFromRoot(context)
-        state = own.get_discrete_state()
+        system_context = system.GetMyContextFromRoot(context)
+        state = system_context.get_discrete_state()
         if hasattr(system, "pack_state"):  # filter and detector in one, whose state is no vector
-            groups |= system.pack_state(own)
+            groups |= system.pack_state(system_context)
         elif state.num_groups():  # a system of the estimators keeps one vector
             groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return groups
@@ -283,10 +283,10 @@ def state_from_json(states: SavedState, params: EstimationParams, source: str) -
     Raises:
         InputError: when they are of other parameters, or no run can have left them.
     """
-    like = cycle.save_state(cycle.initial_state(params), params)
+    template = cycle.save_state(cycle.initial_state(params), params)
     detector = params.detector
-    growing = {params.filter.growing, detector.group if detector is not None and detector.layout is None else ""}
-    groups = groups_from_json(states, like, source, growing)
+    growing_groups = {params.filter.growing, detector.group if detector is not None and detector.layout is None else ""}
+    groups = groups_from_json(states, template, source, growing_groups)
     try:
         return cycle.restore_state(groups, params)
     except ValueError as error:
@@ -298,24 +298,24 @@ def groups_to_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def groups_from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
+def groups_from_json(states: SavedState, template: Groups, source: str, growing_groups: Collection[str] = ()) -> Groups:
     """Converts JSON data to state vectors by name: the inverse of `groups_to_json`; version 0.1 has them in pieces.
 
     Args:
         states: as a file has them.
-        like: a state of the same parameters, for the sizes.
+        template: a state of the same parameters, for the sizes.
         source: where they come from, for messages.
-        growing: parts that may have more numbers than there.
+        growing_groups: parts that may have more numbers than there.
 
     Raises:
         InputError: when they are of another vehicle or other settings.
     """
-    for name in sorted(set(like) | set(states)):
+    for name in sorted(set(template) | set(states)):
         saved = sum(map(len, states.get(name, ())))
-        here = like[name].size if name in like else 0
-        if saved != here and not (name in growing and saved > here):
+        size = template[name].size if name in template else 0
+        if saved != size and not (name in growing_groups and saved > size):
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
-                f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
+                f"make it {[size] if size else 'none'}; go on with the vehicle and the settings of that run"
             )
-    return {name: np.concatenate([np.array(piece, dtype=float) for piece in states[name]]) for name in like}
+    return {name: np.concatenate([np.array(piece, dtype=float) for piece in states[name]]) for name in template}

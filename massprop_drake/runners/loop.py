@@ -54,32 +54,32 @@ _PILOTED = ("hand_controllers", "attitude_error", "request", "selection_counts",
 
 
 class _Selection:
-    """Jet selection by the requests and estimates on a `flight.Desk`.
+    """Jet selection by the requests and estimates in a `flight.Desk`.
 
     Args:
         scenario: with hand-controller windows.
-        desk: where requests, and what else counts, are found, and bursts are put.
+        exchange: where requests, and what else counts, are found, and bursts are put.
     """
 
-    def __init__(self, scenario: Scenario, desk: Desk):
+    def __init__(self, scenario: Scenario, exchange: Desk):
         self.selector = Selector(**pilot_params.jet_selection_arguments(scenario))
-        self._desk = desk
+        self._exchange = exchange
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
-        desk.counts[:] = self.selector.initial.counts
+        exchange.counts[:] = self.selector.initial.counts
 
     def select(self, request: Array) -> None:
-        """Selects the burst of jets for a request, packed as `REQUEST`, and writes it to the desk."""
-        desk = self._desk
+        """Selects the burst of jets for a request, packed as `REQUEST`, and stores it for the kernel."""
+        exchange = self._exchange
         _, command, delivered, *_ = self.selector.initial  # which it does not ask for
-        kept = (desk.counts, desk.refused, desk.out_of_use, desk.owed)
-        state = SelectionState(desk.remaining, command, delivered, *kept)
+        counters = (exchange.counts, exchange.refused, exchange.out_of_use, exchange.owed)
+        state = SelectionState(exchange.remaining, command, delivered, *counters)
         properties = None
-        if self._adapts and is_converged(desk.deviation, desk.estimate, self._limits):
-            properties = desk.estimate.copy()
-        asked = Reconfiguration(bool(desk.asked.declared[0]), desk.wrench, desk.asked.removed)
-        burst = self.selector.decide(state, REQUEST.read(request), properties, asked)
-        desk.remaining[:], desk.counts[:], desk.refused[:], desk.out_of_use[:], desk.owed[:] = burst
+        if self._adapts and is_converged(exchange.deviation, exchange.estimate, self._limits):
+            properties = exchange.estimate.copy()
+        reconfiguration = Reconfiguration(bool(exchange.asked.declared[0]), exchange.wrench, exchange.asked.removed)
+        burst = self.selector.decide(state, REQUEST.read(request), properties, reconfiguration)
+        exchange.remaining[:], exchange.counts[:], exchange.refused[:], exchange.out_of_use[:], exchange.owed[:] = burst
 
 
 class _Block(NamedTuple):
@@ -96,10 +96,10 @@ class Loop:
 
     Args:
         scenario: to run.
-        known: its estimation; None: that which it asks for.
+        cycles: its estimation; None: that which it asks for.
     """
 
-    def __init__(self, scenario: Scenario, known: Cycles | None = None):
+    def __init__(self, scenario: Scenario, cycles: Cycles | None = None):
         vehicle, self._compiled = scenario.vehicle_data, scenario.execution.compiled
         self._scenario, self._period_s = scenario, vehicle.sample_period_s
         self._true = true_params.vehicle_params(scenario)
@@ -108,21 +108,21 @@ class Loop:
         if scenario.open_loop:
             self._schedule, self._onsets_s = params.scheduled_jet_commands(scenario)
         self._windows = pilot_params.controller_windows(scenario)
-        self._made = pilot_params.flight_params(scenario, self._true)
+        self._flight_params = pilot_params.flight_params(scenario, self._true)
         self._fly = compile_kernel_if(flight.fly, self._compiled)
         start = vehicle_cycle.initial_state(self._true)
         self._holder = make_holder(flight.initial_state(start), self._compiled)
         self._reached = np.array([0, SENSING, 0, 0])
         self._params = params.estimation_params(scenario)
-        self._known: Cycles = make_cycles(scenario, self._params) if known is None else known
-        self._desk = flight.empty_desk(len(vehicle.jets), self._known.asked)
-        self._selection = None if scenario.open_loop else _Selection(scenario, self._desk)
+        self._cycles: Cycles = make_cycles(scenario, self._params) if cycles is None else cycles
+        self._exchange = flight.empty_desk(len(vehicle.jets), self._cycles.asked)
+        self._selection = None if scenario.open_loop else _Selection(scenario, self._exchange)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
-        self._whole = self._find_shared_kernel()
-        if self._whole is None:
-            self._given = make_holder(self._made, self._compiled)
+        self._shared_kernel = self._find_shared_kernel()
+        if self._shared_kernel is None:
+            self._kernel_params = make_holder(self._flight_params, self._compiled)
         else:
-            self._given = make_holder(Together(self._made, self._whole.given), self._compiled)
+            self._kernel_params = make_holder(Together(self._flight_params, self._shared_kernel.given), self._compiled)
         self._blocks: list[_Block] = []
         self._size = self._row = 0  # rows of the last block; those of it that are filled in
         self._sample = self._taken = 0  # the next one; rows taken from the blocks
@@ -131,62 +131,62 @@ class Loop:
 
     def _find_shared_kernel(self) -> ThesisKernelCycles | None:
         """Returns the estimation if one kernel runs it together with vehicle and autopilot; None: they run apart."""
-        apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
-        return None if apart or not isinstance(self._known, ThesisKernelCycles) else self._known
+        apart = not self._compiled or self._flight_params.pilot.adapts or self._trackers.size > 0
+        return None if apart or not isinstance(self._cycles, ThesisKernelCycles) else self._cycles
 
     @property
     def logged(self) -> int:
         """Number of samples logged since the logs were emptied."""
         return sum(block.rows.told.shape[0] for block in self._blocks[:-1]) + self._row - self._taken
 
-    def advance(self, reached_s: float) -> None:
+    def advance(self, until_s: float) -> None:
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
         with self._stopwatch:
-            while self._sample * self._period_s <= reached_s:
+            while self._sample * self._period_s <= until_s:
                 try:
-                    self._advance_block(reached_s)
+                    self._advance_block(until_s)
                 except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                     raise error.at(self._sample * self._period_s) from None
 
-    def _advance_block(self, reached_s: float) -> None:
+    def _advance_block(self, until_s: float) -> None:
         """Simulates samples up to a time, s, or to the end of the block of log rows, with the estimation apart."""
         if self._row == self._size:
             self._begin_block()
-        if self._whole is not None:
-            self._advance_block_by_shared_kernel(self._whole, reached_s)
+        if self._shared_kernel is not None:
+            self._advance_block_by_shared_kernel(self._shared_kernel, until_s)
             return
         rows, tracked, log, shared_rows = self._blocks[-1]
-        fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
-        while self._row < self._size and self._sample * self._period_s <= reached_s:
+        fly, cycles, adapts, tracks = self._fly, self._cycles, self._flight_params.pilot.adapts, self._trackers.size > 0
+        while self._row < self._size and self._sample * self._period_s <= until_s:
             row = self._row
             if tracks:
                 tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
-            known.advance(row + 1)
+            cycles.advance(row + 1)
             if adapts:
-                self._desk.estimate[:], self._desk.deviation[:] = log.known(row)
-            while stop := fly(self._holder, shared_rows, self._reached, self._given):
+                self._exchange.estimate[:], self._exchange.deviation[:] = log.estimate_and_deviation(row)
+            while stop := fly(self._holder, shared_rows, self._reached, self._kernel_params):
                 self._handle_stop(stop, rows.request[row])
             self._row += 1
             self._sample += 1
 
-    def _advance_block_by_shared_kernel(self, known: ThesisKernelCycles, reached_s: float) -> None:
+    def _advance_block_by_shared_kernel(self, cycles: ThesisKernelCycles, until_s: float) -> None:
         """Simulates samples up to a time, s, or to the end of the block, in one kernel with the estimation."""
-        onward, block, reached = (
+        fly, block, reached = (
             compile_kernel_if(flight.fly_and_estimate, self._compiled),
             self._blocks[-1],
             self._reached,
         )
         times_s = np.arange(self._sample, self._sample + self._size - self._row) * self._period_s
-        reached[UNTIL] = self._row + np.count_nonzero(times_s <= reached_s)
+        reached[UNTIL] = self._row + np.count_nonzero(times_s <= until_s)
         try:
-            while stop := onward(self._holder, known.holder, block.shared, reached, self._given):
+            while stop := fly(self._holder, cycles.holder, block.shared, reached, self._kernel_params):
                 self._sample = int(reached[SAMPLE])
                 self._handle_stop(stop, block.rows.request[reached[ROW]])
         except NotPositiveDefiniteError as error:
             raise error.at(float(reached[SAMPLE] * self._period_s), ESTIMATOR) from None
         finally:
             self._sample, self._row = int(reached[SAMPLE]), int(reached[ROW])
-        known.mark_done(int(reached[ROW]))
+        cycles.mark_done(int(reached[ROW]))
 
     def _handle_stop(self, stop: int, request: Array) -> None:
         """Serves a stop of the flight kernel: selects jets for a request, or applies a jump of mass properties."""
@@ -198,40 +198,40 @@ class Loop:
             after = vehicle_cycle.apply_sample_jumps(state.vehicle, self._sample, self._true)
             self._holder = make_holder(state._replace(vehicle=after), self._compiled)
             if self._true.planar:
-                truth = vehicle_cycle.update_floor_wrenches(self._made.truth, after.structure, self._true)
-                self._given = make_holder(self._made._replace(truth=truth), self._compiled)
+                truth = vehicle_cycle.update_floor_wrenches(self._flight_params.truth, after.structure, self._true)
+                self._kernel_params = make_holder(self._flight_params._replace(truth=truth), self._compiled)
 
     def _begin_block(self) -> None:
         """Allocates a block of log rows, with its commands and noise, and reads the sensors at its first sample."""
-        first, (least, most) = self._sample, _ROWS
-        self._size, self._row = min(max(self._ending - first, least), most), 0
+        first, (min_rows, max_rows) = self._sample, _ROWS
+        self._size, self._row = min(max(self._ending - first, min_rows), max_rows), 0
         size = self._size
-        rows = flight.empty_rows(size, (len(self._scenario.vehicle_data.jets), len(self._names)), self._made)
+        rows = flight.empty_rows(size, (len(self._scenario.vehicle_data.jets), len(self._names)), self._flight_params)
         times_s = np.arange(first, first + size, dtype=np.float64) * self._period_s
         if self._schedule is not None:
-            given = self._schedule[first : first + size]
-            rows.command[: len(given)] = given
+            commands = self._schedule[first : first + size]
+            rows.command[: len(commands)] = commands
             if self._onsets_s is not None:
-                rows.onset[: len(given)] = self._onsets_s[first : first + size]
+                rows.onset[: len(commands)] = self._onsets_s[first : first + size]
         else:
             rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
         ahead = vehicle_cycle.draw_ahead(first, size, self._true)
         log, tracked = EstimationLog(self._scenario, self._params, size), np.empty((size, self._trackers.size))
-        flown: Any = FlightBlock(rows, ahead, self._desk)
+        flown: Any = FlightBlock(rows, ahead, self._exchange)
         samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((size, 6)))
-        coming = None if self._schedule is None else rows.command
+        next_commands = None if self._schedule is None else rows.command
         onsets_s = None
         if self._onsets_s is not None:
-            state = None if not self._blocks else self._blocks[-1].rows.onset[-1]
-            before = level_onsets(rows.onset.shape[1]) if state is None else state
-            onsets_s = np.vstack((before, rows.onset))
-        self._known.begin(RecordRows(samples, None, coming, tracked if tracked.size else None, onsets_s), log)
+            last_onset_s = None if not self._blocks else self._blocks[-1].rows.onset[-1]
+            onset_before_s = level_onsets(rows.onset.shape[1]) if last_onset_s is None else last_onset_s
+            onsets_s = np.vstack((onset_before_s, rows.onset))
+        self._cycles.begin(RecordRows(samples, None, next_commands, tracked if tracked.size else None, onsets_s), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
-        if self._whole is not None:
-            flown = Together(flown, self._whole.block)
+        if self._shared_kernel is not None:
+            flown = Together(flown, self._shared_kernel.block)
         self._blocks.append(_Block(rows, tracked, log, make_shared_holder(flown, self._compiled)))
-        if self._whole is None:
-            self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
+        if self._shared_kernel is None:
+            self._fly(self._holder, self._blocks[-1].shared, self._reached, self._kernel_params)
 
     def take_logs(self) -> dict[str, Array]:
         """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
@@ -247,18 +247,18 @@ class Loop:
         """Maps ports of vehicle, autopilot and sensors to their logged rows in a block."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
-        within = self._onsets_s is not None or self._made.pilot.pulses.within
+        within = self._onsets_s is not None or self._flight_params.pilot.pulses.within
         readings = {"command_onset": rows.onset} if within else {}
         if rows.propellant.shape[1]:
             readings[PROPELLANT] = rows.propellant
         readings |= {name: rows.readings[:, place] for place, name in enumerate(self._names)}
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
-    def moment(self) -> Moment:
-        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
+    def snapshot(self) -> Moment:
+        """Returns true motion, thrusts, estimates, commands and readings of the last sample, for viewers."""
         (rows, _, log, _), row = self._blocks[-1], self._row - 1
         rotation, *_ = log.reports(row)
-        estimate, deviation = log.known(row)
+        estimate, deviation = log.estimate_and_deviation(row)
         return Moment(
             (self._sample - 1) * self._period_s,
             rows.body_state[row][QUATERNION],
@@ -266,7 +266,7 @@ class Loop:
             rows.thrust[row],
             estimate,
             deviation,
-            self._known.asked.removed != 0.0,
+            self._cycles.asked.removed != 0.0,
             rows.command[row],
             rows.body_state[row][RATE],
             float(rotation.rotation_nis) if rotation.rotation_used else math.nan,
@@ -275,13 +275,13 @@ class Loop:
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
         """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
-        _, covariance = self._known.known()
-        return covariance, estimation.save_state(self._known.state(), self._params)
+        _, covariance = self._cycles.estimate_and_covariance()
+        return covariance, estimation.save_state(self._cycles.state(), self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Computes mean times per cycle of estimators, detector and jet selection, microseconds; None: no such part."""
-        mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
-        if self._whole is not None:  # not apart from the vehicle
+        mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._cycles.spent_s.items()}
+        if self._shared_kernel is not None:  # not apart from the vehicle
             mean["estimators"] = None
         spent_s = self._stopwatch.spent_s.get(JET_SELECTION, 0.0)
         selection = None if self._selection is None else 1e6 * spent_s / cycles

@@ -149,39 +149,39 @@ def estimate(
 def _open_record(
     telemetry: str | Path | Sequence[str | Path],
     record_map: str | Path | RecordMap | None,
-    whose: tuple[Vehicle, str | None],
-    steps: tuple[bool, bool],
+    vehicle_and_gyro: tuple[Vehicle, str | None],
+    stepping: tuple[bool, bool],
 ) -> str | Path | Table:
     """Opens telemetry for the reader: one file, several merged into a table, or one converted by its map.
 
     Args:
         telemetry, record_map: see `estimate`.
-        whose: vehicle, and its gyro; None: of a vehicle that is followed in a fixed frame.
-        steps: whether the filter takes one whenever anything is read, and whether it can.
+        vehicle_and_gyro: vehicle, and its gyro; None: of a vehicle that is followed in a fixed frame.
+        stepping: whether the filter takes one whenever anything is read, and whether it can.
     """
     first, *others = [telemetry] if isinstance(telemetry, (str, Path)) else telemetry
     if others and "-" in (first, *others):
         raise InputError("standard input cannot be joined with files: give '-' alone")
     if record_map is not None:
-        for one in others:
-            raise InputError(f"{one}: a map goes with one record; give several files only where they need none")
-        by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
+        for path in others:
+            raise InputError(f"{path}: a map goes with one record; give several files only where they need none")
+        loaded_map = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
         name = "map" if isinstance(record_map, RecordMap) else str(record_map)
-        (vehicle, gyro), (own_times, possible) = whose, steps
-        record = mapping.apply_map(open_recording(first, by), by, vehicle, name)
+        (vehicle, gyro), (own_times, possible) = vehicle_and_gyro, stepping
+        record = mapping.apply_map(open_recording(first, loaded_map), loaded_map, vehicle, name)
         faster = possible and mapped_rows.is_oversampled(record)
         return mapped_rows.make_table(record, gyro, own_times=own_times or faster)
-    for one in (first, *others):
-        require_table(one)
+    for path in (first, *others):
+        require_table(path)
     return MergedTable([first, *others]) if others else first
 
 
-def _step_at_record_rate(scenario: Scenario, per_s: float | None) -> Scenario:
+def _step_at_record_rate(scenario: Scenario, readings_per_s: float | None) -> Scenario:
     """Returns the scenario with a record's readings per second as the filter's steps; None: unchanged."""
-    if per_s is None:
+    if readings_per_s is None:
         return scenario
     period_s = scenario.vehicle_data.sample_period_s
-    steps = math.ceil(per_s * period_s * (1.0 - _LESS))
+    steps = math.ceil(readings_per_s * period_s * (1.0 - _LESS))
     estimation = scenario.estimation.model_copy(update={"readings_per_s": steps / period_s})
     return scenario.model_copy(update={"estimation": estimation})
 
@@ -225,55 +225,55 @@ class _Estimation:
             self._thinning = Thinning(self._period_s, [package.name for package in self._gyros])
 
     def take(
-        self, rows: Rows, before: tuple[Array, Array, Array | None]
+        self, rows: Rows, interval_before: tuple[Array, Array, Array | None]
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
         """Runs the estimation over a block of rows; returns the block's events and new detections."""
         if not self._intake.spool.n_rows:
-            self._command, self._outside, onset_s = before
+            self._command, self._outside, onset_s = interval_before
             self._onset_s = self._onset_s if onset_s is None else onset_s
-            self._on_before = before[0] > 0.0
-            self._quality.begin(before[0])
-        log, coming, outside = self._begin_rows(rows)
+            self._on_before = interval_before[0] > 0.0
+            self._quality.begin(interval_before[0])
+        log, commands, outside_wrenches = self._begin_rows(rows)
         try:
             self._cycles.advance(rows.time_s.size)
         except BaseException:
             done = self._cycles.done
             self._add_estimated_rows(
-                rows.first(done), {name: part[:done] for name, part in log.rows.items()}, coming, outside
+                rows.first(done), {name: part[:done] for name, part in log.rows.items()}, commands, outside_wrenches
             )
             raise
-        return self._add_estimated_rows(rows, log.rows, coming, outside)
+        return self._add_estimated_rows(rows, log.rows, commands, outside_wrenches)
 
     def _begin_rows(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
         """Begins the estimation of rows; returns its empty log, and commands and wrench from one row earlier on."""
         count = rows.time_s.size
         rates, velocities = _stack_readings(rows, self._gyros), _stack_readings(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
-        coming = np.vstack([self._command, rows.commands])
-        outside = np.vstack([self._outside, np.broadcast_to(self._outside, (count, 6))])
+        commands = np.vstack([self._command, rows.commands])
+        outside_wrenches = np.vstack([self._outside, np.broadcast_to(self._outside, (count, 6))])
         if rows.outside_wrench is not None:
-            outside[1:] = rows.outside_wrench
+            outside_wrenches[1:] = rows.outside_wrench
         time_s = np.arange(self._next_row, self._next_row + count).astype(np.float64) * self._period_s
         if self._at_any_time:
             time_s = rows.time_s
-        samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
+        samples = Samples(time_s, rates, velocities, commands[:-1], outside_wrenches[:-1])
         onsets_s = None if rows.onsets_s is None else np.vstack((self._onset_s, rows.onsets_s))
-        self._cycles.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked, onsets_s), log)
-        return log, coming, outside
+        self._cycles.begin(RecordRows(samples, rows.time_s, commands[1:], rows.tracked, onsets_s), log)
+        return log, commands, outside_wrenches
 
     def _add_estimated_rows(
-        self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
+        self, rows: Rows, logs: Mapping[str, Array], commands: Array, outside_wrenches: Array
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
         """Adds rows and estimates to signals, counts and data quality; returns their events and new detections."""
         count = rows.time_s.size
         if not count:
             return [], []
-        self._command, self._outside = coming[count], outside[count]
+        self._command, self._outside = commands[count], outside_wrenches[count]
         if rows.onsets_s is not None:
             self._onset_s = rows.onsets_s[count - 1]
         self._next_row += count
         signals = self._make_signals(rows, logs)
-        self._count_samples(rows, signals, coming[:count])
+        self._count_samples(rows, signals, commands[:count])
         self._quality.add(*((rows, signals) if self._thinning is None else self._thinning.select(rows, signals)))
         return self._intake.take(signals)
 
@@ -290,33 +290,33 @@ class _Estimation:
         signals |= split_by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
-                signals[name] = self._in_record_time(signals[name], rows.time_s)
+                signals[name] = self._convert_to_record_time(signals[name], rows.time_s)
         return signals
 
-    def _in_record_time(self, diagram_s: Array, time_s: Array) -> Array:
+    def _convert_to_record_time(self, estimation_times_s: Array, record_times_s: Array) -> Array:
         """Converts times by the estimation's clock, a period per row, to times by the record's, s; NaN stays."""
-        rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
-        recent_s = np.concatenate([self._intake.recent_s, time_s])
+        rows = np.nan_to_num(estimation_times_s / self._period_s).round().astype(int)
+        recent_s = np.concatenate([self._intake.recent_s, record_times_s])
         first = self._next_row - recent_s.size
-        found = recent_s[np.clip(rows - first, 0, None)]
+        converted_s = recent_s[np.clip(rows - first, 0, None)]
         # rows long past: as far back from the first one known as their number says
-        found = np.where(rows >= first, found, recent_s[0] - (first - rows) * self._period_s)
-        return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
+        converted_s = np.where(rows >= first, converted_s, recent_s[0] - (first - rows) * self._period_s)
+        return converted_s + (estimation_times_s - rows * self._period_s)  # exactly what it was where both times agree
 
-    def _count_samples(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
-        """Adds rows to the counts of NIS, firings and on-times; `before`: commands from one row earlier on."""
+    def _count_samples(self, rows: Rows, signals: Mapping[str, Array], commands_before: Array) -> None:
+        """Adds rows to the counts of NIS, firings and on-times; `commands_before`: commands from one row earlier on."""
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
                 tally.add(*used_nis(name, signals))
-        on = rows.commands > 0.0
-        self._firings += count_firings(on, self._on_before)
-        self._on_before = on[-1]
+        is_on = rows.commands > 0.0
+        self._firings += count_firings(is_on, self._on_before)
+        self._on_before = is_on[-1]
         if self._thinning is None:
             self._fired += np.nansum(rows.commands, axis=0)
             return
         steps = np.diff(rows.time_s, prepend=rows.time_s[0] if math.isnan(self._before_s) else self._before_s)
         self._before_s = float(rows.time_s[-1])
-        self._fired += np.nansum(before * steps[:, None], axis=0) / self._period_s
+        self._fired += np.nansum(commands_before * steps[:, None], axis=0) / self._period_s
 
     @property
     def has_rows(self) -> bool:
@@ -324,17 +324,17 @@ class _Estimation:
         return self._intake.spool.n_rows > 0
 
     def finish(
-        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], began: float, parts: PartsMade
+        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], began_s: float, parts: PartsMade
     ) -> Run:
         """Makes the run with its summary and filter state, once all rows have been estimated.
 
         Args:
             reader: of the record.
             telemetry: the record.
-            began: when the first row was asked for, by the performance counter, s.
+            began_s: when the first row was asked for, by the performance counter, s.
             parts: makes what may fail.
         """
-        wall_s = time.perf_counter() - began
+        wall_s = time.perf_counter() - began_s
         reader.close()
         duration_s = float(self._intake.spool.last("time_s")) - reader.record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
@@ -343,8 +343,8 @@ class _Estimation:
         results = parts.make(
             "summary", lambda: self._make_summary(reader, telemetry, timing, parts), None
         ) or summarize_last_estimates(self._scenario, self._intake.spool, timing)
-        nothing: dict[str, Any] = {}
-        state = parts.make("filter state", lambda: self._make_filter_state(reader), nothing)
+        empty: dict[str, Any] = {}
+        state = parts.make("filter state", lambda: self._make_filter_state(reader), empty)
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
 
     def _make_summary(
@@ -352,7 +352,7 @@ class _Estimation:
     ) -> Summary:
         """Makes the summary of estimates, findings and data quality; arguments as those of `finish`."""
         last = self._intake.spool.last
-        found = parts.make("detections", self._intake.found, Findings())
+        found = parts.make("detections", self._intake.findings, Findings())
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         unjudged: dict[str, Any] = {"warnings": []}
         quality = parts.make(
@@ -367,7 +367,9 @@ class _Estimation:
             ),
             BatchAnalysis(unknown, ()),
         )
-        _, covariance = parts.make("covariance", self._cycles.known, (unknown, np.full((10, 10), np.nan)))
+        _, covariance = parts.make(
+            "covariance", self._cycles.estimate_and_covariance, (unknown, np.full((10, 10), np.nan))
+        )
         return compose_summary(
             self._scenario,
             duration_s=float(last("time_s")) - reader.record.first_s,
@@ -423,7 +425,7 @@ def _record_name(telemetry: str | Path | Sequence[str | Path]) -> str:
     """Returns the name of a record for its summary: names of its files, or "standard input"."""
     if isinstance(telemetry, (str, Path)):
         return "standard input" if str(telemetry) == "-" else Path(telemetry).name
-    return ", ".join(Path(one).name for one in telemetry)
+    return ", ".join(Path(path).name for path in telemetry)
 
 
 def split_by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
@@ -462,11 +464,11 @@ def _read_filter_state(folder: Path, scenario: Scenario) -> FilterState:
     return state
 
 
-def _require_same_state(state: FilterState, known: tuple[Array, Array], source: str) -> None:
+def _require_same_state(state: FilterState, estimate_and_covariance: tuple[Array, Array], source: str) -> None:
     """Raises InputError where a saved estimate or covariance differs from that restored from its `states`."""
-    for name, values in zip(("estimate", "covariance"), known, strict=True):
-        told = getattr(state, name)
-        if told is not None and not np.allclose(np.array(told, dtype=float), values, _ALIKE, 0.0, equal_nan=True):
+    for name, values in zip(("estimate", "covariance"), estimate_and_covariance, strict=True):
+        saved = getattr(state, name)
+        if saved is not None and not np.allclose(np.array(saved, dtype=float), values, _ALIKE, 0.0, equal_nan=True):
             raise InputError(f"{source}: {name}: is unlike the one in 'states'; it was not written by a run")
 
 

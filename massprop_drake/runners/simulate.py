@@ -56,14 +56,14 @@ class Engine(Protocol):
     def logged(self) -> int:
         """Number of samples logged since the logs were emptied."""
 
-    def advance(self, reached_s: float) -> None:
+    def advance(self, until_s: float) -> None:
         """Simulates up to a time, s, and logs every sample up to it, that at the time itself included."""
 
     def take_logs(self) -> dict[str, Array]:
         """Returns logged rows by port, shape (n, size), with their times as time_s, and empties the logs."""
 
-    def moment(self) -> Moment:
-        """Returns what viewers show of the last sample: motion, thrusts, estimates, commands and readings."""
+    def snapshot(self) -> Moment:
+        """Returns true motion, thrusts, estimates, commands and readings of the last sample, for viewers."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
         """Uses the last sample; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
@@ -133,7 +133,7 @@ def simulate(
         watch: called at every sample with what there is to see.
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
         look_back: whether the summary says what hindsight shows, `identifiability` and diagnoses in the verdict; where
-            it does not, `looked_back_on` makes up for it.
+            it does not, `results.summarize.add_batch_analysis` makes up for it.
         keep: called with the run as far as it has come when something is raised after its first sample, an
             interruption as well; its summary says where and why it ended, and which parts could not be made.
 
@@ -174,12 +174,12 @@ class _FlyingRun:
         chunk_s = CHUNK_S if watch is None else period
         with _explain_scenario_errors(self._scenario):
             for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
-                reached = min(number * chunk_s, end_s)
-                engine.advance(reached)
+                reached_s = min(number * chunk_s, end_s)
+                engine.advance(reached_s)
                 if watch is not None:
-                    watch(engine.moment())
+                    watch(engine.snapshot())
                 if progress is not None:
-                    progress(reached)
+                    progress(reached_s)
                 # a block of a few rows at the end would take other ways through linear algebra, with other rounding
                 if BLOCK_ROWS <= engine.logged <= self._intervals + 1 - self._intake.spool.n_rows - BLOCK_ROWS:
                     self._take_signals()
@@ -196,7 +196,7 @@ class _FlyingRun:
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
         timing = RunTiming(wall_s, flown_s / wall_s, self._engine.cycle_times(signals.n_rows))
-        found = parts.make("detections", intake.found, Findings())
+        found = parts.make("detections", intake.findings, Findings())
         results = parts.make(
             "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None
         ) or summarize_last_estimates(scenario, signals, timing)
@@ -280,8 +280,8 @@ def _split_signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Arra
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    seen = (sensor.name for sensor in true_params.simulated_non_inertial(scenario))
-    for name in (*vehicle.sensor_names(), *seen, *filter(is_user_signal, logs)):
+    non_inertial = (sensor.name for sensor in true_params.simulated_non_inertial(scenario))
+    for name in (*vehicle.sensor_names(), *non_inertial, *filter(is_user_signal, logs)):
         signals[name] = logs[name]
     return signals
 
@@ -332,19 +332,19 @@ def _control_authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | N
         return None
     vehicle = scenario.vehicle_data
     usable = params.selectable_jets(scenario)
-    left = usable & (signals.last("out_of_use") <= 0.0)
-    told = tuple(array.tobytes() for array in (vehicle.wrenches, vehicle.nominal.vector(), vehicle.mass_flows))
-    before = dict(_jet_reach(*told, usable.tobytes()))
+    available = usable & (signals.last("out_of_use") <= 0.0)
+    jet_data = tuple(array.tobytes() for array in (vehicle.wrenches, vehicle.nominal.vector(), vehicle.mass_flows))
+    before = dict(_jet_reach(*jet_data, usable.tobytes()))
     return {
         "before": before,
-        "after": before if left.sum() == usable.sum() else dict(_jet_reach(*told, left.tobytes())),
+        "after": before if available.sum() == usable.sum() else dict(_jet_reach(*jet_data, available.tobytes())),
     }
 
 
 @lru_cache(maxsize=64)
-def _jet_reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
-    """Maps axis and direction to the largest change of rate or velocity by the available jets in 1 s; cached."""
-    program = JetSelectionProgram(np.frombuffer(flows))
+def _jet_reach(wrenches: bytes, properties: bytes, mass_flows: bytes, available: bytes) -> dict[str, float]:
+    """Maps axis and direction to the largest change of rate or velocity by available jets in 1 s; arrays as bytes."""
+    program = JetSelectionProgram(np.frombuffer(mass_flows))
     activity = activity_vectors(np.frombuffer(wrenches).reshape(-1, 6), np.frombuffer(properties))
     limits = np.where(np.frombuffer(available, dtype=np.bool_), 1.0, 0.0)
     return {

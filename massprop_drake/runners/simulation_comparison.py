@@ -52,30 +52,30 @@ def compare_with_simulation(record: Run, folder: str | Path, *, spool_folder: Pa
             tells what it is like.
     """
     require_comparable(record.scenario, folder)
-    other = Run.load(folder)
+    other_run = Run.load(folder)
     if record.scenario.estimation.filter == "pose":
         spool = Spool(spool_folder, index="time_s")
-        found = pose_comparison.compare_in_fixed_frame(record, other, str(folder), spool)
+        found = pose_comparison.compare_in_fixed_frame(record, other_run, str(folder), spool)
         return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
-    world = _make_scenario(other, str(folder))
-    twin = _SimulatedVehicle(record.scenario, world, str(folder))
+    scenario = _make_scenario(other_run, str(folder))
+    vehicle = _SimulatedVehicle(record.scenario, scenario, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")
     signals = record.signals
-    every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
-    for block in blocks(every, "time_s", *signals):
-        opening = block.get("command_onset", level_onsets(block["command"].shape))
-        told = block["command"], opening
-        read = twin.simulate_readings(told, {name: block[name] for name in names}, block["time_s"])
-        spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
+    columns = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
+    for block in blocks(columns, "time_s", *signals):
+        onsets_s = block.get("command_onset", level_onsets(block["command"].shape))
+        commands = block["command"], onsets_s
+        simulated = vehicle.simulate_readings(commands, {name: block[name] for name in names}, block["time_s"])
+        spool.append({**block, **{AGAINST + name: values for name, values in simulated.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
     reference = SimulatedSide(
-        _parameters_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world)
+        _parameters_before_jumps(other_run), params.thrust_factors(scenario), params.plant_time_constants(scenario)
     )
     misfit, causes = explain_differences(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
-    said = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
-    return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
+    comparison = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
+    return Run(record.scenario, replace(record.results, against=comparison), None, spool, record.state)
 
 
 def require_comparable(record: Scenario, folder: str | Path) -> None:
@@ -124,37 +124,37 @@ def _jet_geometry(vehicle: Vehicle) -> list[Any]:
     return [(jet.position, jet.direction) for jet in vehicle.jets]
 
 
-def _known_parameters(other: Run) -> Array:
+def _known_parameters(run: Run) -> Array:
     """Returns the ten parameters to simulate a run's vehicle with: truth, else estimate, else nominal, shape (10,)."""
-    found = other.results
-    known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
-    return np.where(np.isfinite(known), known, params.filter_setup(other.scenario).nominal)
+    results = run.results
+    known = np.where(np.isfinite(results.truth), results.truth, results.estimates)
+    return np.where(np.isfinite(known), known, params.filter_setup(run.scenario).nominal)
 
 
-def _parameters_before_jumps(other: Run) -> Array:
+def _parameters_before_jumps(run: Run) -> Array:
     """Returns the ten parameters before the first payload jump, less the propellant used to the end, shape (10,).
 
     What is explained are the readings before anything was declared, with what was simulated then.
     """
-    known, period_s = _known_parameters(other), other.scenario.vehicle_data.sample_period_s
-    jumps = [jump for jump in other.scenario.jumps if jump.time_s < other.time_s[-1]]
-    if not jumps or not np.isfinite(other.results.truth).all():
+    known, period_s = _known_parameters(run), run.scenario.vehicle_data.sample_period_s
+    jumps = [jump for jump in run.scenario.jumps if jump.time_s < run.time_s[-1]]
+    if not jumps or not np.isfinite(run.results.truth).all():
         return known
     first_s = min(jump.time_s for jump in jumps)
-    row = max(int(np.searchsorted(other.time_s, first_s - 0.5 * period_s)) - 1, 0)
-    came = sum(-jump.mass if jump.kind == "release" else jump.mass for jump in jumps)
-    return join_ten_parameters(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
+    row = max(int(np.searchsorted(run.time_s, first_s - 0.5 * period_s)) - 1, 0)
+    added_mass = sum(-jump.mass if jump.kind == "release" else jump.mass for jump in jumps)
+    return join_ten_parameters(run["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - added_mass))
 
 
-def _make_scenario(other: Run, folder: str) -> Scenario:
+def _make_scenario(run: Run, folder: str) -> Scenario:
     """Returns the other run's scenario to simulate; of a record, with its estimates in place of the truth.
 
     Raises:
         InputError: when no rigid body can have these.
     """
-    if np.isfinite(other.results.truth).all():
-        return other.scenario
-    derived, known = other.results.derived, _known_parameters(other)
+    if np.isfinite(run.results.truth).all():
+        return run.scenario
+    derived, known = run.results.derived, _known_parameters(run)
     if derived.inertia is None or not derived.physically_possible:
         raise InputError(f"{folder}: no rigid body can have the inertia that it estimated: nothing to simulate")
     properties = MassPropertiesModel.model_construct(
@@ -162,9 +162,9 @@ def _make_scenario(other: Run, folder: str) -> Scenario:
         center_of_mass=tuple(known[CENTER_OF_MASS].tolist()),
         inertia=tuple(map(tuple, np.asarray(derived.inertia).tolist())),
     )
-    told = "vehicle" if params.estimator_time_constants(other.scenario).any() else "none"  # of the jets' lag
-    plant = other.scenario.plant.model_copy(update={"mass_properties": properties, "thrust_transient": told})
-    return other.scenario.model_copy(update={"plant": plant})
+    transient = "vehicle" if params.estimator_time_constants(run.scenario).any() else "none"  # of the jets' lag
+    plant = run.scenario.plant.model_copy(update={"mass_properties": properties, "thrust_transient": transient})
+    return run.scenario.model_copy(update={"plant": plant})
 
 
 class _SimulatedVehicle:
@@ -172,12 +172,12 @@ class _SimulatedVehicle:
 
     Args:
         record: for the gyros that its rate is taken from.
-        world: the scenario of the vehicle.
+        scenario: of the vehicle.
         source: what to call it in messages.
     """
 
-    def __init__(self, record: Scenario, world: Scenario, source: str):
-        self._true = true_params.vehicle_params(world)
+    def __init__(self, record: Scenario, scenario: Scenario, source: str):
+        self._true = true_params.vehicle_params(scenario)
         self._names = [package.name for package in self._true.packages]
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]
@@ -203,21 +203,21 @@ class _SimulatedVehicle:
         Raises:
             InputError: when it flies where nothing could follow.
         """
-        read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
-        coming = vehicle_cycle.draw_ahead(self._sample, time_s.size, self._true)
+        simulated_readings = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
+        drawn = vehicle_cycle.draw_ahead(self._sample, time_s.size, self._true)
         for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
-            here = {name: values[row] for name, values in readings.items()}
+            recorded = {name: values[row] for name, values in readings.items()}
             if not self._has_begun:
-                self._take_recorded_rate(here)
-            simulated, memories = vehicle_cycle.sense(self._state, row, coming, self._truth)
+                self._take_recorded_rate(recorded)
+            simulated, memories = vehicle_cycle.sense(self._state, row, drawn, self._truth)
             for name, values in zip(self._names, simulated, strict=True):
-                offset = self._offset(name, values, here[name])
-                read[name][row] = values + offset if self._has_begun else np.nan
+                offset = self._offset(name, values, recorded[name])
+                simulated_readings[name][row] = values + offset if self._has_begun else np.nan
             try:
-                if coming.jumps[row]:
+                if drawn.jumps[row]:
                     self._state = vehicle_cycle.apply_sample_jumps(self._state, self._sample, self._true)
-                told = (np.nan_to_num(command), onset_s, self._open)
-                after, _ = vehicle_cycle.step(self._state, told, self._sample, (coming, row), self._truth)
+                inputs = (np.nan_to_num(command), onset_s, self._open)
+                after, _ = vehicle_cycle.step(self._state, inputs, self._sample, (drawn, row), self._truth)
             except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                 raise InputError(
                     f"{self._source}: its vehicle cannot fly the record's commands: at t = {moment(time_s[row])} s it "
@@ -226,24 +226,24 @@ class _SimulatedVehicle:
             self._state = after._replace(memories=memories)
             self._sample += 1
             self._has_begun = self._has_begun and not np.isnan(command).all()
-        return read
+        return simulated_readings
 
-    def _take_recorded_rate(self, here: Mapping[str, Array]) -> None:
+    def _take_recorded_rate(self, readings: Mapping[str, Array]) -> None:
         """Sets the simulated rate to the recorded one, once all gyros have read, and clears accelerometer offsets."""
-        rates = np.array([here[name] for name in self._gyros])
-        there = np.isfinite(rates).all(axis=1)
-        if there.any():
+        rates = np.array([readings[name] for name in self._gyros])
+        is_read = np.isfinite(rates).all(axis=1)
+        if is_read.any():
             body = self._state.body.copy()
-            body[RATE] = rates[there][0]
+            body[RATE] = rates[is_read][0]
             self._state = self._state._replace(body=body)
             self._has_begun, self._offsets = True, {}
 
-    def _offset(self, name: str, simulated: Array, read: Array) -> Array:
+    def _offset(self, name: str, simulated: Array, recorded: Array) -> Array:
         """Offset of the record's accelerometer integral from the simulated one, shape (3,); NaN until it is read."""
         if name in self._rates or not self._has_begun:
             return _NOTHING
-        if name not in self._offsets and np.isfinite(read).all():
-            self._offsets[name] = read - simulated
+        if name not in self._offsets and np.isfinite(recorded).all():
+            self._offsets[name] = recorded - simulated
         return self._offsets.get(name, _UNKNOWN)
 
 

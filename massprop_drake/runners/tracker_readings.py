@@ -31,8 +31,8 @@ class Trackers:
         sensors = scenario.vehicle_data.tracked
         ends = np.cumsum([0, *(len(sensor.columns) for sensor in sensors)]).tolist()
         parts = zip(sensors, pairwise(ends), strict=True)
-        there = true_params.simulated_non_inertial(scenario)
-        self._parts = {sensor.name: slice(*ends) for sensor, ends in parts if sensor in there}
+        simulated = true_params.simulated_non_inertial(scenario)
+        self._parts = {sensor.name: slice(*ends) for sensor, ends in parts if sensor in simulated}
         self.size: int = ends[-1]
         self._seed = scenario.seed
         self._poses = {
@@ -56,8 +56,8 @@ class Trackers:
             if name in self._poses:
                 model = self._poses[name]
                 noise = normal_sample(self._seed, name, sample, N_NOISE)
-                there = is_due(sample * model.period_s, model)
-                readings[part] = read_pose(body, center, noise, model) if there else np.nan
+                due = is_due(sample * model.period_s, model)
+                readings[part] = read_pose(body, center, noise, model) if due else np.nan
             else:
                 noise = normal_sample(self._seed, name, sample, 3)
                 readings[part] = read_velocity(body, center, noise, *self._points[name])

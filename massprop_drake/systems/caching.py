@@ -35,13 +35,14 @@ class Cached:
         compute: Callable[[Any], Any],
         prerequisites: Iterable[DependencyTicket],
     ):
-        where = f"{system.get_name()}: {description}"
+        label = f"{system.get_name()}: {description}"
 
         def calc(context: Any, value: Any) -> None:
+            """Computes the result for a context, and stores it in the cache entry."""
             try:
                 value.set_value(_Result((compute(context),)))
             except NotPositiveDefiniteError as error:
-                raise error.at(context.get_time(), where) from None
+                raise error.at(context.get_time(), label) from None
 
         entry = system.DeclareCacheEntry(
             description, ValueProducer(allocate=lambda: Value[object](NOTHING), calc=calc), set(prerequisites)
@@ -104,36 +105,38 @@ class _Workspace(Generic[T]):
 
 
 def declare_output(
-    system: LeafSystem, name: str, size: int, read: Callable[[Any], Any], prerequisites: Iterable[DependencyTicket]
+    system: LeafSystem, name: str, size: int, compute: Callable[[Any], Any], prerequisites: Iterable[DependencyTicket]
 ) -> None:
-    """Declares a vector output port that a function of the context computes, with tickets of what it reads."""
+    """Declares a vector output port that a function of the context computes, with tickets of its inputs."""
     system.DeclareVectorOutputPort(
         name,
         size,
-        lambda context, output: output.SetFromVector(read(context)),
+        lambda context, output: output.SetFromVector(compute(context)),
         prerequisites_of_calc=set(prerequisites),
     )
 
 
 def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str, int, Part]]) -> None:
     """Declares vector output ports, name, size and selection each, that select from a cached result."""
-    for name, size, part in ports:
-        of = _reader(part)
-        declare_output(system, name, size, lambda context, of=of: of(entry.get(context)), {entry.ticket})  # type: ignore[misc]
+    for name, size, selection in ports:
+        select = _make_selector(selection)
+        declare_output(system, name, size, lambda context, select=select: select(entry.get(context)), {entry.ticket})  # type: ignore[misc]
 
 
-def declare_update(system: LeafSystem, entry: Cached, period_s: float, part: Part) -> None:
+def declare_update(system: LeafSystem, entry: Cached, period_s: float, selection: Part) -> None:
     """Declares a periodic update that sets the discrete state, one group, to a selection of a cached result."""
-    after = _reader(part)
+    select = _make_selector(selection)
 
     def update(context: Any, state: Any) -> None:
-        state.set_value(after(entry.get(context)))
+        """Writes the selected part of the cached result into the discrete state."""
+        state.set_value(select(entry.get(context)))
 
     system.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=update)
 
 
-def _reader(part: Part) -> Callable[[Any], Array]:
-    return itemgetter(part) if isinstance(part, slice) else part
+def _make_selector(selection: Part) -> Callable[[Any], Array]:
+    """Makes a function that selects part of a cached result."""
+    return itemgetter(selection) if isinstance(selection, slice) else selection
 
 
 def state_of(context: Any) -> Array:

@@ -83,12 +83,14 @@ def impulse_row(impulses: Impulses) -> Array:
     return IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
 
 
-def detector_row(judgment: Judgment, before: Any, layout: Layout) -> Array:
+def detector_row(judgment: Judgment, state_before: Any, layout: Layout) -> Array:
     """Makes the log row of a detector's cycle, packed as `DETECTOR_REPORT` for the detector's number of jets.
 
     Args:
         judgment: of the sample.
-        before: state of the detector before it, whose known forces are reported.
+        state_before: state of the detector before it, whose known forces are reported.
         layout: `DETECTOR_REPORT`, sized.
     """
-    return layout.pack((*judgment.status, judgment.likelihood, judgment.magnitude, before.force, before.variance))
+    return layout.pack(
+        (*judgment.status, judgment.likelihood, judgment.magnitude, state_before.force, state_before.variance)
+    )

@@ -36,40 +36,42 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
     """
     inputs = _require_ports("input", inputs, [system.get_input_port(k) for k in range(system.num_input_ports())])
     outputs = _require_ports("output", outputs, [system.get_output_port(k) for k in range(system.num_output_ports())])
-    groups, continuous = context.num_discrete_state_groups(), context.num_continuous_states()
-    if groups and continuous:
+    n_groups, continuous = context.num_discrete_state_groups(), context.num_continuous_states()
+    if n_groups and continuous:
         raise InputError(
             f"'{system.get_name()}' has continuous and discrete state, which no linear system has; leave out "
             "plant.time_step: 0, or thrust lag and sensor memory"
         )
     converted = system.ToAutoDiffXd()
-    at = converted.CreateDefaultContext()
-    at.SetTimeStateAndParametersFrom(context)
-    converted.FixInputPortsFrom(system, context, at)
-    state = _state(context, groups)
+    point = converted.CreateDefaultContext()
+    point.SetTimeStateAndParametersFrom(context)
+    converted.FixInputPortsFrom(system, context, point)
+    state = _stack_state(context, n_groups)
     values = [system.GetInputPort(name).Eval(context) for name in inputs]
-    varied = InitializeAutoDiff(np.concatenate([state, *values])).ravel()
-    rest = _put_state(at, varied, groups)
+    variables = InitializeAutoDiff(np.concatenate([state, *values])).ravel()
+    begin = _put_state(point, variables, n_groups)
     for name in inputs:
         port = converted.GetInputPort(name)
-        port.FixValue(at, varied[rest : rest + port.size()])
-        rest += port.size()
+        port.FixValue(point, variables[begin : begin + port.size()])
+        begin += port.size()
     n = state.size
-    ahead = _gradient(_next_state_or_rate(converted, at, groups), varied.size)
-    shown = [number for name in outputs for number in converted.GetOutputPort(name).Eval(at)]
-    seen = _gradient(shown, varied.size)
-    return LinearSystem(ahead[:, :n], ahead[:, n:], seen[:, :n], seen[:, n:], _period_s(system) if groups else 0.0)
+    dynamics = _gradient(_next_state_or_rate(converted, point, n_groups), variables.size)
+    output_values = [number for name in outputs for number in converted.GetOutputPort(name).Eval(point)]
+    gains = _gradient(output_values, variables.size)
+    return LinearSystem(
+        dynamics[:, :n], dynamics[:, n:], gains[:, :n], gains[:, n:], _period_s(system) if n_groups else 0.0
+    )
 
 
-def _require_ports(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
-    """Returns names of ports as a list; raises InputError for one that is absent, repeated or no vector."""
-    if isinstance(given, str):
-        raise InputError(f"{kind}s: must be a list of names, such as ['{given}']")
-    names = list(given)
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"{kind} port '{twice}' is named twice; name it once")
-    numbers = {port.get_name(): port.get_data_type() == PortDataType.kVectorValued for port in there}
+def _require_ports(kind: str, port_names: Iterable[str], ports: Sequence[Any]) -> list[str]:
+    """Returns port names as a list; raises InputError for one that is absent, repeated or no vector."""
+    if isinstance(port_names, str):
+        raise InputError(f"{kind}s: must be a list of names, such as ['{port_names}']")
+    names = list(port_names)
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise InputError(f"{kind} port '{repeated}' is named twice; name it once")
+    numbers = {port.get_name(): port.get_data_type() == PortDataType.kVectorValued for port in ports}
     for name in names:
         if name not in numbers:
             raise InputError(f"there is no {kind} port '{name}'{suggestion(name, list(numbers))}")
@@ -78,38 +80,38 @@ def _require_ports(kind: str, given: Iterable[str], there: Sequence[Any]) -> lis
     return names
 
 
-def _state(context: Context, groups: int) -> Array:
+def _stack_state(context: Context, n_groups: int) -> Array:
     """Stacks continuous and discrete state of a context, shape (n,)."""
-    discrete = [context.get_discrete_state(group).CopyToVector() for group in range(groups)]
+    discrete = [context.get_discrete_state(group).CopyToVector() for group in range(n_groups)]
     return np.concatenate([context.get_continuous_state_vector().CopyToVector(), *discrete])
 
 
-def _put_state(at: Any, varied: Any, groups: int) -> int:
+def _put_state(context: Any, values: Any, n_groups: int) -> int:
     """Writes a vector into the state of a context, and returns the number of its elements."""
-    if not groups:
-        count: int = at.num_continuous_states()
-        at.get_mutable_continuous_state_vector().SetFromVector(varied[:count])
+    if not n_groups:
+        count: int = context.num_continuous_states()
+        context.get_mutable_continuous_state_vector().SetFromVector(values[:count])
         return count
     begin = 0
-    for group in range(groups):
-        vector = at.get_mutable_discrete_state(group)
-        vector.SetFromVector(varied[begin : begin + vector.size()])
+    for group in range(n_groups):
+        vector = context.get_mutable_discrete_state(group)
+        vector.SetFromVector(values[begin : begin + vector.size()])
         begin += vector.size()
     return begin
 
 
-def _next_state_or_rate(converted: Any, at: Any, groups: int) -> Any:
+def _next_state_or_rate(system: Any, context: Any, n_groups: int) -> Any:
     """Computes the time derivative of a continuous state, or the next value of a discrete one."""
-    if not groups:
-        return converted.EvalTimeDerivatives(at).get_vector().CopyToVector()
-    updated = converted.EvalUniquePeriodicDiscreteUpdate(at)
-    return np.concatenate([updated.get_vector(group).CopyToVector() for group in range(groups)])
+    if not n_groups:
+        return system.EvalTimeDerivatives(context).get_vector().CopyToVector()
+    updated = system.EvalUniquePeriodicDiscreteUpdate(context)
+    return np.concatenate([updated.get_vector(group).CopyToVector() for group in range(n_groups)])
 
 
-def _gradient(numbers: Any, count: int) -> Array:
-    """Returns the Jacobian of AutoDiff numbers, shape (k, count); zero where they depend on nothing."""
-    rows = [one.derivatives() for one in numbers]
-    return np.array([row if row.size else np.zeros(count) for row in rows]).reshape(-1, count)
+def _gradient(values: Any, n_variables: int) -> Array:
+    """Returns the Jacobian of AutoDiff numbers, shape (k, n_variables); zero where they depend on nothing."""
+    rows = [value.derivatives() for value in values]
+    return np.array([row if row.size else np.zeros(n_variables) for row in rows]).reshape(-1, n_variables)
 
 
 def _period_s(system: System) -> float:

@@ -95,21 +95,22 @@ class Parameters:
             place = self._places.get(name, self.names.index(name) if name in self.names else None)
             if place is None:
                 known = [*self._places, *self.names]
-                raise InputError(f"{self._where(name)}: no such parameter{suggestion(name, known)}")
+                raise InputError(f"{self._describe_parameter(name)}: no such parameter{suggestion(name, known)}")
             size = np.shape(vector[place])
-            wanted = f"a vector of {size[0]} numbers" if size else "a number"
+            expected = f"a vector of {size[0]} numbers" if size else "a number"
             try:
-                given = np.asarray(value, dtype=float if vector.dtype == float else None)
+                array = np.asarray(value, dtype=float if vector.dtype == float else None)
             except (TypeError, ValueError):
-                raise InputError(f"{self._where(name)}: must be {wanted}, got {value!r}") from None
-            if given.shape != size:
-                raise InputError(f"{self._where(name)}: must be {wanted}, got shape {given.shape}")
-            if given.dtype != object and not np.isfinite(given).all():
-                raise InputError(f"{self._where(name)}: must be finite, got {value}")
-            vector[place] = given[()]
+                raise InputError(f"{self._describe_parameter(name)}: must be {expected}, got {value!r}") from None
+            if array.shape != size:
+                raise InputError(f"{self._describe_parameter(name)}: must be {expected}, got shape {array.shape}")
+            if array.dtype != object and not np.isfinite(array).all():
+                raise InputError(f"{self._describe_parameter(name)}: must be finite, got {value}")
+            vector[place] = array[()]
         context.get_mutable_numeric_parameter(_GROUP).SetFromVector(vector)
 
-    def _where(self, name: str) -> str:
+    def _describe_parameter(self, name: str) -> str:
+        """Names a parameter and its system, for messages."""
         return f"parameter '{name}' of {self._system.get_name()}"
 
 

@@ -23,15 +23,16 @@ _RESULT = {AutoDiffXd: "AutoDiffXd", Expression: "Expression"}
 
 def float_class(template: Any, name: str) -> Any:
     """Returns the class of a system's template for floats, renamed to the name that users import."""
-    made = template[float]
-    made.__name__ = made.__qualname__ = name
-    return made
+    system = template[float]
+    system.__name__ = system.__qualname__ = name
+    return system
 
 
 def template(make: Callable[[Any], type]) -> Any:
     """Makes a Drake `TemplateSystem` from a function that makes a system's class for a scalar type."""
 
     def make_class(scalar: Any) -> type:
+        """Makes the class for a scalar type; without NaN warnings in callbacks for Expression."""
         system = make(scalar)
         for name, member in list(vars(system).items()) if scalar is Expression else []:
             if name.startswith(_CALLBACKS):  # numpy takes the bits of an Expression for NaN, and would warn

@@ -135,9 +135,9 @@ def _components(field: str, shape: Iterable[int | str]) -> list[Names]:
     return [_OF_FIELDS.get(field, _BY_SIZE[size]) for size in shape]
 
 
-def _expand_names(part: Names, jets: Names) -> list[str]:
-    """Returns the names of an element, or one name per jet where it is of jets."""
-    choices = (jets if word == JETS else (word,) for word in part)
+def _expand_names(element_words: Names, jets: Names) -> list[str]:
+    """Joins the words of an element to its name, or to one name per jet where it is of jets."""
+    choices = (jets if word == JETS else (word,) for word in element_words)
     return ["_".join(filter(None, words)) for words in product(*choices)]
 
 

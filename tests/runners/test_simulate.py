@@ -104,7 +104,7 @@ def test_logs_may_be_emptied_at_any_row() -> None:
     pieces = []
     for reached_s in (0.0, 10.0, 20.41, 20.49, 22.0):  # row 255 is the last of a block, 256 the next one's first
         parts.advance(reached_s)
-        assert 0.0 <= reached_s - parts.moment().time_s < 0.08
+        assert 0.0 <= reached_s - parts.snapshot().time_s < 0.08
         pieces.append(parts.take_logs())
         assert parts.logged == 0
     assert whole.logged == 276

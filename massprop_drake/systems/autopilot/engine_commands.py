@@ -39,7 +39,7 @@ class EngineCommands(LeafSystem):
         if control.bandwidth > 0.0:
             self._gyro = self.DeclareVectorInputPort("gyro", 3)
             needed.add(self._gyro.ticket())
-        declare_output(self, "engine_command", size, self._calc, needed)
+        declare_output(self, "engine_command", size, self._calc_command, needed)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
 
     def _steer(self, context: Any) -> tuple[Array, Array]:
@@ -48,10 +48,12 @@ class EngineCommands(LeafSystem):
         turned = context.get_discrete_state(self._turned).CopyToVector()
         return steer_gimbals(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
 
-    def _calc(self, context: Any) -> Any:
+    def _calc_command(self, context: Any) -> Any:
+        """Computes level and gimbal angles, rad, of all engines for the coming sample, shape (3 n,)."""
         commands, _ = self._steer(context)
         return commands.ravel()
 
     def _update(self, context: Any, state: Any) -> None:
+        """Stores the integral of the rate while engines burn."""
         _, turned = self._steer(context)
         state.set_value(self._turned, turned)

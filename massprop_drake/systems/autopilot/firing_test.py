@@ -74,26 +74,28 @@ class FiringTestSystem(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(settings.craft.period_s, 0.0, self._update)
 
     def _read_memory(self, context: Any) -> FiringTestMemory:
+        """Returns the state of test firings from the context."""
         memory: FiringTestMemory = context.get_abstract_state(self._memory).get_value()
         return memory
 
     def _calc_command(self, context: Any) -> Any:
+        """Returns the commands of the running test for the coming sample, zero without one, shape (n_jets,)."""
         rows = self._read_memory(context).rows
         return rows[0] if rows.shape[0] else np.zeros(rows.shape[1])
 
     def _update(self, context: Any, state: Any) -> EventStatus:
-        """Writes the memory after the sample into the abstract state."""
+        """Writes the state of test firings after the sample into the abstract state."""
         memory = self._next_memory(context, self._read_memory(context))
         state.get_mutable_abstract_state(self._memory).set_value(memory)
         return EventStatus.Succeeded()
 
     def _next_memory(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """Computes the memory after a sample: continues a test, waits, or designs a test that is due."""
+        """Computes the state after a sample: continues a test, waits, or designs the test firings that are due."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
-        among = suspects(self._probability.Eval(context), settings) if settings.groups else ()
-        asks = bool(among) if settings.groups else misses_target(covariance, settings)
-        if not asks:  # what is left of a test is not flown
+        suspected = suspects(self._probability.Eval(context), settings) if settings.groups else ()
+        is_open = bool(suspected) if settings.groups else misses_target(covariance, settings)
+        if not is_open:  # what is left of a test is not flown
             return memory._replace(rows=memory.rows[:0], since_s=np.inf)
         if memory.rows.shape[0] > 0:
             return memory._replace(rows=memory.rows[1:], pause_s=time_s + settings.patience_s)
@@ -102,7 +104,7 @@ class FiringTestSystem(LeafSystem):
         since_s = min(memory.since_s, time_s)
         if time_s - since_s < settings.patience_s:
             return memory._replace(since_s=since_s)
-        known = self._estimate.Eval(context), covariance
-        rows = design_commands(self._sets, known, self._gyro.Eval(context), among, settings)
-        flown = memory.tests + int(rows.shape[0] > 0)
-        return FiringTestMemory(rows, np.inf, time_s + settings.patience_s, flown)
+        estimate_and_covariance = self._estimate.Eval(context), covariance
+        rows = design_commands(self._sets, estimate_and_covariance, self._gyro.Eval(context), suspected, settings)
+        n_tests = memory.tests + int(rows.shape[0] > 0)
+        return FiringTestMemory(rows, np.inf, time_s + settings.patience_s, n_tests)

@@ -27,7 +27,8 @@ class HandControllers(LeafSystem):
         super().__init__()
         self.set_name("hand_controllers")
 
-        def now(context: Any) -> Any:
+        def calc_deflections(context: Any) -> Any:
+            """Computes deflections of both hand controllers at the context's time, -1, 0 or 1, shape (6,)."""
             return hand_controller_rows(windows, np.array([context.get_time()]))[0]
 
-        declare_output(self, "hand_controllers", 6, now, {self.time_ticket()})
+        declare_output(self, "hand_controllers", 6, calc_deflections, {self.time_ticket()})

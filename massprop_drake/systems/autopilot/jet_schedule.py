@@ -56,25 +56,26 @@ class JetSchedule(LeafSystem):
         tables = [("command", self._commands, np.zeros(n_jets))]
         if self._onsets_s is not None:
             tables.append(("command_onset", self._onsets_s, level_onsets(n_jets)))
-        for name, table, beyond in tables:
-            row = make_row_reader(table, period_s, beyond)
-            self._held.append((self.DeclareDiscreteState(beyond), row))
+        for name, table, fallback in tables:
+            row = make_row_reader(table, period_s, fallback)
+            self._held.append((self.DeclareDiscreteState(fallback), row))
             declare_output(self, name, n_jets, row, {self.time_ticket()})
             self.DeclareStateOutputPort(f"held_{name}", self._held[-1][0])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _update(self, context: Any, state: Any) -> None:
+        """Stores commands, and onsets where given, of the sample that begins, as held ones."""
         for group, row in self._held:
             state.set_value(group, row(context))
 
 
-def make_row_reader(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Array]:
-    """Makes a function from a context to the table's row at its time, or ``beyond`` after the last row."""
+def make_row_reader(table: Array, period_s: float, fallback: Array) -> Callable[[Any], Array]:
+    """Makes a function from a context to the table's row at its time, or `fallback` after its last row."""
 
-    def row(context: Any) -> Array:
-        """Returns the table's row at a context's time, or the row beyond the table."""
+    def read_row(context: Any) -> Array:
+        """Returns the table's row at a context's time, or the fallback row."""
         sample = round(context.get_time() / period_s)
-        found: Array = table[sample] if sample < len(table) else beyond
-        return found
+        values: Array = table[sample] if sample < len(table) else fallback
+        return values
 
-    return row
+    return read_row

@@ -67,17 +67,17 @@ class _Program(NamedTuple):
     box: Any
 
 
-def _make_program(most: Array, cost: Array) -> _Program:
+def _make_program(upper_limits: Array, cost: Array) -> _Program:
     """Makes a linear program: least cost, six equality rows, and variables from zero to their limits.
 
     Args:
-        most: of each variable, shape (n,).
+        upper_limits: of each variable, shape (n,).
         cost: of each, shape (n,).
     """
-    n, program = most.size, MathematicalProgram()
+    n, program = upper_limits.size, MathematicalProgram()
     t = program.NewContinuousVariables(n, "t")
     rows = program.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
-    box = program.AddBoundingBoxConstraint(np.zeros(n), most, t).evaluator()
+    box = program.AddBoundingBoxConstraint(np.zeros(n), upper_limits, t).evaluator()
     program.AddLinearCost(cost, 0.0, t)
     return _Program(program, rows, box)
 
@@ -99,21 +99,21 @@ class JetSelectionProgram:
         n = self._n = self._cost.size
         self._least = np.zeros(n)  # on-time of each jet
         self._solver = ClpSolver()
-        self._seen: tuple[Array | None, Array | None] = None, None  # activity and limits, if nobody can write to them
-        self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
+        self._checked: tuple[Array | None, Array | None] = None, None  # activity and limits, if both are read-only
+        self._scaled_activity: Array | None = None  # the activity vectors whose scaled rows are kept
         self._rows = self._sizes = np.empty(0)
-        self._exact_has: Array | None = None  # the scaled rows that the first program holds
+        self._exact_rows: Array | None = None  # the scaled rows that the first program holds
         self.solves = 0  # programs solved so far, for statistics
 
-        self._exact = _make_program(np.full(n, np.inf), self._cost / self._cost.max())
+        self._exact_program = _make_program(np.full(n, np.inf), self._cost / self._cost.max())
 
     @cached_property
-    def _share(self) -> _Program:
-        """Linear program for on-times and the share s of the velocity change, for a request that cannot be met."""
+    def _reduced_program(self) -> _Program:
+        """Linear program for on-times and fraction s of the velocity change, for a request that cannot be met."""
         return _make_program(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
 
     @cached_property
-    def _near(self) -> _Program:
+    def _closest_program(self) -> _Program:
         """Linear program for on-times, shortfall and excess of each row, where even the rate change cannot be met."""
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         cost = np.concatenate([np.zeros(self._n), weights, weights])
@@ -136,10 +136,10 @@ class JetSelectionProgram:
         outcome = Outcome.EXACT
         if on_times is None:
             outcome = Outcome.REDUCED
-            relaxed = self._largest_share(request, limits_s)
+            relaxed = self._reduce_request(request, limits_s)
             if relaxed is None:
                 outcome = Outcome.CLOSEST
-                relaxed = self._closest(activity, request, limits_s)
+                relaxed = self._closest_request(activity, request, limits_s)
             target, within_reach = relaxed
             # at the very edge of what can be reached rounding may leave no room to save propellant
             saving = self._least_propellant(target, limits_s)
@@ -147,7 +147,7 @@ class JetSelectionProgram:
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
     def reach(self, activity: Array, row: int, sign: float, limits_s: Array, *, alone: bool = False) -> float:
-        """Computes the largest change of one element of the request, with the other rotations at zero.
+        """Computes the largest change of one element of a request that jets can give, with the other rotations at zero.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
@@ -159,23 +159,23 @@ class JetSelectionProgram:
         Returns:
             The change, rad/s or ft/s or m/s, zero or positive.
         """
-        far = np.zeros(6)
-        self._check_arguments(activity, far, limits_s)
-        far[row] = sign * float(np.abs(activity[row]) @ limits_s)
-        if far[row] == 0.0:
+        bound = np.zeros(6)
+        self._check_arguments(activity, bound, limits_s)
+        bound[row] = sign * float(np.abs(activity[row]) @ limits_s)
+        if bound[row] == 0.0:
             return 0.0
-        held = [*range(6)] if alone else [*range(3), *([row] if row > 2 else [])]
-        size = _row_sizes(activity[held])
-        rows, (target, scale) = activity[held] / size[:, None], _scale_request(far[held], size)
+        fixed_rows = [*range(6)] if alone else [*range(3), *([row] if row > 2 else [])]
+        row_sizes = _row_sizes(activity[fixed_rows])
+        rows, (target, scale) = activity[fixed_rows] / row_sizes[:, None], _scale_request(bound[fixed_rows], row_sizes)
         column = np.where(target != 0.0, -target, 0.0)
-        missing = 6 - len(held)
-        self._share.rows.UpdateCoefficients(
+        missing = 6 - len(fixed_rows)
+        self._reduced_program.rows.UpdateCoefficients(
             np.vstack([np.column_stack([rows, column]), np.zeros((missing, self._n + 1))]), np.zeros(6)
         )
-        self._share.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
-        result = self._solve(self._share.program)
-        share = 0.0 if result is None else float(result.get_x_val()[-1])
-        return max(share, 0.0) * abs(float(far[row]))
+        self._reduced_program.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._reduced_program.program)
+        fraction = 0.0 if result is None else float(result.get_x_val()[-1])
+        return max(fraction, 0.0) * abs(float(bound[row]))
 
     def _scale_activity(self, activity: Array) -> None:
         """Stores activity rows scaled to a largest element of 1, unless they are those of the last call.
@@ -183,11 +183,11 @@ class JetSelectionProgram:
         Raises:
             ValueError: when an activity vector is not finite.
         """
-        if self._rows_of is not None and self._rows_of.tobytes() == activity.tobytes():
+        if self._scaled_activity is not None and self._scaled_activity.tobytes() == activity.tobytes():
             return
         if not np.isfinite(activity).all():
             raise ValueError(f"activity vectors must be finite, got {activity}")
-        self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
+        self._scaled_activity, self._sizes = activity.copy(), _row_sizes(activity)
         self._rows = activity / self._sizes[:, None]
 
     def _scale_request_rows(self, request: Array) -> tuple[Array, Array, float]:
@@ -200,8 +200,8 @@ class JetSelectionProgram:
             raise ValueError(f"request must have shape (6,), got {request.shape}")
         if not all(map(math.isfinite, request.tolist())):
             raise ValueError(f"a request must be finite, got {request}")
-        seen, limited = self._seen
-        if activity is seen and limits_s is limited:
+        checked_activity, checked_limits_s = self._checked
+        if activity is checked_activity and limits_s is checked_limits_s:
             return
         for name, array, shape in (("activity", activity, (6, self._n)), ("limits_s", limits_s, (self._n,))):
             if array.shape != shape:
@@ -210,47 +210,47 @@ class JetSelectionProgram:
         if not np.minimum.reduce(limits_s) >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
         constant = not (activity.flags.writeable or limits_s.flags.writeable)
-        self._seen = (activity, limits_s) if constant else (None, None)
+        self._checked = (activity, limits_s) if constant else (None, None)
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
         """Computes on-times of least propellant, s, shape (n_jets,); None where they cannot meet the request."""
         rows, target, scale = self._scale_request_rows(request)
         if scale == 0.0:
             return np.zeros(self._n)
-        if self._exact_has is rows:
-            self._exact.rows.set_bounds(target, target)
+        if self._exact_rows is rows:
+            self._exact_program.rows.set_bounds(target, target)
         else:
-            self._exact.rows.UpdateCoefficients(rows, target)
-            self._exact_has = rows
-        self._exact.box.set_bounds(self._least, limits_s / scale)
-        result = self._solve(self._exact.program)
+            self._exact_program.rows.UpdateCoefficients(rows, target)
+            self._exact_rows = rows
+        self._exact_program.box.set_bounds(self._least, limits_s / scale)
+        result = self._solve(self._exact_program.program)
         if result is None:
             return None
         return _limit_on_times(result.get_x_val() * scale, limits_s)
 
-    def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
+    def _reduce_request(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """Computes the request [dw; s dv] of largest s, and its on-times, s; None where dw cannot be met."""
         rows, target, scale = self._scale_request_rows(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
-        self._share.rows.UpdateCoefficients(
+        self._reduced_program.rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
         )
-        self._share.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
-        result = self._solve(self._share.program)
+        self._reduced_program.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._reduced_program.program)
         if result is None:
             return None
         solution = result.get_x_val()
-        share = float(solution[-1]) * (1.0 - _TINY)
+        fraction = float(solution[-1]) * (1.0 - _TINY)
         on_times = _limit_on_times(solution[:-1] * scale, limits_s)
-        return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
+        return np.concatenate([request[RATE], fraction * request[VELOCITY]]), on_times
 
-    def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
+    def _closest_request(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """Computes the attainable request closest to a request, shape (6,), and its on-times, s, shape (n_jets,)."""
         rows, target, scale = self._scale_request_rows(request)
-        self._near.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
+        self._closest_program.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
-        self._near.box.set_bounds(np.zeros(self._n + 12), limits)
-        result = self._solve(self._near.program)
+        self._closest_program.box.set_bounds(np.zeros(self._n + 12), limits)
+        result = self._solve(self._closest_program.program)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
         on_times = _limit_on_times(result.get_x_val()[: self._n] * scale, limits_s)
@@ -265,14 +265,14 @@ class JetSelectionProgram:
 
 def _row_sizes(activity: Array) -> Array:
     """Computes the largest magnitude in each row of activity vectors, 1 for a row of zeros, shape (6,)."""
-    size: Array = np.abs(activity).max(axis=1)
-    size[size == 0.0] = 1.0
-    return size
+    sizes: Array = np.abs(activity).max(axis=1)
+    sizes[sizes == 0.0] = 1.0
+    return sizes
 
 
-def _scale_request(request: Array, size: Array) -> tuple[Array, float]:
+def _scale_request(request: Array, row_sizes: Array) -> tuple[Array, float]:
     """Divides a request by row sizes, then by its largest element; returns it and that scale of on-times."""
-    target = request / size
+    target = request / row_sizes
     scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale
 

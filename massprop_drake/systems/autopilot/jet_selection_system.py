@@ -94,8 +94,8 @@ class JetSelection(LeafSystem):
         body: dict[str, Any] = {"wrenches": wrenches, "mass_flows": mass_flows, "mass_properties": mass_properties}
         make = partial(Selector, selectable=selectable, **on_times, **body)
         self._selector = Scratch(self, "selector", make)
-        self._going_on = compile_kernel_if(autopilot_ports.select_or_fire, compiled)
-        self._fired = compile_kernel_if(autopilot_ports.fire_sample, compiled)
+        self._select_or_fire = compile_kernel_if(autopilot_ports.select_or_fire, compiled)
+        self._fire_sample = compile_kernel_if(autopilot_ports.fire_sample, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
         self._pulses, self._period_s = whole_cycle_pulses(n_jets) if pulses is None else pulses, period_s
         self._forces = jet_forces(wrenches)
@@ -104,7 +104,7 @@ class JetSelection(LeafSystem):
         self._command = slice(n_jets, 2 * n_jets)
         self._rows = (slice(0, n_jets), self._command, slice(2 * n_jets, None))
         self._layout = RECONFIGURATION.sized(jets=n_jets)
-        self._nothing_told = np.zeros(self._layout.size)
+        self._no_reconfiguration = np.zeros(self._layout.size)
         self._request = self.DeclareVectorInputPort("request", REQUEST.size)
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
@@ -125,13 +125,14 @@ class JetSelection(LeafSystem):
         self.DeclareStateOutputPort("out_of_use", self._groups.out_of_use)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
-    def _properties(self, context: Any) -> Array | None:
+    def _converged_properties(self, context: Any) -> Array | None:
         """Returns the ten estimated parameters where converged; None: the nominal ones are in use."""
         if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
             return self._estimate.Eval(context)
         return None
 
     def _state(self, context: Any) -> SelectionState:
+        """Returns the state of jet selection from the context."""
         return SelectionState._make(_state_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
@@ -140,7 +141,7 @@ class JetSelection(LeafSystem):
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():
             return row, changed
-        properties = self._properties(context)
+        properties = self._converged_properties(context)
         reciprocal = self._nominal if properties is None else float(properties[MASS_RECIPROCAL])
         delivered = delivered_velocity(prescribed, self._forces, reciprocal, self._period_s)
         return np.concatenate((np.zeros(prescribed.size), prescribed, delivered)), changed
@@ -148,18 +149,21 @@ class JetSelection(LeafSystem):
     def _decide_sample(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
         """Continues the burst, or selects a new one; returns the coming sample's jets, and states that change."""
         remaining, refused = _state_group(context, self._groups.remaining), _state_group(context, self._groups.refused)
-        request, properties = self._request.Eval(context), self._properties(context)
-        there = self._reconfiguration.HasValue(context)
-        told = self._reconfiguration.Eval(context) if there else self._nothing_told
+        request, properties = self._request.Eval(context), self._converged_properties(context)
+        has_detector = self._reconfiguration.HasValue(context)
+        reconfiguration_row = self._reconfiguration.Eval(context) if has_detector else self._no_reconfiguration
         reciprocal = self._nominal if properties is None else float(properties[MASS_RECIPROCAL])
-        row = self._going_on(remaining, request, refused, told, reciprocal, self._held)
+        row = self._select_or_fire(remaining, request, refused, reconfiguration_row, reciprocal, self._held)
         if row[_SELECTS] == 0.0:
             return row[_FIRED], ()
-        asked_for = self._layout.read(told) if there else None
-        burst = self._selector.get(context).decide(self._state(context), REQUEST.read(request), properties, asked_for)
-        return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
+        reconfiguration = self._layout.read(reconfiguration_row) if has_detector else None
+        burst = self._selector.get(context).decide(
+            self._state(context), REQUEST.read(request), properties, reconfiguration
+        )
+        return self._fire_sample(burst.remaining, reciprocal, self._held), burst[1:]
 
     def _calc_held(self, context: Any) -> Any:
+        """Computes onsets of the held command's pulses in the running sample, s, shape (n_jets,)."""
         command = _state_group(context, self._groups.command)
         return pulse_onsets(command, self._pulses, self._period_s)
 

@@ -13,13 +13,13 @@ _SHARE = 0.3  # of the longest on-time of a selection: jets with less stay shut,
 
 
 def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
-    """Lists sets of jets, by index: single ones, then for each axis and sign that of least propellant.
+    """Lists sets of jets, by index: single jets, then the set of least propellant for each axis and sign.
 
     Args:
         craft: see `Craft`.
     """
-    found: list[tuple[int, ...]] = [(jet,) for jet in craft.jets.tolist()]
-    if not found:
+    sets: list[tuple[int, ...]] = [(jet,) for jet in craft.jets.tolist()]
+    if not sets:
         return []
     activity = activity_vectors(craft.params.wrenches, craft.properties)
     limits = np.zeros(craft.params.places.jets)
@@ -27,10 +27,10 @@ def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
     program = JetSelectionProgram(craft.flows)
     for axis in range(6):
         reach = float(np.abs(activity[axis, craft.jets]).max())
-        for way in (1.0, -1.0):
+        for sign in (1.0, -1.0):
             request = np.zeros(6)
-            request[axis] = _ASKED * way * reach
+            request[axis] = _ASKED * sign * reach
             on_times = program.solve(activity, request, limits).on_times_s
             if on_times.any():
-                found.append(tuple(np.flatnonzero(on_times > _SHARE * on_times.max()).tolist()))
-    return list(dict.fromkeys(found))
+                sets.append(tuple(np.flatnonzero(on_times > _SHARE * on_times.max()).tolist()))
+    return list(dict.fromkeys(sets))

@@ -54,6 +54,6 @@ class PhaseSpaceController(LeafSystem):
 
     def _compute(self, context: Any) -> Array:
         """Computes the request, packed as `REQUEST`, followed by the next state, as one vector."""
-        given = [state_of(context), *(port.Eval(context) for port in self._sensed), self._held]
-        row: Array = self._kernel(*given)
+        arguments = [state_of(context), *(port.Eval(context) for port in self._sensed), self._held]
+        row: Array = self._kernel(*arguments)
         return row

@@ -118,8 +118,8 @@ class Selector:
         self._selectable = selectable
         self._nominal = mass_properties
         self._nominal_activity = _make_read_only(activity_vectors(wrenches, mass_properties))
-        self._undone, self._by_nominal = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
-        self._limited, self._limits = (b"", 0.0), np.zeros(0)  # the last limits, and of which jets and time
+        self._last_wrench, self._last_effect = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
+        self._limits_key, self._limits = (b"", 0.0), np.zeros(0)  # the last limits, and of which jets and time
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
         off = np.zeros(selectable.size)
@@ -127,38 +127,38 @@ class Selector:
         owed = off if self._pulses.within else np.zeros(0)
         self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off, owed)
 
-    def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
-        """Selects the burst in force from a sample on at which `must_select` finds something to solve.
+    def decide(self, state: SelectionState, request: Any, properties: Array | None, reconfiguration: Any) -> Burst:
+        """Selects the burst of jet firings for a request, by the linear program; called where `must_select` is true.
 
         Args:
             state: before the sample.
             request: see `maths.autopilot.phase_space.Request`.
             properties: mass properties to reckon with, the ten parameters, shape (10,); None: the nominal ones.
-            asked_for: see `Reconfiguration`; None: there is no detector.
+            reconfiguration: see `Reconfiguration`; None: there is no detector.
         """
         wrench, declared = None, False
-        if asked_for is not None:
-            declared = asked_for.declared
-            if has_nonzero(asked_for.known_wrench):
-                wrench = asked_for.known_wrench
+        if reconfiguration is not None:
+            declared = reconfiguration.declared
+            if has_nonzero(reconfiguration.known_wrench):
+                wrench = reconfiguration.known_wrench
         remaining = np.zeros_like(state.remaining) if declared else state.remaining
         solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
         refused = state.refused
         out_of_use, owed = state.out_of_use, state.owed
-        before = self._program.solves
+        solves_before = self._program.solves
         if declared:
-            out_of_use = self._take_out_of_use(properties, out_of_use, asked_for.removed)
+            out_of_use = self._take_out_of_use(properties, out_of_use, reconfiguration.removed)
         if not declared or must_select(remaining, request, refused, wrench is not None, False):
-            wanted, selection = self._select_jets(properties, request, wrench, out_of_use)
+            target, selection = self._select_jets(properties, request, wrench, out_of_use)
             remaining, owed, shortest_s = self._round_on_times(selection.on_times_s, owed)
             refused = _NOT_REFUSED
             if not (has_nonzero(remaining) or self._pulses.accumulates):
-                refused = REFUSED.pack((wanted[RATE], least_change(wanted, selection.on_times_s, shortest_s)))
-            size = _length(wanted[VELOCITY])
+                refused = REFUSED.pack((target[RATE], least_change(target, selection.on_times_s, shortest_s)))
+            size = _length(target[VELOCITY])
             reduced += selection.outcome == Outcome.REDUCED
             closest += selection.outcome == Outcome.CLOSEST
             granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
-        counts = (solved + self._program.solves - before, reduced, closest, granted)
+        counts = (solved + self._program.solves - solves_before, reduced, closest, granted)
         return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
 
     def _round_on_times(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
@@ -183,56 +183,56 @@ class Selector:
         """
         activity = self._activity(properties)
 
-        def solve(wanted: Array, longest_s: float) -> Selection:
+        def solve(target: Array, longest_s: float) -> Selection:
             """Solves for the on-times of a change of rate and velocity, each at most the longest, s."""
             limits = self._on_time_limits(out_of_use, longest_s)
-            return time_call(JET_SELECTION, self._program.solve, activity, wanted, limits)
+            return time_call(JET_SELECTION, self._program.solve, activity, target, limits)
 
-        asked = np.concatenate([request.rate_change, request.velocity_change])
+        request_vector = np.concatenate([request.rate_change, request.velocity_change])
         if wrench is None:
-            return asked, solve(asked, request.time_limit_s)
-        effect = self._effect(properties, wrench)
+            return request_vector, solve(request_vector, request.time_limit_s)
+        acceleration = self._acceleration(properties, wrench)
         if np.isfinite(request.time_limit_s):  # a translation, which has its time
-            wanted = asked - effect * request.time_limit_s
-            return wanted, solve(wanted, request.time_limit_s)
-        alone = float(solve(asked, np.inf).on_times_s.max())
-        duration = self._period_s * max(1, math.ceil(alone / self._period_s - 1e-9))
+            target = request_vector - acceleration * request.time_limit_s
+            return target, solve(target, request.time_limit_s)
+        duration_alone = float(solve(request_vector, np.inf).on_times_s.max())
+        duration = self._period_s * max(1, math.ceil(duration_alone / self._period_s - 1e-9))
         while True:
-            wanted = asked - effect * duration
-            selection = solve(wanted, duration)
+            target = request_vector - acceleration * duration
+            selection = solve(target, duration)
             if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
-                return wanted, selection
+                return target, selection
             duration *= 2.0
 
     def _on_time_limits(self, out_of_use: Array, longest_s: float) -> Array:
         """Computes longest on-times, s, zero for jets that are not selectable or out of use, shape (n_jets,)."""
-        limited = out_of_use.tobytes(), longest_s
-        if limited != self._limited:
+        key = out_of_use.tobytes(), longest_s
+        if key != self._limits_key:
             available = self._selectable & (out_of_use <= 0.0)
-            self._limited, self._limits = limited, _make_read_only(np.where(available, longest_s, 0.0))
+            self._limits_key, self._limits = key, _make_read_only(np.where(available, longest_s, 0.0))
         return self._limits
 
-    def _effect(self, properties: Array | None, wrench: Array) -> Array:
+    def _acceleration(self, properties: Array | None, wrench: Array) -> Array:
         """Computes angular and linear acceleration by a wrench about the vehicle origin, body axes, shape (6,)."""
         if properties is not None:
             return activity_vectors(wrench[None, :], properties)[:, 0]
-        if not np.array_equal(wrench, self._undone):
-            self._undone, self._by_nominal = wrench.copy(), activity_vectors(wrench[None, :], self._nominal)[:, 0]
-        return self._by_nominal
+        if not np.array_equal(wrench, self._last_wrench):
+            self._last_wrench, self._last_effect = wrench.copy(), activity_vectors(wrench[None, :], self._nominal)[:, 0]
+        return self._last_effect
 
-    def _take_out_of_use(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
+    def _take_out_of_use(self, properties: Array | None, out_of_use: Array, proposed_jets: Array) -> Array:
         """Marks proposed jets as out of use (1) if all axes stay controllable without them, else as left in (-1)."""
         activity = self._activity(properties)
-        needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed))]
+        needed = [_LEAST_CONTROL * reach for reach in self._axis_reaches(activity, np.zeros_like(proposed_jets))]
 
-        def controllable(out: Array) -> bool:
-            """Tests whether all axes stay controllable both ways without some jets."""
-            return all(reach > least for reach, least in zip(self._axis_reaches(activity, out), needed, strict=True))
+        def is_controllable(unused: Array) -> bool:
+            """Tests whether all axes stay controllable both ways with some jets unused."""
+            return all(reach > least for reach, least in zip(self._axis_reaches(activity, unused), needed, strict=True))
 
         # all jets that the data cannot tell apart, or none: those in question since the last time
-        group = (proposed != 0.0) & (out_of_use == 0.0)
-        spared = controllable(np.where(group, 1.0, out_of_use))
-        return np.where(group, 1.0 if spared else -1.0, out_of_use)
+        group = (proposed_jets != 0.0) & (out_of_use == 0.0)
+        can_spare = is_controllable(np.where(group, 1.0, out_of_use))
+        return np.where(group, 1.0 if can_spare else -1.0, out_of_use)
 
     def _axis_reaches(self, activity: Array, out_of_use: Array) -> list[float]:
         """Computes the largest rate change in 1 s of firing, about x, y, z and both ways, rad/s, six numbers."""

@@ -54,18 +54,20 @@ class WheelController(LeafSystem):
         self._wheels = [self.DeclareVectorInputPort(name, 1) for name in names]
         self._unloading = self.DeclareDiscreteState(1)
         turning = {port.ticket() for port in (*self._wheels, self._gyro)}
-        wanted = {self._controllers.ticket(), self._error.ticket()}
-        declare_output(self, "wheel_torque", len(names), self._calc_torque, turning | wanted)
+        command = {self._controllers.ticket(), self._error.ticket()}
+        declare_output(self, "wheel_torque", len(names), self._calc_torque, turning | command)
         declare_output(self, "rate_for_jets", 3, self._calc_rate, turning | {self.xd_ticket()})
         period_s = params.settings.period_s
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _speeds(self, context: Any) -> Array:
+        """Returns measured speeds of all wheels, rad/s, shape (n,)."""
         return np.concatenate([port.Eval(context) for port in self._wheels])
 
-    def _unloads(self, context: Any) -> bool:
-        before = context.get_discrete_state(self._unloading).CopyToVector()[0] != 0.0
-        return must_unload(before, self._speeds(context), self._params)
+    def _is_unloading(self, context: Any) -> bool:
+        """Tests whether jets unload the wheels from this sample on."""
+        was_unloading = context.get_discrete_state(self._unloading).CopyToVector()[0] != 0.0
+        return must_unload(was_unloading, self._speeds(context), self._params)
 
     def _calc_torque(self, context: Any) -> Any:
         """Computes the motor torques of the wheels that turn the vehicle as commanded, shape (n,)."""
@@ -74,8 +76,10 @@ class WheelController(LeafSystem):
         return wheel_torques(turning, self._speeds(context), self._params)
 
     def _calc_rate(self, context: Any) -> Any:
-        unloading, speeds = self._unloads(context), self._speeds(context)
+        """Computes the rate for the jets' controller, rad/s, shape (3,)."""
+        unloading, speeds = self._is_unloading(context), self._speeds(context)
         return rate_for_jets(self._gyro.Eval(context), unloading, speeds, self._params)
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._unloading, [float(self._unloads(context))])
+        """Stores whether jets unload the wheels, 0 or 1."""
+        state.set_value(self._unloading, [float(self._is_unloading(context))])

@@ -74,45 +74,47 @@ class FilterSystem(LeafSystem):
         self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
         self._mean_level = self._declare_input("mean_level", self._n_levels) if self._n_levels else None
 
-    def _declare_cycle(self, outputs: Ports, reports: Ports, period_s: float, after: slice) -> None:
+    def _declare_cycle(self, measurement_ports: Ports, cycle_ports: Ports, period_s: float, state_slice: slice) -> None:
         """Declares output ports of the measurement and of the cycle, and the periodic update of the state."""
         # the innovation must not depend on the adaptation: the detector makes the one from the other
-        measured = {self.xd_ticket(), *(port.ticket() for port in self._inputs)}
-        self._measurement = Cached(self, "measurement", self._measure, measured)
-        adapted = {self._measurement.ticket, self._adaptation.ticket()}
-        cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted})
-        declare_outputs(self, self._measurement, outputs)
-        declare_outputs(self, cycle, reports)
-        declare_update(self, cycle, period_s, after)
+        tickets = {self.xd_ticket(), *(port.ticket() for port in self._inputs)}
+        self._measurement = Cached(self, "measurement", self._measure, tickets)
+        adapted_tickets = {self._measurement.ticket, self._adaptation.ticket()}
+        cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted_tickets})
+        declare_outputs(self, self._measurement, measurement_ports)
+        declare_outputs(self, cycle, cycle_ports)
+        declare_update(self, cycle, period_s, state_slice)
 
     def _interval(self, context: Any) -> Interval:
-        """Returns the interval's impulses and known force from the input ports; mean levels only where used."""
+        """Reads the interval's impulses and known force from the input ports; mean thrust levels only where used."""
         known = NO_KNOWN_FORCE
         if self._known_force.HasValue(context):
             known = unpack_known_force(self._known_force.Eval(context))
         mean_level = _NO_LEVEL if self._mean_level is None else self._mean_level.Eval(context)
-        told = IMPULSES.read(self._impulses.Eval(context))
-        impulses = Impulses(told.angular_impulse, told.linear_impulse, told.usable, told.firing, _NO_LEVEL, mean_level)
+        row = IMPULSES.read(self._impulses.Eval(context))
+        impulses = Impulses(row.angular_impulse, row.linear_impulse, row.usable, row.firing, _NO_LEVEL, mean_level)
         return Interval(impulses, known)
 
-    def _adapted(self, context: Any) -> Adaptation:
-        """Returns the adaptation of the filter that the detector requests; a neutral one without a detector."""
+    def _requested_adaptation(self, context: Any) -> Adaptation:
+        """Reads the adaptation of the filter that the detector requests; a neutral one without a detector."""
         return (
             unpack_adaptation(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
         )
 
-    def _told(self, context: Any) -> tuple[Array, Array]:
-        """Returns the vectors of impulses and known force from the input ports, packed for compiled kernels."""
-        known = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
-        return self._impulses.Eval(context), known
+    def _interval_vectors(self, context: Any) -> tuple[Array, Array]:
+        """Reads the vectors of impulses and known force from the input ports, as compiled kernels take them."""
+        known_force = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
+        return self._impulses.Eval(context), known_force
 
     def _read_adaptation(self, context: Any) -> Array:
-        """Returns the adaptation that the detector requests as a vector, packed for compiled kernels."""
-        asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
-        return asked
+        """Reads the adaptation that the detector requests as a vector, as compiled kernels take it."""
+        row: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
+        return row
 
     def _measure(self, context: Any) -> Any:
+        """Computes the first half of the filter's cycle: the measurement and its innovation."""
         raise NotImplementedError
 
     def _compute_cycle(self, context: Any) -> Array:
+        """Runs the filter's cycle; returns the report, then the state after it, as one vector."""
         raise NotImplementedError

@@ -126,7 +126,7 @@ class CycleEstimator(LeafSystem):
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._stamp = self.DeclareVectorInputPort("record_time", 1)
-        self._coming = self.DeclareVectorInputPort("command", n_jets)
+        self._next_command = self.DeclareVectorInputPort("command", n_jets)
         names = ("held_command_onset", "command_onset") if within else ()
         self._onsets = [self.DeclareVectorInputPort(name, n_jets) for name in names]
         start = Memory(cycle.initial_state(params), None, -math.inf)
@@ -136,8 +136,8 @@ class CycleEstimator(LeafSystem):
 
         outputs: list[tuple[str, int, Any]] = [
             ("estimate", 10, lambda now: self._estimate_and_covariance(now)[0]),
-            ("standard_deviation", 10, lambda now: np.sqrt(self._covariance_in(now).diagonal())),
-            ("covariance", 100, lambda now: self._covariance_in(now).ravel()),
+            ("standard_deviation", 10, lambda now: np.sqrt(self._covariance(now).diagonal())),
+            ("covariance", 100, lambda now: self._covariance(now).ravel()),
             ("converged", 1, self._converged),
             (IMPULSES.name, IMPULSES.size, lambda now: impulse_row(now.step.interval.impulses)),
             (ROTATION_REPORT.name, ROTATION_REPORT.size, lambda now: ROTATION_REPORT.pack(now.step.filtered.rotation)),
@@ -163,36 +163,37 @@ class CycleEstimator(LeafSystem):
     # ------------------------------------------------------------------------------------------- the cycle
 
     def _read_memory(self, context: Any) -> Memory:
+        """Returns the state of filter and detector, with the newest cycle, from the context."""
         memory: Memory = context.get_abstract_state(self._memory).get_value()
         return memory
 
     def _read_sample(self, context: Any) -> Sample:
         """Reads time, readings, commands and outside wrench from the input ports, as a sample."""
 
-        def given(port: Any) -> Array | None:
+        def read_optional(port: Any) -> Array | None:
             """Returns a copy of the value at an input port; None where it is not connected."""
             return port.Eval(context).copy() if port.HasValue(context) else None
 
-        def read(port: Any) -> Array:
+        def read_or_nan(port: Any) -> Array:
             """Returns the value at an input port, NaN where it is not connected."""
             row: Array = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             return row
 
-        stamp = given(self._stamp)
+        stamp = read_optional(self._stamp)
         return Sample(
             context.get_time(),
             self._gyros.eval(context),
             self._accelerometers.eval(context),
             self._command.Eval(context).copy(),
-            given(self._outside),
+            read_optional(self._outside),
             None if stamp is None else float(stamp[0]),
-            given(self._coming),
-            np.concatenate([read(port) for port in self._tracked]) if self._tracked else None,
-            *map(given, self._onsets),
+            read_optional(self._next_command),
+            np.concatenate([read_or_nan(port) for port in self._tracked]) if self._tracked else None,
+            *map(read_optional, self._onsets),
         )
 
     def _run_cycle(self, context: Any) -> Memory:
-        """Runs the estimation cycle at the present time; returns the new memory, the old one for a repeated row."""
+        """Runs the estimation cycle of the sample; returns the memory after it, unchanged for a repeated row."""
         memory, time_s = self._read_memory(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
@@ -203,72 +204,77 @@ class CycleEstimator(LeafSystem):
         return Memory(memory.state, step, time_s, sample.stamp_s)
 
     def _update(self, context: Any, state: Any) -> None:
+        """Stores the cycle at this sample in the abstract state."""
         state.get_mutable_abstract_state(self._memory).set_value(self._cycle.get(context))
 
     # ------------------------------------------------------------------------------------------- outputs
 
-    def _estimate_and_covariance(self, now: Memory) -> tuple[Array, Array]:
+    def _estimate_and_covariance(self, memory: Memory) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the cycle."""
-        step = _step(now)
+        step = _step(memory)
         return step.filtered.known or cycle.estimate_and_covariance(step.state, self._params)
 
-    def _covariance_in(self, now: Memory) -> Array:
-        _, covariance = self._estimate_and_covariance(now)
+    def _covariance(self, memory: Memory) -> Array:
+        """Returns the covariance of the ten parameters after the cycle, shape (10, 10)."""
+        _, covariance = self._estimate_and_covariance(memory)
         return covariance
 
-    def _converged(self, now: Memory) -> Array:
+    def _converged(self, memory: Memory) -> Array:
         """Computes 1.0 where the ten estimates have converged, else 0.0, shape (1,)."""
-        estimate, covariance = self._estimate_and_covariance(now)
+        estimate, covariance = self._estimate_and_covariance(memory)
         deviation = np.sqrt(covariance.diagonal())
         return are_converged(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any) -> Any:
         """Computes the ten parameters before the sample's measurement, shape (10,)."""
         memory = self._read_memory(context)
-        known = memory.before if memory.time_s == context.get_time() else memory.state
-        return self._params.filter.predicted(known.filter)
+        state = memory.before if memory.time_s == context.get_time() else memory.state
+        return self._params.filter.predicted(state.filter)
 
 
-def _step(now: Memory) -> EstimationStep:
-    assert now.step is not None
-    return now.step
+def _step(memory: Memory) -> EstimationStep:
+    """Returns the estimation step of the newest cycle, which there must be."""
+    assert memory.step is not None
+    return memory.step
 
 
-def _mass_report(now: Memory) -> Array:
-    report = _step(now).filtered.mass
+def _mass_report(memory: Memory) -> Array:
+    """Packs the mass filter's report of the cycle as `MASS_REPORT`, NaN where there is none."""
+    report = _step(memory).filtered.mass
     return np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report)
 
 
 def _detector_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, int, Any]]:
     """Lists a detector's output ports, name, size and function each, as `declare_outputs` takes them."""
-    n_jets, said = jets.thrusts.size, detector.report
+    n_jets, report = jets.thrusts.size, detector.report
     reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))
 
-    def told(now: Memory) -> Array:
+    def pack_reconfiguration(memory: Memory) -> Array:
         """Packs the detector's requests to the autopilot as `RECONFIGURATION`."""
-        judgment = _judgment(now)
+        judgment = _judgment(memory)
         declared = judgment.status.detector_event == Verdict.DECLARED
         return reconfiguration.pack((declared, judgment.state.force @ jets.unit_wrenches, judgment.state.removed))
 
-    def probability(now: Memory) -> Array:
-        """Returns probabilities of a fault by jet, of none and of an unknown cause, shape (n_jets + 2,)."""
-        own = _judgment(now).own
-        each = np.broadcast_to(own.fault_probability, jets.thrusts.shape)
-        return np.append(each, (own.none_probability, own.unknown_probability))
+    def pack_probabilities(memory: Memory) -> Array:
+        """Packs probabilities of a fault by jet, of none and of an unknown cause, shape (n_jets + 2,)."""
+        fault_report = _judgment(memory).own
+        by_jet = np.broadcast_to(fault_report.fault_probability, jets.thrusts.shape)
+        return np.append(by_jet, (fault_report.none_probability, fault_report.unknown_probability))
 
     ports: list[tuple[str, int, Any]] = [
-        (reconfiguration.name, reconfiguration.size, told),
-        ("closed", n_jets, lambda now: _judgment(now).state.closed),
-        (logged.name, logged.size, lambda now: detector_row(_judgment(now), now.before.detector, logged)),
+        (reconfiguration.name, reconfiguration.size, pack_reconfiguration),
+        ("closed", n_jets, lambda memory: _judgment(memory).state.closed),
+        (logged.name, logged.size, lambda memory: detector_row(_judgment(memory), memory.before.detector, logged)),
     ]
-    if said is not None:
-        layout = said.sized(jets=n_jets)
-        ports.append((layout.name, layout.size, lambda now: layout.pack(_judgment(now).own)))
-        ports.append(("fault_probability", n_jets + 2, probability))
+    if report is not None:
+        layout = report.sized(jets=n_jets)
+        ports.append((layout.name, layout.size, lambda memory: layout.pack(_judgment(memory).own)))
+        ports.append(("fault_probability", n_jets + 2, pack_probabilities))
     return ports
 
 
-def _judgment(now: Memory) -> Judgment:
-    judgment = _step(now).judgment
+def _judgment(memory: Memory) -> Judgment:
+    """Returns the detector's judgment of the newest cycle, which there must be."""
+    judgment = _step(memory).judgment
     assert judgment is not None
     return judgment

@@ -76,7 +76,7 @@ class FailureDetector(LeafSystem):
         self._jets = jets
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
-        self._logged = DETECTOR_REPORT.sized(jets=n_jets)
+        self._report_layout = DETECTOR_REPORT.sized(jets=n_jets)
 
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._impulses = self.DeclareVectorInputPort("impulses", IMPULSES.size)
@@ -91,56 +91,57 @@ class FailureDetector(LeafSystem):
         self._compiled = compiled and detector is cglr.DETECTOR
         if self._compiled:
             self._kernel = compiled_form(estimation_ports.run_detector)
-            self._acting = compiled_form(estimation_ports.known_force)
+            self._known_force_kernel = compiled_form(estimation_ports.known_force)
             self._held = make_holder(estimation_ports.make_detector(params), compile_it=True)
 
-        needed = {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
-        judgment = Cached(self, "judgment", self._judge, needed)
+        tickets = {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
+        judgment = Cached(self, "judgment", self._judge, tickets)
         # known forces enter the impulses, which make the innovations: of this sample they know the commands alone
         known = {self.xd_ticket(), self._predicted.ticket(), self._command.ticket()}
         declare_output(self, "known_force", KNOWN_FORCE.size, self._calc_known_force, known)
         # of the row that `_judge` gives
-        adapted, told = ADAPTATION.size, ADAPTATION.size + self._reconfiguration.slice("removed").start
-        after = slice(told, told + self._layout.size)
-        begins = slice(adapted, told)
+        adapted, state_start = ADAPTATION.size, ADAPTATION.size + self._reconfiguration.slice("removed").start
+        state_slice = slice(state_start, state_start + self._layout.size)
+        reconfiguration_slice = slice(adapted, state_start)
         outputs: list[tuple[str, int, Part]] = [
             ("adaptation", adapted, slice(0, adapted)),
             (
                 "reconfiguration",
                 self._reconfiguration.size,
-                lambda row: np.concatenate((row[begins], row[after][removed])),
+                lambda row: np.concatenate((row[reconfiguration_slice], row[state_slice][removed])),
             ),
-            ("closed", n_jets, lambda row: row[after][self._closed]),
-            ("report", self._logged.size, slice(after.stop, None)),
+            ("closed", n_jets, lambda row: row[state_slice][self._closed]),
+            ("report", self._report_layout.size, slice(state_slice.stop, None)),
         ]
         declare_outputs(self, judgment, outputs)
         held = {self.xd_ticket()}
         declare_output(self, "held_closed", n_jets, lambda context: state_of(context)[self._closed], held)
-        declare_update(self, judgment, jets.period_s, after)
+        declare_update(self, judgment, jets.period_s, state_slice)
 
     def _state(self, vector: Array) -> Any:
+        """Converts the state vector to the detector's named tuple."""
         return self._state_of._make(self._layout.read(vector))
 
     def _judge(self, context: Any) -> Array:
         """Runs the detector on a sample; returns its packed result, see `estimation_ports.run_detector`."""
-        vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
+        vector, command, impulse_row = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
         # a sample that is not steady is not looked at, so that nothing need be gathered
-        seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
+        seen = self._evidence.Eval(context) if impulse_row[_USABLE] else _NOT_MEASURED
         time_s = context.get_time()
         if self._compiled:
-            row: Array = time_call(DETECTOR, self._kernel, vector, time_s, command, told, seen, self._held)
+            row: Array = time_call(DETECTOR, self._kernel, vector, time_s, command, impulse_row, seen, self._held)
             return row
-        before, impulses = self._state(vector), IMPULSES.read(told)
+        before, impulses = self._state(vector), IMPULSES.read(impulse_row)
         evidence = make_evidence(time_s, command, impulses, EVIDENCE.read(seen) if impulses.usable else NOT_MEASURED)
         judgment: Judgment = time_call(DETECTOR, self._detector.judge, before, evidence, self._params)
-        state, todo = judgment.state, judgment.adaptation
+        state, requested = judgment.state, judgment.adaptation
         return np.concatenate(
             (
-                _NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.pack_adaptation(todo),
+                _NO_ADAPTATION if requested is adaptation.NO_ADAPTATION else adaptation.pack_adaptation(requested),
                 (judgment.status.detector_event == Verdict.DECLARED,),
                 state.force @ self._jets.unit_wrenches,
                 vector if state is before else self._layout.pack(state),
-                detector_row(judgment, before, self._logged),
+                detector_row(judgment, before, self._report_layout),
             )
         )
 
@@ -151,6 +152,6 @@ class FailureDetector(LeafSystem):
             return _NO_KNOWN_FORCE
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)
         if self._compiled:
-            return self._acting(vector, predicted, command, self._held)
+            return self._known_force_kernel(vector, predicted, command, self._held)
         known = self._detector.known_force(self._state(vector), predicted, command, self._params)
         return KNOWN_FORCE.pack(known)

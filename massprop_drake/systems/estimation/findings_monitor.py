@@ -76,7 +76,7 @@ class FindingsMonitor(LeafSystem):
         self._monitor = monitor
         self._reports = {name: self.DeclareVectorInputPort(name, size) for name, size in reports.items()}
         self._counts = self.DeclareDiscreteState(monitor.counts)
-        self._said = self.DeclareAbstractState(Value[object](monitor.declarations))
+        self._findings = self.DeclareAbstractState(Value[object](monitor.declarations))
         said = {self.xa_ticket()}
         n_jets = monitor.failed_jets(monitor.declarations).size
         declare_output(self, "failed_jets", n_jets, lambda now: monitor.failed_jets(self._read_findings(now)), said)
@@ -93,33 +93,39 @@ class FindingsMonitor(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(**when, update=self._update_findings)
 
     def _read_counts(self, context: Any) -> Array:
+        """Returns the innovation counts so far from the context."""
         counts: Array = context.get_discrete_state(self._counts).CopyToVector()
         return counts
 
     def _read_findings(self, context: Any) -> Any:
-        return context.get_abstract_state(self._said).get_value()
+        """Returns events and detections so far from the context."""
+        return context.get_abstract_state(self._findings).get_value()
 
     def _read_reports(self, context: Any) -> dict[str, Array]:
+        """Returns the reports of filters and detector at the input ports, by name."""
         return {name: port.Eval(context) for name, port in self._reports.items()}
 
     def _calc_detections(self, context: Any, output: Any) -> None:
+        """Writes the detections so far into the output."""
         output.set_value(self._monitor.detections(self._read_findings(context), self._read_counts(context)))
 
     def _calc_verdict(self, context: Any, output: Any) -> None:
+        """Writes the consistency verdict so far into the output."""
         output.set_value(self._monitor.verdict(self._read_counts(context)))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._monitor.count_innovations(
+        """Adds the sample's innovations to the counts."""
+        counts = self._monitor.count_innovations(
             self._read_counts(context), context.get_time(), self._read_reports(context)
         )
-        state.set_value(self._counts, after)
+        state.set_value(self._counts, counts)
 
     def _update_findings(self, context: Any, state: Any) -> EventStatus:
         """Writes new findings into the abstract state where the detector declares something."""
         # where nothing is said nothing has changed: all that has been evaluated at this time stays valid
         if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
             return EventStatus.DidNothing()
-        given = self._read_counts(context), context.get_time(), self._read_reports(context)
-        said = self._monitor.update_declarations(self._read_findings(context), *given)
-        state.get_mutable_abstract_state(self._said).set_value(said)
+        arguments = self._read_counts(context), context.get_time(), self._read_reports(context)
+        findings = self._monitor.update_declarations(self._read_findings(context), *arguments)
+        state.get_mutable_abstract_state(self._findings).set_value(findings)
         return EventStatus.Succeeded()

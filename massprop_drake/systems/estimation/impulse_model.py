@@ -64,30 +64,31 @@ class ImpulseModel(LeafSystem):
         self._period_s = period_s
         self._n_jets = n_jets
         self.DeclareDiscreteState(IMPULSE_MEMORY.sized(jets=n_jets).size)
-        told = {self.xd_ticket(), self._command.ticket(), self._outside.ticket()}
-        self._impulses = Cached(self, "impulses", self._compute, told)
-        needed = {self._impulses.ticket, self._known_force.ticket()}
-        declare_output(self, "impulses", IMPULSES.size, self._calc_impulses, needed)
+        read = {self.xd_ticket(), self._command.ticket(), self._outside.ticket()}
+        self._impulses = Cached(self, "impulses", self._compute, read)
+        tickets = {self._impulses.ticket, self._known_force.ticket()}
+        declare_output(self, "impulses", IMPULSES.size, self._calc_impulses, tickets)
         declare_outputs(self, self._impulses, [("mean_level", n_jets, slice(IMPULSES.size, IMPULSES.size + n_jets))])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Array:
         """Computes impulses, mean jet levels and the next levels, as `estimation_ports.impulses` packs them."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
-        given = state_of(context), self._command.Eval(context), outside, self._held
-        row: Array = time_call(ESTIMATORS, self._kernel, *given)
+        arguments = state_of(context), self._command.Eval(context), outside, self._held
+        row: Array = time_call(ESTIMATORS, self._kernel, *arguments)
         return row
 
     def _calc_impulses(self, context: Any) -> Any:
         """Computes the impulses of the interval, those of known forces included, packed as `IMPULSES`."""
-        told = self._impulses.get(context)[: IMPULSES.size]
+        impulse_row = self._impulses.get(context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
             known = unpack_known_force(self._known_force.Eval(context))
             if known.acts:
-                told = told.copy()
-                told[_IMPULSE] += known.wrench * self._period_s
-        return told
+                impulse_row = impulse_row.copy()
+                impulse_row[_IMPULSE] += known.wrench * self._period_s
+        return impulse_row
 
     def _update(self, context: Any, state: Any) -> None:
+        """Stores the interval's command, and the thrust levels at its end."""
         level = self._impulses.get(context)[IMPULSES.size + self._n_jets :]
         state.set_value(np.concatenate((self._command.Eval(context), level)))

@@ -84,18 +84,18 @@ class MassEstimator(FilterSystem):
         self._turning_layout = TURNING.sized(jets=n_errors)
         self._turning = self._declare_input("turning", self._turning_layout.size)
         self._declare_interval()
-        self._prediction = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
+        self._predicted_estimate = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
         self._layout = thesis.mass_layout(params, n_errors)
         start = thesis.mass_start(mass_reciprocal, variance, params, n_errors)
         vector = thesis.pack_mass(*start, self._layout)
         self.DeclareDiscreteState(vector)
         self._compiled = compiled and thrust_errors is None and mass_filter.uses_one_package(params)
         if self._compiled:
-            made = estimation_ports.make_mass_filter(params, MassVector._make(self._layout.read(vector)[:-1]))
-            self._move = compiled_form(estimation_ports.measure_mass)
-            self._weigh = compiled_form(estimation_ports.finish_mass)
-            self._held = make_holder(made, compile_it=True)
-        predictions = {self.xd_ticket(), self._prediction.ticket()}
+            model = estimation_ports.make_mass_filter(params, MassVector._make(self._layout.read(vector)[:-1]))
+            self._measure_kernel = compiled_form(estimation_ports.measure_mass)
+            self._finish_kernel = compiled_form(estimation_ports.finish_mass)
+            self._held = make_holder(model, compile_it=True)
+        predictions = {self.xd_ticket(), self._predicted_estimate.ticket()}
         declare_output(self, "predicted", 10, self._calc_predicted, predictions)
         size, n_estimate = MASS_REPORT.size, MASS_ESTIMATE.size
         self._declare_cycle(
@@ -109,7 +109,8 @@ class MassEstimator(FilterSystem):
             slice(size, None),
         )
 
-    def _known(self, context: Any) -> tuple[MassState, Array]:
+    def _read_state(self, context: Any) -> tuple[MassState, Array]:
+        """Returns the filter's state, and the readings before, from the context."""
         return thesis.unpack_mass(state_of(context), self._layout)
 
     def _read_turning(self, context: Any) -> Turning:
@@ -120,32 +121,33 @@ class MassEstimator(FilterSystem):
     def _measure(self, context: Any) -> Any:
         """Measures velocity increments: `Measured`, or compiled the vector of `estimation_ports.measure_mass`."""
         if self._compiled:
-            given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
-            return time_call(ESTIMATORS, self._move, *given, *self._told(context), self._held)
-        state, before = self._known(context)
+            arguments = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
+            return time_call(ESTIMATORS, self._measure_kernel, *arguments, *self._interval_vectors(context), self._held)
+        state, before = self._read_state(context)
         velocities, interval = self._accelerometers.eval(context), self._interval(context)
         turning = self._read_turning(context)
-        known = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_inputs(turning)
-        measurement = time_call(ESTIMATORS, mass_filter.measure, state, before, velocities, *known, self._params)
+        inputs = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_inputs(turning)
+        measurement = time_call(ESTIMATORS, mass_filter.measure, state, before, velocities, *inputs, self._params)
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
 
     def _compute_cycle(self, context: Any) -> Any:
         """Runs the cycle; returns the report and the state after it, concatenated."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return time_call(ESTIMATORS, self._weigh, measured, self._read_adaptation(context), self._held)
+            return time_call(ESTIMATORS, self._finish_kernel, measured, self._read_adaptation(context), self._held)
         state, interval, measurement, (velocities, _) = measured
         finish = mass_filter.finish, state, measurement, interval.impulses.usable, interval.impulses.firing
-        cycle: MassCycle = time_call(ESTIMATORS, *finish, self._adapted(context), self._params)
+        cycle: MassCycle = time_call(ESTIMATORS, *finish, self._requested_adaptation(context), self._params)
         report = MASS_REPORT.pack(thesis.mass_report(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
 
     def _calc_predicted(self, context: Any) -> Any:
-        state, _ = self._known(context)
-        return join_ten_parameters(self._prediction.Eval(context), state.mass_reciprocal)
+        """Computes the ten parameters before the sample's measurement, shape (10,)."""
+        state, _ = self._read_state(context)
+        return join_ten_parameters(self._predicted_estimate.Eval(context), state.mass_reciprocal)
 
     def _evidence(self, measured: Any) -> Array:
-        """Packs what the detector judges of the sample into a vector, as `EVIDENCE`."""
+        """Packs innovations and predictions of both filters for the detector, as `EVIDENCE`."""
         if self._compiled:
             row: Array = measured[: EVIDENCE.size]
             return row

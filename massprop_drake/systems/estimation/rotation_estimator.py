@@ -96,12 +96,12 @@ class RotationEstimator(FilterSystem):
         self.DeclareDiscreteState(vector)
         self._compiled = compiled and thrust_errors is None and rotation_filter.uses_one_package(params)
         if self._compiled:
-            made = estimation_ports.make_rotation_filter(params, RotationVector._make(self._layout.read(vector)[:-1]))
-            self._turn = compiled_form(estimation_ports.measure_rotation)
-            self._rotate = compiled_form(estimation_ports.finish_rotation)
-            self._held = make_holder(made, compile_it=True)
+            model = estimation_ports.make_rotation_filter(params, RotationVector._make(self._layout.read(vector)[:-1]))
+            self._measure_kernel = compiled_form(estimation_ports.measure_rotation)
+            self._finish_kernel = compiled_form(estimation_ports.finish_rotation)
+            self._held = make_holder(model, compile_it=True)
         state = {self.xd_ticket()}
-        declare_output(self, "predicted_estimate", N_ROTATION, lambda now: self._known(now)[0].estimate, state)
+        declare_output(self, "predicted_estimate", N_ROTATION, lambda now: self._read_state(now)[0].estimate, state)
         reported, size = slice(0, ROTATION_REPORT.size), ROTATION_REPORT.size
         innovation, spread = map(self._turning.slice, ("innovation", "innovation_covariance"))
         means, spreads = (
@@ -118,28 +118,29 @@ class RotationEstimator(FilterSystem):
             slice(size, None),
         )
 
-    def _known(self, context: Any) -> tuple[RotationState, RotationMemory]:
+    def _read_state(self, context: Any) -> tuple[RotationState, RotationMemory]:
+        """Returns the filter's state, and its memory of the last sample, from the context."""
         return thesis.unpack_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
         """Measures rate increments: `Measured`, or compiled the vector of `estimation_ports.measure_rotation`."""
         if self._compiled:
-            given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
-            return time_call(ESTIMATORS, self._turn, *given)
-        state, memory = self._known(context)
+            arguments = state_of(context), self._gyros.eval(context), *self._interval_vectors(context), self._held
+            return time_call(ESTIMATORS, self._measure_kernel, *arguments)
+        state, memory = self._read_state(context)
         rates, interval = self._gyros.eval(context), self._interval(context)
-        known = thesis.rotation_interval(interval, self._thrust_errors)
-        measurement = time_call(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
+        inputs = thesis.rotation_interval(interval, self._thrust_errors)
+        measurement = time_call(ESTIMATORS, rotation_filter.measure, state, memory, rates, inputs, self._params)
         return MeasuredFilter(state, interval, measurement, rates)
 
     def _compute_cycle(self, context: Any) -> Any:
         """Runs the cycle; returns the report and the state after it, concatenated."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return time_call(ESTIMATORS, self._rotate, measured, self._read_adaptation(context), self._held)
+            return time_call(ESTIMATORS, self._finish_kernel, measured, self._read_adaptation(context), self._held)
         state, interval, measurement, rates = measured
         learning = thesis.is_learning(interval)
-        finish = rotation_filter.finish, state, measurement, learning, self._adapted(context), self._params
+        finish = rotation_filter.finish, state, measurement, learning, self._requested_adaptation(context), self._params
         cycle: RotationCycle = time_call(ESTIMATORS, *finish)
         memory = thesis.rotation_memory(measurement, rates)
         report = ROTATION_REPORT.pack(thesis.rotation_report(measurement.innovation, cycle))

@@ -111,21 +111,24 @@ class TelemetrySource(LeafSystem):
             self._declare("held_command_onset", n_jets, lambda rows, k: rows.onsets_s[k - 1])
             self._declare("command_onset", n_jets, lambda rows, k: rows.onsets_s[k])
 
-    def _declare(self, name: str, size: int, served: Callable[[ServedRows, int], Array]) -> None:
+    def _declare(self, name: str, size: int, select: Callable[[ServedRows, int], Array]) -> None:
+        """Declares an output port that serves part of the row at the context's time."""
         read = {self.time_ticket(), self.pa_ticket()}
-        declare_output(self, name, size, lambda context: served(*self._find_row(context)), read)
+        declare_output(self, name, size, lambda context: select(*self._find_row(context)), read)
 
     def _read_rows(self, context: Any) -> ServedRows:
+        """Returns the record's rows that a context holds."""
         rows: ServedRows = context.get_abstract_parameter(self._rows).get_value()
         return rows
 
     def _write_rows(self, context: Any, rows: ServedRows) -> None:
+        """Stores rows of the record in a context, read-only."""
         for array in (rows.time_s, *rows.readings.values(), rows.commands, rows.outside_wrench, rows.onsets_s):
             array.flags.writeable = False
         context.get_mutable_abstract_parameter(self._rows).set_value(rows)
 
     def begin(self, context: Any, command: Array, outside_wrench: Array, onset_s: Array | None = None) -> None:
-        """Sets command, onsets and outside wrench of the row before the first one, before any row is there.
+        """Sets command, onsets and outside wrench of the interval before the first row; call it before `extend`.
 
         Args:
             context: of the source.
@@ -147,7 +150,7 @@ class TelemetrySource(LeafSystem):
         outside_wrench: Array | None,
         onsets_s: Array | None = None,
     ) -> int:
-        """Puts rows of a record into a context, after its last earlier row; returns the last row's number.
+        """Stores the next rows of a record in a context, in place of earlier ones; returns the last row's number.
 
         Args:
             context: of the source.
@@ -157,18 +160,18 @@ class TelemetrySource(LeafSystem):
             outside_wrench: of that interval, shape (n, 6); None: zero.
             onsets_s: of the commands, shape (n, n_jets); None: these are levels.
         """
-        held = self._read_rows(context)
+        earlier = self._read_rows(context)
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
         if onsets_s is None:
             onsets_s = level_onsets(commands.shape)
         rows = ServedRows(
-            held.next,
-            np.concatenate([held.time_s[-1:], time_s]),
-            {name: np.vstack([kept[-1:], readings[name]]) for name, kept in held.readings.items()},
-            np.vstack([held.commands[-1:], commands]),
-            np.vstack([held.outside_wrench[-1:], outside_wrench]),
-            np.vstack([held.onsets_s[-1:], onsets_s]),
+            earlier.next,
+            np.concatenate([earlier.time_s[-1:], time_s]),
+            {name: np.vstack([values[-1:], readings[name]]) for name, values in earlier.readings.items()},
+            np.vstack([earlier.commands[-1:], commands]),
+            np.vstack([earlier.outside_wrench[-1:], outside_wrench]),
+            np.vstack([earlier.onsets_s[-1:], onsets_s]),
         )
         self._write_rows(context, rows)
         return rows.next - 1

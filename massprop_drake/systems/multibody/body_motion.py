@@ -76,22 +76,22 @@ class BodyMotion(LeafSystem):
         require_continuous(plant)
         carrier = find_body(plant, body)
         bodies = connected_bodies(plant, carrier)
-        self._matter = mass_properties_of(bodies)
-        self._carrier, *self._others = (int(one.index()) for one in bodies)
-        on = plant.is_gravity_enabled(carrier.model_instance())
-        self._gravity = np.array(plant.gravity_field().gravity_vector()) if on else np.zeros(3)
+        self._bodies = mass_properties_of(bodies)
+        self._carrier, *self._others = (int(part.index()) for part in bodies)
+        has_gravity = plant.is_gravity_enabled(carrier.model_instance())
+        self._gravity = np.array(plant.gravity_field().gravity_vector()) if has_gravity else np.zeros(3)
 
         models = {name: plant.GetOutputPort(name).Allocate() for name in FROM_PLANT}
         ports = [self.DeclareAbstractInputPort(name, model) for name, model in models.items()]
         self._poses, self._velocities, self._accelerations = ports
         self.DeclareContinuousState(SPIN_INTEGRAL.stop - ORIGIN_VELOCITY.start)
         poses, velocities, _ = (port.ticket() for port in ports)
-        self._standing = Cached(self, "composite", self._compute_configuration, {poses})
-        moving = {self._standing.ticket, velocities, self.xc_ticket()}
-        declare_output(self, "body_state", N_STATE, self._calc_body_state, moving)
-        standing = {self._standing.ticket}
-        declare_output(self, "structure", STRUCTURE.size, self._calc_structure, standing)
-        declare_output(self, "mass_properties", 10, self._calc_properties, standing)
+        self._configuration = Cached(self, "composite", self._compute_configuration, {poses})
+        motion = {self._configuration.ticket, velocities, self.xc_ticket()}
+        declare_output(self, "body_state", N_STATE, self._calc_body_state, motion)
+        configuration = {self._configuration.ticket}
+        declare_output(self, "structure", STRUCTURE.size, self._calc_structure, configuration)
+        declare_output(self, "mass_properties", 10, self._calc_properties, configuration)
 
     def _compute_configuration(self, context: Any) -> _Configuration:
         """Computes pose of the carrier, all bodies' places in its frame, and the composite mass properties."""
@@ -99,29 +99,31 @@ class BodyMotion(LeafSystem):
         carrier = poses[self._carrier]
         to_carrier = carrier.inverse()
         others = [to_carrier @ poses[index] for index in self._others]
-        here = pack_poses([RigidTransform(), *others])  # that of the carrier exactly
-        return _Configuration(carrier, here, composite_body(self._matter, here))
+        places = pack_poses([RigidTransform(), *others])  # that of the carrier exactly
+        return _Configuration(carrier, places, composite_body(self._bodies, places))
 
     def _calc_body_state(self, context: Any) -> Any:
         """Computes the body's state as `RigidBodyPlant` has it, shape (23,)."""
-        carrier, here, properties = self._standing.get(context)
+        carrier, places, properties = self._configuration.get(context)
         rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
-        moves = [velocities[index] for index in (self._carrier, *self._others)]
-        rates, speeds = (np.array([getattr(one, part)() for one in moves]) for part in ("rotational", "translational"))
+        twists = [velocities[index] for index in (self._carrier, *self._others)]
+        rates, speeds = (np.array([getattr(one, part)() for one in twists]) for part in ("rotational", "translational"))
         state = np.empty(N_STATE)
         state[QUATERNION] = carrier.rotation().ToQuaternion().wxyz()
         state[RATE] = velocities[self._carrier].rotational() @ rotation
         state[POSITION] = carrier @ properties.center_of_mass
-        state[VELOCITY] = rotation @ center_velocity(self._matter, here, rates @ rotation, speeds @ rotation)
+        state[VELOCITY] = rotation @ center_velocity(self._bodies, places, rates @ rotation, speeds @ rotation)
         state[MASS] = properties.mass
         state[_INTEGRALS] = context.get_continuous_state_vector().CopyToVector()
         return state
 
     def _calc_structure(self, context: Any) -> Any:
-        return pack_structure(self._standing.get(context).properties)
+        """Computes inertia and center of mass of all bodies, packed as `STRUCTURE`, shape (9,)."""
+        return pack_structure(self._configuration.get(context).properties)
 
     def _calc_properties(self, context: Any) -> Any:
-        return self._standing.get(context).properties.vector()
+        """Computes the true ten parameters of all bodies together, shape (10,)."""
+        return self._configuration.get(context).properties.vector()
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
         """Computes the time derivatives of the integrals that accelerometers read."""

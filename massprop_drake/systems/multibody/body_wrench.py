@@ -50,9 +50,9 @@ class BodyWrench(LeafSystem):
         read = [wrench, poses]
         self._carries = wheels
         if wheels:
-            moving = plant.GetOutputPort("body_spatial_velocities").Allocate()
+            velocities = plant.GetOutputPort("body_spatial_velocities").Allocate()
             self._wheels = self.DeclareVectorInputPort("wheels", 6)
-            self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", moving)
+            self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", velocities)
             read += [self._wheels, self._velocities]
         needs = {port.ticket() for port in read}
         self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc_force, prerequisites_of_calc=needs)
@@ -66,8 +66,8 @@ class BodyWrench(LeafSystem):
         force.p_BoBq_B = np.zeros(3)
         torque = rotation @ wrench.torque
         if self._carries:
-            momentum, changing = np.split(self._wheels.Eval(context), 2)
+            momentum, momentum_rate = np.split(self._wheels.Eval(context), 2)
             rate = self._velocities.Eval(context)[self._place].rotational()
-            torque = torque - rotation @ changing - np.cross(rate, rotation @ momentum)
+            torque = torque - rotation @ momentum_rate - np.cross(rate, rotation @ momentum)
         force.F_Bq_W = SpatialForce(torque, rotation @ wrench.force)
         output.set_value([force])

@@ -50,7 +50,7 @@ class JointDrive(LeafSystem):
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, positions)
         self._inertia = driven_inertia(plant.CalcMassMatrix(context), self._velocities)
-        self._told = list(zip(positions[self._positions].tolist(), moves.values(), strict=True))
+        self._moves = list(zip(positions[self._positions].tolist(), moves.values(), strict=True))
         state = self._state = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         needs = {state.ticket(), self.time_ticket()}
         declare_output(self, "generalized_force", self._size, self._calc_forces, needs)
@@ -58,7 +58,7 @@ class JointDrive(LeafSystem):
     def _calc_forces(self, context: Any) -> Any:
         """Computes the generalized forces that hold or move joints as commanded, shape (n_velocities,)."""
         state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
-        wanted = [joint_reference(start, moves, time_s) for start, moves in self._told]
+        references = [joint_reference(start, moves, time_s) for start, moves in self._moves]
         positions, rates = state[self._positions], state[self._rates]
-        forces[self._velocities] = drive_forces(wanted, positions, rates, self._inertia, self._frequency_hz)
+        forces[self._velocities] = drive_forces(references, positions, rates, self._inertia, self._frequency_hz)
         return forces

@@ -115,11 +115,11 @@ class MultibodyVehicle(Diagram):
         joints = [plant.GetJointByName(name) for name in shown]
         places = [joint.position_start() + n for joint in joints for n in range(joint.num_positions())]
         if places:
-            chosen = np.zeros((len(places), plant.num_multibody_states()))
-            chosen[range(len(places)), places] = 1.0
-            picked = builder.AddNamedSystem("joint_positions", MatrixGain(chosen))
-            builder.Connect(plant.get_state_output_port(), picked.get_input_port())
-            builder.ExportOutput(picked.get_output_port(), "joint_positions")
+            selection = np.zeros((len(places), plant.num_multibody_states()))
+            selection[range(len(places)), places] = 1.0
+            selector = builder.AddNamedSystem("joint_positions", MatrixGain(selection))
+            builder.Connect(plant.get_state_output_port(), selector.get_input_port())
+            builder.ExportOutput(selector.get_output_port(), "joint_positions")
         builder.BuildInto(self)
         self.set_name("multibody_vehicle")
 

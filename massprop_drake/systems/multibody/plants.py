@@ -14,7 +14,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 
-from massprop_drake.errors import logged_by_drake
+from massprop_drake.errors import collect_drake_warnings
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite_body
 
@@ -33,16 +33,16 @@ def parse_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
         ValueError: when Drake cannot make a plant of it, an inertia in it is none, or it has constraints.
     """
     plant = MultibodyPlant(0.0)
-    with logged_by_drake() as warned:
+    with collect_drake_warnings() as warnings:
         try:
             Parser(plant).AddModelsFromString(text, kind)
             plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
             plant.Finalize()
         except (Exception, SystemExit) as error:  # a failed DRAKE_DEMAND is the latter
             raise ValueError(f"Drake cannot read this {kind.upper()}: {_shorten_message(str(error))}") from None
-    doubt = next((text for text in warned if "nertia" in text), None)
-    if doubt is not None:
-        raise ValueError(f"Drake cannot read this {kind.upper()}: {_shorten_message(doubt)}")
+    inertia_warning = next((text for text in warnings if "nertia" in text), None)
+    if inertia_warning is not None:
+        raise ValueError(f"Drake cannot read this {kind.upper()}: {_shorten_message(inertia_warning)}")
     if plant.num_constraints():
         raise ValueError("has a constraint, such as <mimic>, which a continuous plant cannot keep; leave it out")
     return plant
@@ -57,7 +57,7 @@ def require_motion(plant: MultibodyPlant) -> None:
 
 
 def _shorten_message(text: str) -> str:
-    """Puts a message of Drake into one line, without the places in Drake and in the text that it begins with."""
+    """Shortens an error message of Drake to one line, without file and line numbers."""
     return textwrap.shorten(_PLACE.sub("", text), _MOST_LETTERS, placeholder=" ...")
 
 
@@ -105,6 +105,7 @@ def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
 
 
 def _joints(plant: MultibodyPlant) -> list[Joint]:
+    """Returns all joints of a plant."""
     return [plant.get_joint(index) for index in plant.GetJointIndices()]
 
 
@@ -155,7 +156,7 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
 
 
 def find_joint(plant: MultibodyPlant, name: str) -> Joint:
-    """Returns the joint with a name, which must have one degree of freedom.
+    """Returns the joint of a name, which must have one degree of freedom.
 
     Raises:
         ValueError: when there is none such.
@@ -171,21 +172,25 @@ def find_joint(plant: MultibodyPlant, name: str) -> Joint:
 
 def require_joint_limits(joint: Joint, position: float) -> None:
     """Raises ValueError where a position is beyond the limits of a joint of one degree of freedom."""
-    least, most = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-    if not least <= position <= most:
-        raise ValueError(f"{position:g} is beyond the limits of joint '{joint.name()}', {least:g} to {most:g}")
+    lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+    if not lower <= position <= upper:
+        raise ValueError(f"{position:g} is beyond the limits of joint '{joint.name()}', {lower:g} to {upper:g}")
 
 
 def start_state(
-    plant: MultibodyPlant, body: RigidBody, positions: Mapping[str, float], rates: Mapping[str, float], rate: Array
+    plant: MultibodyPlant,
+    body: RigidBody,
+    joint_positions: Mapping[str, float],
+    joint_rates: Mapping[str, float],
+    body_rate: Array,
 ) -> tuple[Array, Array]:
-    """Computes generalized positions and velocities with frames aligned, and the center at rest at the origin.
+    """Computes generalized positions and velocities: frames aligned, center of mass at rest at the origin.
 
     Args:
         plant: finalized.
         body: whose frame is the vehicle's.
-        positions, rates: of joints, by name; default: those of the model, and at rest.
-        rate: of the body, rad/s, body axes, shape (3,).
+        joint_positions, joint_rates: of joints, by name; default: those of the model, and at rest.
+        body_rate: of the body, rad/s, body axes, shape (3,).
 
     Returns:
         Generalized positions and velocities.
@@ -195,34 +200,35 @@ def start_state(
     """
     context, base, bodies = plant.CreateDefaultContext(), floating_base(plant, body), connected_bodies(plant, body)
     state = plant.GetPositionsAndVelocities(context)
-    for name, position in positions.items():
+    for name, position in joint_positions.items():
         state[find_joint(plant, name).position_start()] = position
-    for name, moving in rates.items():
-        state[plant.num_positions() + find_joint(plant, name).velocity_start()] = moving
+    for name, joint_rate in joint_rates.items():
+        state[plant.num_positions() + find_joint(plant, name).velocity_start()] = joint_rate
     plant.SetPositionsAndVelocities(context, state)
-    matter = mass_properties_of(bodies)
+    properties = mass_properties_of(bodies)
     plant.SetFreeBodyPose(context, base, RigidTransform())
     pose = plant.EvalBodyPoseInWorld(context, body).inverse()
     plant.SetFreeBodyPose(context, base, pose)
-    center = composite_body(matter, _body_places(plant, context, bodies)).center_of_mass
+    center = composite_body(properties, _body_places(plant, context, bodies)).center_of_mass
     plant.SetFreeBodyPose(context, base, RigidTransform(pose.rotation(), pose.translation() - center))
 
     velocities, first = plant.GetVelocities(context), base.floating_velocities_start_in_v()
     turning, _ = _body_velocities(plant, context, bodies)
-    velocities[first : first + 3] = rate - turning[0]
+    velocities[first : first + 3] = body_rate - turning[0]
     plant.SetVelocities(context, velocities)
-    drift = center_velocity(matter, _body_places(plant, context, bodies), *_body_velocities(plant, context, bodies))
+    drift = center_velocity(properties, _body_places(plant, context, bodies), *_body_velocities(plant, context, bodies))
     velocities[first + 3 : first + 6] = -drift
     return plant.GetPositions(context), velocities
 
 
 def _body_velocities(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> tuple[Array, Array]:
     """Computes angular velocities and velocities of bodies in the world, shape (n, 3) each."""
-    moves = [plant.EvalBodySpatialVelocityInWorld(context, one) for one in bodies]
-    return np.array([one.rotational() for one in moves]), np.array([one.translational() for one in moves])
+    velocities = [plant.EvalBodySpatialVelocityInWorld(context, body) for body in bodies]
+    return np.array([body.rotational() for body in velocities]), np.array([body.translational() for body in velocities])
 
 
 def _body_places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> BodyPlaces:
+    """Returns orientations and origins of bodies in the world."""
     return pack_poses([plant.EvalBodyPoseInWorld(context, one) for one in bodies])
 
 

@@ -50,10 +50,12 @@ def StarTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._std = np.broadcast_to(std, 3)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the tracker from one of another scalar type."""
             StarsSeen._construct(self, other.get_name(), noise_std=other._std, converter=converter)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
-            turn = self._std * np.array([value_of(one) for one in noise])
+            """Computes the attitude quaternion, turned by the noise about the axes, shape (4,)."""
+            turn = self._std * np.array([value_of(number) for number in noise])
             return attitude.multiply(body[QUATERNION], attitude.from_rotation_vector(turn))
 
     return StarsSeen

@@ -75,9 +75,9 @@ class Thrusters(Diagram):
         seed: int = 0,
     ):
         super().__init__()
-        given = np.ones(len(vehicle.wrenches)) if factors is None else factors
-        scale = require_vector("thrusters: factors", given, len(vehicle.wrenches))
-        wrenches = scale[:, None] * np.column_stack([vehicle.wrenches, vehicle.mass_flows])
+        stated = np.ones(len(vehicle.wrenches)) if factors is None else factors
+        scales = require_vector("thrusters: factors", stated, len(vehicle.wrenches))
+        wrenches = scales[:, None] * np.column_stack([vehicle.wrenches, vehicle.mass_flows])
         builder = DiagramBuilder()
         force = builder.AddSystem(BodyWrench(plant, body))
         jets = builder.AddSystem(

@@ -92,10 +92,11 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the disturbance from one of another scalar type."""
             Push._construct(self, other._model, converter=converter, **other._made)
 
-        def _held(self, context: Any) -> Any:
-            """Returns the disturbance's random deviation over the running sample, shape (6,)."""
+        def _running_deviation(self, context: Any) -> Any:
+            """Returns the random deviation over the running sample, torque and force, shape (6,)."""
             state = state_of(context)
             if value_of(state[_BEGUN]):
                 return state[_DEVIATION]
@@ -103,19 +104,21 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 return self._model.before
             return draw_initial_deviation(run_seed(context, self._varied, self._seed), self.parameters.get(context).std)
 
-        def _coming(self, context: Any) -> Any:
+        def _next_deviation(self, context: Any) -> Any:
+            """Computes the random deviation over the coming sample, torque and force, shape (6,)."""
             model = self._model._replace(std=self.parameters.get(context).std)
-            return next_deviation(self._held(context), self._noise.Eval(context), model)
+            return next_deviation(self._running_deviation(context), self._noise.Eval(context), model)
 
         def _calc_wrench(self, context: Any) -> Any:
             """Computes the sum of the jets' wrench and the disturbance, packed as the jets' wrench."""
-            deviation = self._coming(context) if self._stepped else self._held(context)
+            deviation = self._next_deviation(context) if self._stepped else self._running_deviation(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation
             return add_wrench(self._jets.Eval(context), move_to_origin(total, center), self._pieces)
 
         def _update(self, context: Any, state: Any) -> None:
-            state.set_value(np.append(self._coming(context), T(1.0)))
+            """Stores the deviation over the sample that begins."""
+            state.set_value(np.append(self._next_deviation(context), T(1.0)))
 
     return Push
 

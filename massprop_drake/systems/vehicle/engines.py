@@ -77,13 +77,14 @@ class Engines(LeafSystem):
         running = {self.time_ticket(), self.xd_ticket()}
         acting = {*running, self._errors.ticket, jets, *((command,) if stepped else ())}
         declare_output(self, "wrench", profile, self._calc_wrench, acting)
-        declare_output(self, "engine_state", size, lambda context: self._now(context).ravel(), running)
+        declare_output(self, "engine_state", size, lambda context: self._channels(context).ravel(), running)
         has = channel_mask(model.engines)
         for place, name in enumerate(names):
 
             def read(context: Any, place: int = place) -> Any:
+                """Reads an engine's level, and its gimbal angles, rad, where it has a gimbal, with noise."""
                 told, noise = (reshape_by_engine(port.Eval(context)) for port in (self._command, self._noise))
-                return read_engines(self._now(context), told, noise, model.engines)[place][has[place]]
+                return read_engines(self._channels(context), told, noise, model.engines)[place][has[place]]
 
             declare_output(self, name, int(has[place].sum()), read, {*running, command, noise})
 
@@ -93,30 +94,32 @@ class Engines(LeafSystem):
         return self._size
 
     def _compute_errors(self, context: Any) -> Any:
+        """Draws the errors of thrust and alignment of all engines by the seed."""
         return draw_engine_errors(self._model, run_seed(context, self._varied, self._seed))
 
-    def _now(self, context: Any) -> Any:
+    def _channels(self, context: Any) -> Any:
         """Computes the engines' levels and gimbal angles at this instant, shape (n, 3)."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._size
         now, told = reshape_by_engine(state[:n]), reshape_by_engine(state[n : 2 * n])
         return follow_command(now, told, context.get_time() - state[-1], self._model.engines)[0]
 
-    def _coming(self, context: Any) -> Any:
+    def _target(self, context: Any) -> Any:
         """Computes levels and angles commanded to the engines over the coming sample, shape (n, 3)."""
         return effective_command(
-            self._now(context), reshape_by_engine(self._command.Eval(context)), context.get_time(), self._model
+            self._channels(context), reshape_by_engine(self._command.Eval(context)), context.get_time(), self._model
         )
 
     def _calc_wrench(self, context: Any) -> Any:
         """Computes the sum of the jets' and engines' wrench, packed as the jets' wrench."""
-        errors, now, time_s = self._errors.get(context), self._now(context), context.get_time()
+        errors, present, time_s = self._errors.get(context), self._channels(context), context.get_time()
         if self._stepped:
-            own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)
+            added = mean_wrench(present, self._target(context), errors, (time_s, self._period_s), self._model)
         else:
             since_s = context.get_discrete_state(self._state).value()[-1]
-            own = engines_wrench(now[None], errors, since_s, self._model)
-        return add_wrench(self._jets.Eval(context), own, self._pieces)
+            added = engines_wrench(present[None], errors, since_s, self._model)
+        return add_wrench(self._jets.Eval(context), added, self._pieces)
 
     def _update(self, context: Any, state: Any) -> None:
-        after = np.concatenate((self._now(context).ravel(), self._coming(context).ravel(), [context.get_time()]))
+        """Stores levels and angles of this sample, the coming ones, and its time."""
+        after = np.concatenate((self._channels(context).ravel(), self._target(context).ravel(), [context.get_time()]))
         state.set_value(self._state, after)

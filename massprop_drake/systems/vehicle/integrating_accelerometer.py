@@ -29,7 +29,7 @@ def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a t
             package: its name, or a package of a vehicle, such as `vehicle.accelerometer("acc1")`; see `Sensor`.
             model: its errors; default those that the package states.
             position: in the vehicle frame, ft or m, shape (3,); default that of the package.
-            chance: `draws`, `seed` and `compiled` as `Sensor` has them.
+            options: `draws`, `seed` and `compiled` as `Sensor` has them.
 
         Raises:
             ValueError: when the position is no vector, or there is none.
@@ -42,17 +42,18 @@ def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a t
             *,
             position: ArrayLike | None = None,
             converter: Any = None,
-            **chance: Any,
+            **options: Any,
         ) -> None:
-            """Declares ports, parameters and state; a StatedPackage has a position of its own."""
+            """Declares ports, parameters and state; arguments as the class, the position by default the package's."""
             name = package if isinstance(package, str) else package.name
-            place = getattr(package, "position", None) if position is None else position
-            if place is None:
+            stated_position = getattr(package, "position", None) if position is None else position
+            if stated_position is None:
                 raise ValueError(f"accelerometer '{name}': where does it stand? Give its position")
-            made = require_vector(f"accelerometer '{name}': position", place, 3)
-            Sensor_[T].__init__(self, package, model, made, converter=converter, **chance)
+            vector = require_vector(f"accelerometer '{name}': position", stated_position, 3)
+            Sensor_[T].__init__(self, package, model, vector, converter=converter, **options)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the package from one of another scalar type."""
             Sensor_[T].__init__(self, other, converter=converter)
 
     return VelocityTriad

@@ -35,12 +35,13 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Declares the port, and the output that follows it."""
             LeafSystem_[T].__init__(self, converter)
             port = self.DeclareVectorInputPort("drawn", 1)
-            told = self.numeric_parameter_ticket(
+            ticket = self.numeric_parameter_ticket(
                 NumericParameterIndex(self.DeclareNumericParameter(BasicVector_[T](1)))
             )
-            declare_output(self, "seed", 1, port.Eval, {told})
+            declare_output(self, "seed", 1, port.Eval, {ticket})
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the latch from one of another scalar type."""
             Latch._construct(self, converter=converter)
 
     return Latch
@@ -112,14 +113,15 @@ def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             needs = {self.time_ticket(), port.ticket()}
             for stream, size in streams.items():
 
-                def drawn(context: Any, stream: str = stream, size: int = size) -> Any:
+                def draw_sample(context: Any, stream: str = stream, size: int = size) -> Any:
                     """Returns the standard normal numbers of a stream at a context's sample, shape (size,)."""
                     number = round(value_of(context.get_time()) / period_s)
                     return normal_sample(run_seed(context, port, seed), stream, number, size)
 
-                declare_output(self, stream, size, drawn, needs)
+                declare_output(self, stream, size, draw_sample, needs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the noise source from one of another scalar type."""
             seed, period_s, streams = other._made
             Streams._construct(self, seed, period_s=period_s, streams=streams, converter=converter)
 

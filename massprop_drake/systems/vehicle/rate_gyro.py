@@ -25,12 +25,13 @@ def RateGyro_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             model: SensorModel | None = None,
             *,
             converter: Any = None,
-            **chance: Any,
+            **options: Any,
         ) -> None:
             """Declares ports, parameters and state; arguments as `Sensor`."""
-            Sensor_[T].__init__(self, package, model, converter=converter, **chance)
+            Sensor_[T].__init__(self, package, model, converter=converter, **options)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the gyro from one of another scalar type."""
             Sensor_[T].__init__(self, other, converter=converter)
 
     return RateTriad

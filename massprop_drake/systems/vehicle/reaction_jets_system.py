@@ -154,11 +154,11 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             )
 
             command = self._command = self.DeclareVectorInputPort("command", n_jets)
-            before = self._held = self.DeclareVectorInputPort("held_command", n_jets)
+            held = self._held = self.DeclareVectorInputPort("held_command", n_jets)
             closed = self._closed = self.DeclareVectorInputPort("closed", n_jets)
             held_closed = self._held_closed = self.DeclareVectorInputPort("held_closed", n_jets)
             varied = self._varied = self.DeclareVectorInputPort("seed", 1)
-            switching = [before, held_closed]
+            switching = [held, held_closed]
             if pieces > 1:
                 self._onset = self.DeclareVectorInputPort("command_onset", n_jets)
                 self._held_onset = self.DeclareVectorInputPort("held_command_onset", n_jets)
@@ -191,11 +191,11 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             """Constructs the jets from those of another scalar type; raises InputError where T has no derivatives."""
-            chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
+            intermittent = [failure.jet for failure in other._failures if failure.kind == FailureKind.INTERMITTENT]
             refuse(
                 T,
                 f"'{other.get_name()}'",
-                [f"has a jet that fails intermittently (index {chance[0]})"] if chance else [],
+                [f"has a jet that fails intermittently (index {intermittent[0]})"] if intermittent else [],
                 "leave the intermittent failures out",
             )
             within = ["has jets that open within a sample"] if other._pieces > 1 else []
@@ -210,7 +210,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
             """Makes the jets' model by their thrusts in the context, and a holder of it with the failures."""
             factor, dispersion = self.parameters.get(context)
-            factors = factor * draw_thrust_factors(self._seed_in(context), dispersion, self._n_jets)
+            factors = factor * draw_thrust_factors(self._run_seed(context), dispersion, self._n_jets)
             floor = None
             if self._made["planar"]:
                 floor = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
@@ -219,47 +219,48 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             table = failure_table(leaks_as_levels(self._failures, factors * self._thrusts))
             return jets, make_holder(Jets(jets, table, self._period_s), self._compiled)
 
-        def _seed_in(self, context: Any) -> Any:
+        def _run_seed(self, context: Any) -> Any:
+            """Returns the run's seed in a context, varied by the seed port."""
             return run_seed(context, self._varied, self._seed)
 
-        def _level_target(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
-            """Computes the levels that jets tend to over a sample, by command and closed ports, failures included."""
-            told, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
+        def _level_target(self, command: Any, closed: Any, start_s: Any, context: Any) -> Any:
+            """Computes the thrust levels that jets tend to over a sample, by two input ports, failures included."""
+            inputs, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
-                return told if shut is None else told * (1.0 - shut)
-            sample = round(value_of(began_s) / self._period_s)
-            strikes = draw_strikes(self._failures, sample, self._period_s, self._seed_in(context))
+                return inputs if shut is None else inputs * (1.0 - shut)
+            sample = round(value_of(start_s) / self._period_s)
+            strikes = draw_strikes(self._failures, sample, self._period_s, self._run_seed(context))
             shut = _NONE if shut is None else shut
             _, jets = self._jets.get(context)
-            return self._failed(told, shut, sample * self._period_s, strikes, jets)
+            return self._failed(inputs, shut, sample * self._period_s, strikes, jets)
 
         def _held_target(self, context: Any) -> Any:
-            """Computes the levels that jets tend to over the sample that the last update began, shape (n_jets,)."""
-            began_s = state_of(context)[-1] if self._failures else 0.0
-            return self._level_target(self._held, self._held_closed, began_s, context)
+            """Computes the thrust levels that jets tend to over the running sample, shape (n_jets,)."""
+            start_s = state_of(context)[-1] if self._failures else 0.0
+            return self._level_target(self._held, self._held_closed, start_s, context)
 
-        def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
-            """Computes the course of levels over a sample of pieces, by ports of command, onset and closed."""
-            of_command, of_onset, closed = told
-            command, onset = of_command.Eval(context), of_onset.Eval(context)
+        def _level_course(self, inputs: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
+            """Computes thrust levels piece by piece over the sample from a time on, s, by three input ports."""
+            command_port, onset_port, closed = inputs
+            command, onset = command_port.Eval(context), onset_port.Eval(context)
             shut = closed.Eval(context) if closed.HasValue(context) else np.zeros(self._n_jets)
             sample = round(since_s / self._period_s)
-            strikes = draw_strikes(self._failures, sample, self._period_s, self._seed_in(context))
+            strikes = draw_strikes(self._failures, sample, self._period_s, self._run_seed(context))
             _, jets = self._jets.get(context)
-            failing = read_holder(jets).failures, strikes
+            faults = read_holder(jets).failures, strikes
             return level_course(
-                level, (command, onset, shut), (since_s, self._period_s), failing, self._time_constants_s
+                level, (command, onset, shut), (since_s, self._period_s), faults, self._time_constants_s
             )
 
         def _held_course(self, context: Any) -> LevelCourse:
-            """Computes the course of levels over the sample of pieces that the last update began."""
+            """Computes thrust levels piece by piece over the running sample."""
             state = state_of(context)
             level = np.zeros(self._n_jets) if self._instantaneous else state[:-1]
-            told = (self._held, self._held_onset, self._held_closed)
-            return self._course(told, float(state[-1]), level, context)
+            inputs = (self._held, self._held_onset, self._held_closed)
+            return self._level_course(inputs, float(state[-1]), level, context)
 
         def _level_now(self, context: Any) -> Any:
-            """Computes the jets' levels at this sample, before the update: a period after those in the state."""
+            """Computes the jets' thrust levels at this sample, before the update: a period after those in the state."""
             if self._pieces > 1:
                 return self._held_course(context).end
             jets, _ = self._jets.get(context)
@@ -268,16 +269,17 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _compute(self, context: Any) -> Any:
             """Computes the jets' mean forces, then the wrench profile, over the coming sample, as one vector."""
             if self._pieces > 1:
-                told, thrusters_now = (self._command, self._onset, self._closed), self._jets.get(context)[0]
-                over = self._course(told, context.get_time(), self._level_now(context), context)
-                profile = profile_by_pieces(over, thrusters_now, self._pieces)
-                return np.append(thrusters_now.forces * over.mean, profile)
+                inputs, thrusters = (self._command, self._onset, self._closed), self._jets.get(context)[0]
+                course = self._level_course(inputs, context.get_time(), self._level_now(context), context)
+                profile = profile_by_pieces(course, thrusters, self._pieces)
+                return np.append(thrusters.forces * course.mean, profile)
             coming = self._level_target(self._command, self._closed, context.get_time(), context)
             _, jets = self._jets.get(context)
             level = coming if self._instantaneous else self._level_now(context)  # of no effect where no jet lags
             return self._kernel(level, coming, jets)
 
         def _calc_thrust(self, context: Any) -> Any:
+            """Returns mean forces of all jets over the coming sample, lbf or N, shape (n_jets,)."""
             return self._coming.get(context)[: self._n_jets]
 
         def _calc_drained(self, context: Any) -> Any:
@@ -290,27 +292,29 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Computes the wrench of all jets at this instant, shape (7,)."""
             jets, _ = self._jets.get(context)
             if self._pieces > 1:
-                reached = self._level_within(context)
+                levels = self._level_within(context)
             else:
-                reached = self._held_target(context)
+                levels = self._held_target(context)
                 if not self._instantaneous:
                     state = state_of(context)
                     elapsed_s = context.get_time() - state[-1]
-                    reached = level_at(state[:-1], reached, self._time_constants_s, elapsed_s)
-            return reached @ jets.wrenches
+                    levels = level_at(state[:-1], levels, self._time_constants_s, elapsed_s)
+            return levels @ jets.wrenches
 
         def _level_within(self, context: Any) -> Any:
-            """Computes the jets' levels at an instant of a sample of pieces; at an edge, by the piece before."""
-            over, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
-            ends_s = np.cumsum(over.lengths_s)
+            """Computes thrust levels at this instant of a sample of pieces; at an edge, of the piece before."""
+            course, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
+            ends_s = np.cumsum(course.lengths_s)
             piece = min(int(np.searchsorted(ends_s, elapsed_s)), ends_s.size - 1)
-            since_s = elapsed_s - (ends_s[piece] - over.lengths_s[piece])
-            return level_at(over.begins[piece], over.targets[piece], self._time_constants_s, since_s)
+            since_s = elapsed_s - (ends_s[piece] - course.lengths_s[piece])
+            return level_at(course.begins[piece], course.targets[piece], self._time_constants_s, since_s)
 
         def _calc_profile(self, context: Any) -> Any:
+            """Returns the wrench profile of the coming sample, see the class."""
             return self._coming.get(context)[self._n_jets :]
 
         def _update(self, context: Any, state: Any) -> None:
+            """Stores the jets' levels at this sample, where they lag, and its time."""
             level = [] if self._instantaneous else self._level_now(context)
             state.set_value(np.append(level, context.get_time()))
 

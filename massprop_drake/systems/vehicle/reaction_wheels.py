@@ -54,11 +54,12 @@ class ReactionWheels(LeafSystem):
         running = {self._inertias.ticket, self.time_ticket(), self.xd_ticket()}
         acting = running | {self._torque.ticket()} if stepped else running
         declare_output(self, "wheels", 6, self._calc_momentum, acting)
-        declare_output(self, "wheel_speeds", n, self._speeds, running)
+        declare_output(self, "wheel_speeds", n, self._present_speeds, running)
         for place, name in enumerate(names):
 
             def read(context: Any, place: int = place) -> Any:
-                speed, noise = self._speeds(context)[place], self._noise.Eval(context)[place]
+                """Reads the speed of a wheel with noise, rad/s."""
+                speed, noise = self._present_speeds(context)[place], self._noise.Eval(context)[place]
                 return [read_speed(speed, noise, place, model)]
 
             declare_output(self, name, 1, read, running | {self._noise.ticket()})
@@ -69,28 +70,30 @@ class ReactionWheels(LeafSystem):
         return self._n
 
     def _compute_inertias(self, context: Any) -> Any:
+        """Draws the true inertias of all wheels by the seed."""
         return draw_inertias(self._model, run_seed(context, self._varied, self._seed))
 
-    def _speeds(self, context: Any) -> Any:
+    def _present_speeds(self, context: Any) -> Any:
         """Computes wheel speeds at this instant, rad/s, shape (n,); at the first sample those of the start."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 
-    def _coming(self, context: Any) -> Any:
+    def _next_accelerations(self, context: Any) -> Any:
         """Computes the wheels' accelerations over the coming sample by the motors' torques, rad/s^2, shape (n,)."""
         inertias = self._inertias.get(context)
         torque = self._torque.Eval(context) if self._torque.HasValue(context) else np.zeros(self._n)
-        return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)
+        return acceleration(torque, inertias, self._present_speeds(context), self._model, self._period_s)
 
     def _calc_momentum(self, context: Any) -> Any:
         """Computes the wheels' total angular momentum and its time derivative, body axes, shape (6,)."""
         if self._stepped:
-            changing = self._coming(context)
+            accelerations = self._next_accelerations(context)
         else:
-            changing = context.get_discrete_state(self._state).CopyToVector()[self._n : 2 * self._n]
+            accelerations = context.get_discrete_state(self._state).CopyToVector()[self._n : 2 * self._n]
         inertias = self._inertias.get(context)
-        return momentum(self._speeds(context), changing, inertias, self._model)
+        return momentum(self._present_speeds(context), accelerations, inertias, self._model)
 
     def _update(self, context: Any, state: Any) -> None:
-        after = np.concatenate((self._speeds(context), self._coming(context), [context.get_time()]))
+        """Stores speeds and accelerations of the wheels, and the sample's time."""
+        after = np.concatenate((self._present_speeds(context), self._next_accelerations(context), [context.get_time()]))
         state.set_value(self._state, after)

@@ -116,8 +116,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Declares ports, parameters and state; arguments as the class."""
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
-            made = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, tanks, compiled
-            self._made = (properties, time_step, *made)
+            arguments = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, tanks, compiled
+            self._made = (properties, time_step, *arguments)
             self._spread, self._seed = spread, seed
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
@@ -170,13 +170,13 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             declare_output(self, "structure", STRUCTURE.size, self._calc_structure, changed)
             declare_output(self, "mass_properties", 10, self._calc_mass_properties, moving)
 
-        def _declare_tanks(self, fill: Array) -> set[Any]:
+        def _declare_tanks(self, propellant: Array) -> set[Any]:
             """Declares state and events for tanks with initial propellant; returns the structure's dependencies."""
-            self._drained = self.DeclareVectorInputPort("drained", fill.size)
-            begun = np.concatenate((np.zeros(STRUCTURE.size), fill, [0.0]))
+            self._drained = self.DeclareVectorInputPort("drained", propellant.size)
+            begun = np.concatenate((np.zeros(STRUCTURE.size), propellant, [0.0]))
             self._running = self.DeclareDiscreteState(begun)
             running = {self.discrete_state_ticket(DiscreteStateIndex(self._running))}
-            declare_output(self, "propellant", fill.size, self._calc_propellant, running)
+            declare_output(self, "propellant", propellant.size, self._calc_propellant, running)
             if self._time_step != 0.0:
                 return set()
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period_s, offset_sec=0.0, update=self._drain)
@@ -187,14 +187,14 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
-            chance = ["has mass properties that are drawn"] if other._spread is not None else []
-            refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
+            random = ["has mass properties that are drawn"] if other._spread is not None else []
+            refuse(T, f"plant '{other.get_name()}'", random, "leave out plant.dispersion, and set its parameters")
             emptying = ["has tanks that jets empty"] if other._tanks is not None else []
             refuse(T, f"plant '{other.get_name()}'", emptying, "leave out the vehicle's tanks")
             own = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s")
             names = (*own, "wheels", "tanks", "compiled")
-            made = dict(zip(names, other._made[1:], strict=True))
-            Plant._construct(self, properties, converter=converter, **made)
+            arguments = dict(zip(names, other._made[1:], strict=True))
+            Plant._construct(self, properties, converter=converter, **arguments)
 
         def _compute_start(self, context: Any) -> Any:
             """Computes mass properties at the start, with the random spread, as a named tuple."""
@@ -234,7 +234,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             constants = rigid_body.constants_from_structure(structure)
             return constants, make_holder(constants, self._compiled), self._start.get(context).mass
 
-        def _body(self, context: Any) -> Any:
+        def _body_state(self, context: Any) -> Any:
             """Returns the body's state with the mass added that the start has, shape (23,)."""
             if self._time_step == 0.0:
                 body = context.get_continuous_state_vector().CopyToVector()
@@ -244,20 +244,23 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return body
 
         def _calc_body_state(self, context: Any) -> Any:
-            return self._body(context)
+            """Returns the body's state at this instant, see `rigid_body`, shape (23,)."""
+            return self._body_state(context)
 
         def _calc_structure(self, context: Any) -> Any:
+            """Computes inertia and center of mass at this instant, packed as `STRUCTURE`, shape (9,)."""
             return self._structure(context)
 
         def _calc_mass_properties(self, context: Any) -> Any:
+            """Computes the true ten parameters at this instant, shape (10,)."""
             constants, *_ = self._constants.get(context)
-            return np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]])
+            return np.array([*constants.inverse, *constants.center, 1.0 / self._body_state(context)[MASS]])
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
             """Computes the time derivative of a continuous plant's state by the equations of motion."""
             if self._time_step == 0.0:
                 wrench = self._wrench.Eval(context)
-                (constants, *_), body = self._constants.get(context), self._body(context)
+                (constants, *_), body = self._constants.get(context), self._body_state(context)
                 if self._wheels is not None:
                     constants = rigid_body.add_wheel_momentum(constants, self._wheels.Eval(context))
                 if T is not Expression:
@@ -272,16 +275,16 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Computes the structure (9) after the coming sample, and the propellant left in the tanks."""
             assert self._tanks is not None, "the plant has tanks"
             (tanks, _), used = self._tanks, self._drained.Eval(context)
-            _, fill, _ = self._read_draining(context)
+            _, propellant, _ = self._read_draining(context)
             try:
-                left = drain_tanks(fill, used)
+                left = drain_tanks(propellant, used)
             except OutOfPropellantError as error:
                 raise error.at(value_of(context.get_time())) from None
-            return structure_after_draining(structure, mass, fill, used, tanks), left
+            return structure_after_draining(structure, mass, propellant, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
             """Stores the structure's change and propellant over the coming sample of a continuous plant with tanks."""
-            structure, body = self._structure(context), self._body(context)
+            structure, body = self._structure(context), self._body_state(context)
             after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)
             change = structure - np.concatenate((start.inertia, start.center_of_mass))
@@ -289,6 +292,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             state.set_value(self._running, np.concatenate((after - structure, left, [context.get_time()])))
 
         def _calc_propellant(self, context: Any) -> Any:
+            """Returns the propellant in each tank at the last sample, slug or kg, shape (n_tanks,)."""
             _, left, _ = self._read_draining(context)
             return left
 
@@ -305,7 +309,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if not jumps:
                 return
             start = self._start.get(context)
-            body, structure = rigid_body.apply_jumps(self._body(context), self._structure(context), jumps)
+            body, structure = rigid_body.apply_jumps(self._body_state(context), self._structure(context), jumps)
             body[MASS] -= start.mass
             change = structure - np.concatenate((start.inertia, start.center_of_mass))
             state.get_mutable_discrete_state(self._structure_change).SetFromVector(change)

@@ -51,17 +51,17 @@ class StatedPackage(Protocol):
 
 def stated_errors(package: StatedPackage) -> SensorModel:
     """Makes the error model of a package from the noise, quantum and range that its vehicle states."""
-    nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
+    zeros, limit = np.zeros(3), math.inf if package.range is None else package.range
     return SensorModel(
         period_s=1.0,  # of no effect without memory
-        scale_factor=nothing,
+        scale_factor=zeros,
         smoothing=0.0,
-        bias=nothing,
+        bias=zeros,
         walk_std=0.0,
         integrates=False,
         noise_std=package.noise_std,
         quantum=package.quantum,
-        phase=nothing,
+        phase=zeros,
         delay=0,
         limit=limit,
     )
@@ -133,7 +133,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._made = {"model": model, "position": position, "draws": draws, "seed": seed, "compiled": compiled}
             self._model, self._draws, self._seed = model, draws, seed
             self._compiled = compiled and T is float
-            self._gathers, self._place = position is not None, np.zeros(3) if position is None else position
+            self._integrates, self._place = position is not None, np.zeros(3) if position is None else position
             self.parameters = Parameters(
                 self,
                 T,
@@ -168,36 +168,37 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 declare_output(self, "reading", 3, self._calc_direct, inputs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            _refuse_jumps(T, other.get_name(), other._model)
+            """Constructs the sensor from one of another scalar type."""
+            _require_smooth_readings(T, other.get_name(), other._model)
             Triad._construct(self, other.get_name(), converter=converter, **other._made)
 
-        def _errors_in(self, context: Any) -> SensorModel:
+        def _error_model(self, context: Any) -> SensorModel:
             """Returns the sensor's error model by the parameters in a context, before random draws."""
             values = self.parameters.get(context)
             scalars = ("quantum", "limit", "noise_std", "walk_std")
             numbers: dict[str, Any] = {name: value_of(getattr(values, name)) for name in scalars}
             numbers["phase"] = np.array([value_of(number) for number in values.phase])
             # the bias of a gyro may be symbolic, since it decides nothing
-            bias = np.array([value_of(number) for number in values.bias]) if self._gathers else np.zeros(3)
-            model, where = self._model._replace(bias=bias, **numbers), f"sensor '{self.get_name()}'"
-            _refuse_jumps(T, self.get_name(), model)
+            bias = np.array([value_of(number) for number in values.bias]) if self._integrates else np.zeros(3)
+            model, label = self._model._replace(bias=bias, **numbers), f"sensor '{self.get_name()}'"
+            _require_smooth_readings(T, self.get_name(), model)
             if model.noisy and not self._model.noisy:
-                raise InputError(f"{where} has no noise: build it with a noise_std above zero to vary that")
+                raise InputError(f"{label} has no noise: build it with a noise_std above zero to vary that")
             if model.remembers and not self._model.remembers:
-                raise InputError(f"{where} has no memory: build it with a bias or a walk_std to vary these")
+                raise InputError(f"{label} has no memory: build it with a bias or a walk_std to vary these")
             if T is AutoDiffXd:
                 model = model._replace(noise_std=values.noise_std, walk_std=values.walk_std)
             return model._replace(scale_factor=values.scale_factor, bias=values.bias)
 
         def _compute_sensing(self, context: Any) -> tuple[Any, Any, SensorModel | None]:
             """Makes a reading's kernel, its holder, and the errors, None where neither noise nor time matters."""
-            model = self._errors_in(context)
+            model = self._error_model(context)
             if self._draws is not None:
                 model = add_drawn_phases(model, self._draws, run_seed(context, self._varied, self._seed))
             exact = T is float and model.exact and not self._model.remembers
             read: Any = vehicle_ports.remembered_reading if self._model.remembers else vehicle_ports.reading
             kernel = compile_kernel_if(vehicle_ports.exact_reading if exact else read, self._compiled)
-            holder = make_holder(Sensing(model.errors, self._gathers, self._place), self._compiled)
+            holder = make_holder(Sensing(model.errors, self._integrates, self._place), self._compiled)
             return kernel, holder, None if exact else model
 
         def _noise_and_vibration(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
@@ -208,10 +209,11 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _calc_direct(self, context: Any) -> Any:
             """Computes the reading of a sensor without memory from the body's state now, shape (3,)."""
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
-            chance = () if model is None else self._noise_and_vibration(context, model)
-            return kernel(body, *chance, holder)
+            random_inputs = () if model is None else self._noise_and_vibration(context, model)
+            return kernel(body, *random_inputs, holder)
 
         def _compute(self, context: Any) -> Any:
+            """Computes the reading (3) of a sensor with memory, then its next state, as one vector."""
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
             return kernel(body, state_of(context), *self._noise_and_vibration(context, model), holder)
 
@@ -221,7 +223,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 Sensor: Any = float_class(Sensor_, "Sensor")
 
 
-def _refuse_jumps(scalar: Any, name: str, model: SensorModel) -> None:
+def _require_smooth_readings(scalar: Any, name: str, model: SensorModel) -> None:
     """Raises InputError where readings have no derivatives and the scalar type needs them."""
     reasons = []
     if model.quantum > 0.0:

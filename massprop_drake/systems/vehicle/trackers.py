@@ -47,20 +47,23 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
             self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
             inputs = (self._body_state, self._structure, self._noise)
-            read = {port.ticket() for port in inputs} | self._times()
+            read = {port.ticket() for port in inputs} | self._time_tickets()
             declare_output(self, "reading", size, self._calc_reading, read)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            """Constructs the tracker from one of another scalar type."""
             Sighting._construct(self, *other._sizes, converter=converter)
 
-        def _times(self) -> set[Any]:
+        def _time_tickets(self) -> set[Any]:
             """Returns the ticket of the time where it decides whether anything is read, else none."""
             return set()
 
         def _is_due(self, _context: Any) -> bool:
+            """Tests whether a reading is due at this sample: always, but for a rate of its own."""
             return True
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            """Computes the reading from body state, center of mass and noise; subclasses define it."""
             raise NotImplementedError
 
         def _calc_reading(self, context: Any) -> Any:
@@ -95,6 +98,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """
 
         def _construct(self, name: str, model: PoseModel, *, converter: Any = None) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             self._model = model
             Tracker_[T].__init__(self, name, 7, N_NOISE, converter=converter)
             require_vector(f"sensor '{name}': point", model.point, 3)
@@ -102,17 +106,20 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             """Constructs the tracker from one of another scalar type; raises InputError where T has no derivatives."""
             name, model = other.get_name(), other._model
-            chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
-            refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")
+            random = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
+            refuse(T, f"sensor '{name}'", random, "set its time_std_s and outliers to 0, or leave the sensor out")
             PoseSeen._construct(self, name, model, converter=converter)
 
-        def _times(self) -> set[Any]:
+        def _time_tickets(self) -> set[Any]:
+            """Returns the ticket of the time where the tracker has a rate of its own, else none."""
             return {self.time_ticket()} if math.isfinite(self._model.rate_hz) else set()
 
         def _is_due(self, context: Any) -> bool:
+            """Tests whether a pose is due at this sample by the tracker's rate."""
             return math.isinf(self._model.rate_hz) or is_due(context.get_time(), self._model)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            """Computes position (3) and quaternion (4) of the tracked point from body state, center and noise."""
             return read_pose(body, center, noise, self._model)
 
     return PoseSeen
@@ -134,15 +141,18 @@ def VelocityTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """
 
         def _construct(self, name: str, *, position: Array, noise_std: float, converter: Any = None) -> None:
+            """Declares ports, parameters and state; arguments as the class."""
             Tracker_[T].__init__(self, name, 3, 3, converter=converter)
             self._position = require_vector(f"sensor '{name}': position", np.asarray(position, dtype=float), 3)
             self._noise_std = noise_std
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            made = {"position": other._position, "noise_std": other._noise_std}
-            VelocitySeen._construct(self, other.get_name(), converter=converter, **made)
+            """Constructs the tracker from one of another scalar type."""
+            arguments = {"position": other._position, "noise_std": other._noise_std}
+            VelocitySeen._construct(self, other.get_name(), converter=converter, **arguments)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            """Computes the velocity of the point, ft/s or m/s, from body state, center and noise, shape (3,)."""
             return read_velocity(body, center, noise, self._position, self._noise_std)
 
     return VelocitySeen
