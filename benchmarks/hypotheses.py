@@ -24,7 +24,7 @@ from massprop_drake.inputs.params import accelerometers, estimation_params, gyro
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.verdicts import jet_fault_probabilities, other_part_probabilities
+from massprop_drake.maths.estimation.faults.verdicts import jet_fault_probabilities, other_event_probabilities
 
 _KEPT = Path("runs") / "hypotheses"
 
@@ -91,7 +91,7 @@ def main() -> None:
                     f"{names[jet]}{'+-'[sign < 0]}": share
                     for (jet, sign), share in jet_fault_probabilities(tree, joint).items()
                 }
-                found |= {f"{part[0].name} {part[1]}": share for part, share in other_part_probabilities(tree).items()}
+                found |= {f"{part[0].name} {part[1]}": share for part, share in other_event_probabilities(tree).items()}
                 likely = sorted(found.items(), key=lambda item: -item[1])[:5]
                 events = [f"{name} {share:.4f}" for name, share in likely]
                 print(f"{time_s - first_s:6.2f} s {count[-1]:3d} hypotheses {len(tree.births):3d} wait:", *events)

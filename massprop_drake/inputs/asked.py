@@ -293,7 +293,7 @@ def make_aims(targets: Sequence[Target], suspicion: Suspicion, params: JointPara
     pairs[no_rival, 1] = -1
     priors = Priors.stated(faults)
     sized = zip(suspicion.forces.tolist(), suspicion.thrusts.tolist(), strict=True)
-    logs = [log_failure_probability(*both, 1.0, priors, missing=suspicion.loss) for both in sized]
+    logs = [log_failure_probability(*both, 1.0, priors, is_loss=suspicion.loss) for both in sized]
     needed = (declaration_log_odds(faults) - np.where(no_rival, logs, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
     jumps = jump_variances(params), log_jump_probability(1.0, priors)

@@ -269,7 +269,7 @@ def _leak_times(
         for one, each in zip(times_s, information, strict=True)
     ]
     fails = np.array(
-        [log_failure_probability(leak_fraction, 1.0, one, priors, missing=False) for one in times_s]
+        [log_failure_probability(leak_fraction, 1.0, one, priors, is_loss=False) for one in times_s]
     )  # alike for all jets
     otherwise = np.logaddexp(0.0, np.array(jumped))
     counts = np.arange(1, since_s.size + 1) >= FOLLOWED

@@ -53,6 +53,7 @@ NO_ADAPTATION = Adaptation(Action.NONE, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, ma
 
 
 def _passive_adaptation(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled alone
+    """Makes the adaptation of `passive_adaptation` in compiled code."""
     return Adaptation(action, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), mass_jumped)
 
 

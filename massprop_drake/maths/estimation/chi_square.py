@@ -7,19 +7,19 @@ from functools import cache
 
 
 @cache
-def chi_square_limit(rate: float, degrees: int) -> float:
+def chi_square_limit(probability: float, degrees: int) -> float:
     """Computes the value that chi-square of some degrees of freedom exceeds with a given probability, by bisection.
 
     Args:
-        rate: probability, 1e-300 < rate < 1.
+        probability: of the tail, above 1e-300 and below 1.
         degrees: of freedom, at least 1.
     """
-    low, high = 0.0, 2.0 * degrees - 4.0 * math.log(rate)
+    low, high = 0.0, 2.0 * degrees - 4.0 * math.log(probability)
     while True:
         middle = 0.5 * (low + high)
         if not low < middle < high:
             return middle
-        low, high = (middle, high) if _tail_probability(middle, degrees) > rate else (low, middle)
+        low, high = (middle, high) if _tail_probability(middle, degrees) > probability else (low, middle)
 
 
 def _tail_probability(value: float, degrees: int) -> float:

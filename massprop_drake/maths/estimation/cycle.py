@@ -136,7 +136,7 @@ def initial_state(params: EstimationParams) -> EstimationState:
 
 
 def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
-    """Runs a cycle's first part: the jets' impulses in the interval, and the filter's measurement."""
+    """Computes the jets' impulses in a sample's interval, and the filter's innovations: a cycle's first part."""
     outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
     impulses = interval_impulses(
         sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
@@ -158,7 +158,7 @@ def collect_commands(sample: Sample) -> Told:
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
-    """Computes wrench and covariances by forces of failed jets that the detector has declared already."""
+    """Computes the wrench of declared failed jets' known forces, and the covariances it adds to both increments."""
     if params.detector is None or not has_nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
@@ -168,22 +168,22 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
 def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
     """Runs the detector, which must exist, on a sample's innovations; returns its judgment."""
     assert params.detector is not None
-    seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
-    evidence = seen
-    if isinstance(seen, Joint):
-        evidence = make_evidence(sample.time_s, sample.command, measured.interval.impulses, seen)
+    filter_evidence = params.filter.evidence(state.filter, measured.measurement, measured.interval)
+    evidence = filter_evidence
+    if isinstance(filter_evidence, Joint):
+        evidence = make_evidence(sample.time_s, sample.command, measured.interval.impulses, filter_evidence)
     return params.detector.judge(state.detector, evidence, params.detector_params)
 
 
-def make_evidence(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
+def make_evidence(time_s: float, command: Array, impulses: Impulses, innovations: Joint) -> Evidence:
     """Makes the detector's evidence from the filter's innovations, the command and the interval's impulses."""
-    return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
+    return Evidence(time_s, command, impulses.usable, impulses.firing, *innovations)
 
 
 def finish(
     state: EstimationState, sample: Sample, measured: Measured, judgment: Judgment | None, params: EstimationParams
 ) -> EstimationStep:
-    """Runs a cycle's last part: the filter's update by the judgment, and the state for the next cycle."""
+    """Updates the filter as the detector judged the sample; returns the cycle's result with the next state."""
     interval, measurement = measured
     adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
@@ -198,7 +198,7 @@ def finish(
 
 
 def _call_directly(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Calls a function with its arguments; the cycle's part is ignored."""
+    """Calls a function with its arguments, whichever part of the cycle it is."""
     return function(*arguments)
 
 
@@ -215,8 +215,8 @@ def step(
     """
     measured = call(ESTIMATORS, measure, state, sample, params)
     judgment = None if params.detector is None else call(DETECTOR, judge, state, sample, measured, params)
-    done: EstimationStep = call(ESTIMATORS, finish, state, sample, measured, judgment, params)
-    return done
+    result: EstimationStep = call(ESTIMATORS, finish, state, sample, measured, judgment, params)
+    return result
 
 
 def estimate_and_covariance(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
@@ -224,16 +224,16 @@ def estimate_and_covariance(state: EstimationState, params: EstimationParams) ->
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
-def reported_estimate(done: EstimationStep) -> tuple[Array, Array]:
+def reported_estimate(result: EstimationStep) -> tuple[Array, Array]:
     """Returns estimate and 1-sigma of the ten parameters after a cycle, NaN if not observed, shape (10,) each."""
-    rotation, mass = done.filtered.rotation, done.filtered.mass
+    rotation, mass = result.filtered.rotation, result.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
     deviations = join_ten_parameters(rotation.standard_deviation, deviation)
     return join_ten_parameters(rotation.estimate, reciprocal), deviations
 
 
 def save_state(state: EstimationState, params: EstimationParams) -> Groups:
-    """Maps each system of the diagram that holds a part of the estimation's state to that part as a vector."""
+    """Packs the estimation's state into vectors, by the name of the diagram's system that holds each."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
@@ -254,25 +254,25 @@ def restore_state(groups: Groups, params: EstimationParams) -> EstimationState:
     if params.detector is not None:
         detector = params.detector.unpack_state(groups[params.detector.group], params.detector_params)
     state = params.filter.restored(groups, params.filter_params)
-    begun = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
-    _require_estimates(params.filter.predicted(state), params.filter.covariance(state), begun)
+    initial_variances = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
+    _require_possible_estimates(params.filter.predicted(state), params.filter.covariance(state), initial_variances)
     return EstimationState(memory.command, memory.level, state, detector)
 
 
-def _require_estimates(estimate: Array, covariance: Array, begun: Array) -> None:
+def _require_possible_estimates(estimate: Array, covariance: Array, initial_variances: Array) -> None:
     """Raises ValueError for ten parameters, or a covariance of them, that no run can leave.
 
     Args:
         estimate, covariance: shapes (10,) and (10, 10).
-        begun: variances at the start, NaN for what is not observed, shape (10,).
+        initial_variances: NaN for what is not observed, shape (10,).
     """
-    observed = ~np.isnan(begun)
+    observed = ~np.isnan(initial_variances)
     if not np.isfinite(estimate[observed]).all():
         raise ValueError("estimates must be finite")
     if not is_covariance(covariance[np.ix_(observed, observed)]):
         raise ValueError("the covariance of the estimates must be symmetric and positive semidefinite")
     variances = covariance.diagonal()
-    if (variances[begun > 0.0] == 0.0).any():
+    if (variances[initial_variances > 0.0] == 0.0).any():
         raise ValueError(
             "the covariance of the estimates must be positive definite: what is estimated is never certain"
         )

@@ -95,7 +95,7 @@ class KnownForce(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Tests whether the known force has any effect on the sample; a commanded jet stuck on gives no more."""
+        """Tests whether the known force has any effect on the sample; a stuck jet that is commanded has none."""
         return self is not NO_KNOWN_FORCE and bool(self.wrench.any() or self.translation_spread.any())
 
 

@@ -62,22 +62,22 @@ class Lagging(NamedTuple):
 
 
 @kernel
-def impulses(memory: Array, command: Array, outside: Array, held: Any) -> Array:
+def impulses(memory: Array, command: Array, outside_wrench: Array, holder: Any) -> Array:
     """Computes impulses and flags of an interval (8), then jets' mean and last levels, shape (8 + 2 n_jets,).
 
     Args:
         memory: packed as `cycle.MEMORY`.
         command: see `interval_impulses`.
-        outside: wrench of known outside forces, shape (6,).
-        held: holder of `Lagging`.
+        outside_wrench: of known outside forces, shape (6,).
+        holder: holder of `Lagging`.
     """
-    given, jets = held.value, command.size
-    done = interval_impulses(
-        command, memory[:jets], memory[jets:], given.impulse_per_level, given.lag, outside * given.period_s
+    bundle, jets = holder.value, command.size
+    interval = interval_impulses(
+        command, memory[:jets], memory[jets:], bundle.impulse_per_level, bundle.lag, outside_wrench * bundle.period_s
     )
     row = np.empty(_IMPULSES + 2 * jets)
-    angular, linear = done.angular_impulse, done.linear_impulse
-    fill(row, (angular, linear, done.usable, done.firing, done.mean_level, done.level))
+    angular, linear = interval.angular_impulse, interval.linear_impulse
+    fill(row, (angular, linear, interval.usable, interval.firing, interval.mean_level, interval.level))
     return row
 
 
@@ -181,32 +181,32 @@ _ROTATION_SEEN = RotationSeen(_SQUARE, _THREE, _THREE, False, _SQUARE, _CROSS, _
 
 
 @kernel
-def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
-    """Computes a sample's rotation innovation and predictions, packed as `Turned`, then `RotationSeen`.
+def measure_rotation(state_vector: Array, rates: Array, impulses: Array, known_force: Array, holder: Any) -> Array:
+    """Computes the rotation filter's innovation and predictions for a sample, packed as `Turned`, then `RotationSeen`.
 
     Args:
-        vector: state, packed as `thesis.ROTATION_STATE`.
+        state_vector: packed as `thesis.ROTATION_STATE`.
         rates: readings of the gyros, shape (s, 3), of which the first that is there counts.
-        told: impulses, packed as `impulses.LAYOUT`.
-        force: that is known, packed as `detector.KNOWN_FORCE`.
-        held: holder of `Rotating`.
+        impulses: packed as `impulses.LAYOUT`.
+        known_force: packed as `detector.KNOWN_FORCE`.
+        holder: holder of `Rotating`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    given = held.value
-    before, acted = read_bundle(vector, given.state), read_bundle(told, given.heard.acted)
-    known = read_bundle(force, given.heard.known)
+    bundle = holder.value
+    before, acted = read_bundle(state_vector, bundle.state), read_bundle(impulses, bundle.heard.acted)
+    known = read_bundle(known_force, bundle.heard.known)
     state = RotationState(before.estimate, before.covariance, None)
     acting = acted.firing or bool(known.wrench.any() or known.translation_spread.any())
     angular, linear = acted.angular_impulse, acted.linear_impulse
     interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
     memory = RotationMemory(before.rates, before.subtract_coupling)
-    sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, given.params)
-    said = thesis.make_turning(state, sample, innovation)
+    sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, bundle.params)
+    turned = thesis.make_turning(state, sample, innovation)
     row = np.empty(_TURNING + _N_ROTATION_SEEN + rates.size)
-    fill(row, (said.innovation, said.innovation_covariance, said.increment, said.rate, said.rate_variance))
-    fill(row[_PREDICTION:], (said.estimate, said.covariance, said.cross_covariance))
+    fill(row, (turned.innovation, turned.innovation_covariance, turned.increment, turned.rate, turned.rate_variance))
+    fill(row[_PREDICTION:], (turned.estimate, turned.covariance, turned.cross_covariance))
     seen = RotationSeen(
         sample.noise,
         angular,
@@ -225,29 +225,29 @@ def measure_rotation(vector: Array, rates: Array, told: Array, force: Array, hel
 
 
 @kernel
-def finish_rotation(measured: Array, adaptation: Array, held: Any) -> Array:
+def finish_rotation(measurement: Array, adaptation: Array, holder: Any) -> Array:
     """Updates the rotation filter; returns its log row, packed as `ROTATION_REPORT`, then its state.
 
     Args:
-        measured: what `measure_rotation` gave.
+        measurement: result of `measure_rotation`.
         adaptation: packed as `adaptation.LAYOUT`.
-        held: holder of `Rotating`.
+        holder: holder of `Rotating`.
     """
-    given = held.value
-    said, seen = read_bundle(measured, given.turned), read_bundle(measured[_TURNING:], given.seen)
+    bundle = holder.value
+    turned, seen = read_bundle(measurement, bundle.turned), read_bundle(measurement[_TURNING:], bundle.seen)
     sample = RotationSample(
-        said.increment,
-        said.rate,
+        turned.increment,
+        turned.rate,
         seen.noise,
-        said.rate_variance,
+        turned.rate_variance,
         seen.angular_impulse,
         seen.linear_impulse,
         seen.acting,
         None,
     )
     innovation = RotationInnovation(
-        said.innovation,
-        said.innovation_covariance,
+        turned.innovation,
+        turned.innovation_covariance,
         seen.information,
         seen.jacobian,
         seen.spread,
@@ -255,8 +255,11 @@ def finish_rotation(measured: Array, adaptation: Array, held: Any) -> Array:
         seen.subtract_coupling,
         seen.nis,
     )
-    todo, state = read_bundle(adaptation, given.heard.adaptation), RotationState(said.estimate, said.covariance, None)
-    cycle = rotation_filter.finish_one(state, (sample, innovation), seen.learning, todo, given.params)
+    todo, state = (
+        read_bundle(adaptation, bundle.heard.adaptation),
+        RotationState(turned.estimate, turned.covariance, None),
+    )
+    cycle = rotation_filter.finish_one(state, (sample, innovation), seen.learning, todo, bundle.params)
     after, row = cycle.state, np.empty(_ROTATION_REPORT + _ROTATION_STATE + seen.rates.size)
     fill(row, thesis.rotation_report(innovation, cycle))
     fill(row[_ROTATION_REPORT:], (after.estimate, after.covariance, seen.subtract_coupling, seen.rates))
@@ -336,38 +339,40 @@ _N_ROTATION_SEEN, _N_MASS_SEEN = _count_numbers(_ROTATION_SEEN), _count_numbers(
 
 
 @kernel
-def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
+def measure_mass(
+    state_vector: Array, velocities: Array, rotation_prediction: Array, impulses: Array, known_force: Array, holder: Any
+) -> Array:
     """Computes both filters' innovations for the detector, packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
-        vector: state, packed as `thesis.MASS_STATE`.
+        state_vector: packed as `thesis.MASS_STATE`.
         velocities: readings of the accelerometers, shape (s, 3), of which the first that is there counts.
-        turned: what the rotation filter says, packed as `Turned`.
-        told, force: as in `measure_rotation`.
-        held: holder of `Weighing`.
+        rotation_prediction: of the rotation filter, packed as `Turned`.
+        impulses, known_force: as in `measure_rotation`.
+        holder: holder of `Weighing`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    given = held.value
-    before, said = read_bundle(vector, given.state), read_bundle(turned, given.turned)
-    acted, known = read_bundle(told, given.heard.acted), read_bundle(force, given.heard.known)
+    bundle = holder.value
+    before, turned = read_bundle(state_vector, bundle.state), read_bundle(rotation_prediction, bundle.turned)
+    acted, known = read_bundle(impulses, bundle.heard.acted), read_bundle(known_force, bundle.heard.known)
     state = MassState(before.mass_reciprocal, before.variance, before.window, None)
     turning = Turning(
-        said.innovation,
-        said.innovation_covariance,
-        said.increment,
-        said.rate,
-        said.rate_variance,
-        said.estimate,
-        said.covariance,
-        said.cross_covariance,
+        turned.innovation,
+        turned.innovation_covariance,
+        turned.increment,
+        turned.rate,
+        turned.rate_variance,
+        turned.estimate,
+        turned.covariance,
+        turned.cross_covariance,
         None,
         None,
     )
     interval = MassInterval(acted.linear_impulse, known.translation_spread, None)
     both, rotation = (before.velocities, velocities), thesis.rotation_inputs(turning)
-    sample, innovation = mass_filter.measure_one(state, both, interval, rotation, given.params)
+    sample, innovation = mass_filter.measure_one(state, both, interval, rotation, bundle.params)
     row = np.empty(_EVIDENCE + _N_MASS_SEEN + before.window.size + before.velocities.size)
     if acted.usable:
         fill(row, thesis.join_innovations(turning, sample, innovation, state))
@@ -394,20 +399,20 @@ def measure_mass(vector: Array, velocities: Array, turned: Array, told: Array, f
 
 
 @kernel
-def finish_mass(measured: Array, adaptation: Array, held: Any) -> Array:
+def finish_mass(measurement: Array, adaptation: Array, holder: Any) -> Array:
     """Updates the mass filter; returns its log row, packed as `MASS_REPORT`, then its state.
 
     Args:
-        measured: what `measure_mass` gave.
+        measurement: result of `measure_mass`.
         adaptation: packed as `adaptation.LAYOUT`.
-        held: holder of `Weighing`.
+        holder: holder of `Weighing`.
     """
-    given = held.value
-    seen, todo = read_bundle(measured[_EVIDENCE:], given.seen), read_bundle(adaptation, given.heard.adaptation)
+    bundle = holder.value
+    seen, todo = read_bundle(measurement[_EVIDENCE:], bundle.seen), read_bundle(adaptation, bundle.heard.adaptation)
     sample = MassSample(seen.measured, seen.noise, seen.linear_impulse, None)
     innovation = MassInnovation(seen.innovation, seen.covariance, seen.information, seen.spread, None, seen.nis)
     state = MassState(seen.mass_reciprocal, seen.variance, seen.window, None)
-    cycle = mass_filter.finish_one(state, (sample, innovation), (seen.usable, seen.firing), todo, given.params)
+    cycle = mass_filter.finish_one(state, (sample, innovation), (seen.usable, seen.firing), todo, bundle.params)
     after, row = cycle.state, np.empty(_MASS_REPORT + 2 + seen.velocities.size + seen.window.size)
     fill(row, thesis.mass_report(innovation, cycle))
     fill(row[_MASS_REPORT:], (after.mass_reciprocal, after.variance, seen.velocities, after.window))
@@ -438,31 +443,33 @@ def make_detector(params: CglrParams) -> Judging:
 
 
 @kernel
-def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> Array:
+def known_force(state_vector: Array, predicted_parameters: Array, command: Array, holder: Any) -> Array:
     """Computes wrench and covariances of failed jets' known forces, packed as `detector.KNOWN_FORCE`.
 
     Args:
-        vector: state, packed as `cglr.LAYOUT`.
-        predicted: the ten parameters, shape (10,).
+        state_vector: packed as `cglr.LAYOUT`.
+        predicted_parameters: the ten, shape (10,).
         command: see `known_forces.known_force`.
-        held: holder of `Judging`.
+        holder: holder of `Judging`.
     """
-    given = held.value
+    bundle = holder.value
     row = np.empty(_KNOWN)
-    fill(row, acting_force(read_bundle(vector, given.state), predicted, command, given.params))
+    fill(row, acting_force(read_bundle(state_vector, bundle.state), predicted_parameters, command, bundle.params))
     return row
 
 
 @kernel
-def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
+def run_detector(
+    state_vector: Array, time_s: float, command: Array, impulses: Array, innovations: Array, holder: Any
+) -> Array:
     """Runs one cycle of the detector on packed vectors; returns its packed state, adaptation and log values.
 
     Args:
-        vector: state, packed as `cglr.LAYOUT`.
+        state_vector: packed as `cglr.LAYOUT`.
         time_s, command: see `detector.Evidence`.
-        told: impulses, packed as `impulses.LAYOUT`.
-        seen: by the filters, packed as `filter.JOINT`.
-        held: holder of `Judging`.
+        impulses: packed as `impulses.LAYOUT`.
+        innovations: of both filters, packed as `filter.JOINT`.
+        holder: holder of `Judging`.
 
     Returns:
         One after the other: adaptation, packed as its layout; whether a failure was declared; wrench of known forces
@@ -472,9 +479,9 @@ def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    given = held.value
-    state, acted = read_bundle(vector, given.state), read_bundle(told, given.acted)
-    joint = read_bundle(seen, given.joint)
+    bundle = holder.value
+    state, acted = read_bundle(state_vector, bundle.state), read_bundle(impulses, bundle.acted)
+    joint = read_bundle(innovations, bundle.joint)
     evidence = Evidence(
         time_s,
         command,
@@ -487,16 +494,16 @@ def run_detector(vector: Array, time_s: float, command: Array, told: Array, seen
         joint.estimate_covariance,
         joint.cross_covariance,
     )
-    done = cglr.run_cycle(state, evidence, given.params)
+    done = cglr.run_cycle(state, evidence, bundle.params)
     after, jets = done.state, command.size
-    row = np.empty(_ADAPTATION + 1 + _WRENCH + vector.size + _STATUS + 4 * jets)
+    row = np.empty(_ADAPTATION + 1 + _WRENCH + state_vector.size + _STATUS + 4 * jets)
     fill(row, done.adaptation)
     begin = _ADAPTATION
     row[begin] = done.finding.event == _DECLARED
-    fill(row[begin + 1 :], (after.force @ given.params.unit_wrenches,))
+    fill(row[begin + 1 :], (after.force @ bundle.params.unit_wrenches,))
     begin += 1 + _WRENCH
     fill(row[begin:], after)
-    begin += vector.size
+    begin += state_vector.size
     fill(row[begin:], cglr.status_values(done))
     fill(row[begin + _STATUS :], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))
     return row

@@ -200,6 +200,7 @@ NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), 
 
 
 def _empty_joint():  # type: ignore[no-untyped-def] # compiled alone
+    """Makes the result of `empty_joint` in compiled code."""
     unknown = np.full(6, np.nan)
     return Joint(unknown, np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
 
@@ -303,12 +304,7 @@ def publish_own_state(step: FilterStep, _state: Any, _params: Any) -> FilterStep
 
 
 def replace_estimates(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
-    """Returns a filter step with the estimates in its log rows replaced; the innovations stay.
-
-    Args:
-        step: the cycle.
-        estimate, covariance: of the ten parameters, shapes (10,) and (10, 10).
-    """
+    """Returns a filter step with the estimates in its log rows replaced; the innovations stay."""
     n_rotation = step.rotation.estimate.shape[0]
     rotation = step.rotation._replace(
         estimate=estimate[:n_rotation], standard_deviation=np.sqrt(covariance.diagonal())[:n_rotation]

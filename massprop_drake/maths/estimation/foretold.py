@@ -43,39 +43,38 @@ class Foretelling(NamedTuple):
     shown: Array
 
 
-def begin_forecast(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
-    """Returns the forecast of faults' information before the first sample, and the linear filter's parameters.
-
-    Args:
-        properties: the ten parameters, shape (10,).
-    """
-    places, begins = params.joint.places, joint.initial_state(params)
-    state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
-    state.mean[:N_PROPERTIES] = properties
+def begin_forecast(mass_properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
+    """Makes the initial forecast of fault information, and filter parameters without inflation or second order."""
+    places, initial = params.joint.places, joint.initial_state(params)
+    state = initial.joint._replace(mean=initial.joint.mean.copy(), guarded=True)
+    state.mean[:N_PROPERTIES] = mass_properties
     pushes = 2 * places.jets + N_PROPERTIES
     carried_by = np.zeros((places.size, pushes))
     carried_by[:N_PROPERTIES, 2 * places.jets :] = np.diag(jump_sigma(params.joint, JUMP_SHARES[0]))
     linear = params._replace(joint=without_increments(params.joint)._replace(second_order=False))
-    return Foretelling(begins._replace(joint=state, start=OVER), carried_by, np.zeros((pushes, pushes))), linear
+    return Foretelling(initial._replace(joint=state, start=OVER), carried_by, np.zeros((pushes, pushes))), linear
 
 
 def step(
-    before: Foretelling, read: tuple[Array, Array], told: Told, params: JointFilterParams, *, failing: bool = False
+    forecast: Foretelling,
+    readings: tuple[Array, Array],
+    commands: Told,
+    params: JointFilterParams,
+    *,
+    failing: bool = False,
 ) -> Foretelling:
-    """Advances the filter, and the information that its innovations give on leaks, losses and jumps, by a sample.
+    """Advances the filter by a sample, with the information that its innovations give on leaks, losses and jumps.
 
     Args:
-        before: the forecast up to then.
-        read: rates and velocities, NaN where missing, shape (s, 3) each.
-        told: see `Told`.
+        readings: rates and velocities, NaN where missing, shape (s, 3) each.
         failing: whether jets leak from before the interval on.
     """
-    measured = joint.step(before.filter, *read, told, params)
+    measured = joint.step(forecast.filter, *readings, commands, params)
     report, sample = measured.evidence.report, measured.evidence.sample
-    by_forces, shown = before.carried, before.shown
+    by_forces, shown = forecast.carried, forecast.shown
     if failing and report.course is not None:
         places, update = params.joint.places, report.course.update
-        over = make_link(before.filter.joint, report, sample, params.joint)
+        over = make_link(forecast.filter.joint, report, sample, params.joint)
         crossed = over.crossing_rows @ by_forces
         by_forces = propagate_crossings(by_forces, over, places)
         forcing = np.zeros((6, by_forces.shape[1]))

@@ -50,21 +50,21 @@ def _classify_command(command, previous_command):  # type: ignore[no-untyped-def
     """Tests whether commands are steady, all known, and firing; see `classify_command`."""
     steady, known, firing = True, True, False
     for jet in range(command.size):
-        told = command[jet]
-        steady = steady and told == previous_command[jet] and told * (1.0 - told) == 0.0
-        known = known and not math.isnan(told)
-        firing = firing or told != 0.0
+        fraction = command[jet]
+        steady = steady and fraction == previous_command[jet] and fraction * (1.0 - fraction) == 0.0
+        known = known and not math.isnan(fraction)
+        firing = firing or fraction != 0.0
     return steady, known, firing
 
 
 @idiom(_classify_command)
 def classify_command(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
     """Tests whether jet commands are steady over two intervals, all known, and firing: three booleans."""
-    told = set(command.tolist())
+    fractions = set(command.tolist())
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
     same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
-    steady = same and told <= _ON_OFF
-    return steady, steady or not math.isnan(sum(told)), told != _OFF
+    steady = same and fractions <= _ON_OFF
+    return steady, steady or not math.isnan(sum(fractions)), fractions != _OFF
 
 
 @kernel

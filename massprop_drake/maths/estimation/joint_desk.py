@@ -96,24 +96,25 @@ class Besides(NamedTuple):
     before: Array
 
 
-def make_besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
-    """Allocates tracked readings and command onsets of rows, as `Besides`; zeros where cycles fill them in.
+def make_extra_readings(
+    n_rows: int, layout: Places, tracked: Array | None = None, onsets_s: Array | None = None
+) -> Besides:
+    """Makes rows of tracked readings and command onsets, with zeros for the values that cycles fill in.
 
     Args:
-        count: number of rows.
         tracked: see `filter.Told`, shape (n, columns); None: nothing.
         onsets_s: of the commands, shape (n, n_jets) at least; None: these are levels.
     """
-    poses = 7 * places.trackers
-    read = np.full((count, poses + places.wheels), np.nan) if tracked is None else tracked
+    poses = 7 * layout.trackers
+    read = np.full((n_rows, poses + layout.wheels), np.nan) if tracked is None else tracked
     return Besides(
-        np.ascontiguousarray(read[:, :poses].reshape(count, -1, 7)[:, :, 3:]) if poses else np.zeros((count, 0, 4)),
-        np.ascontiguousarray(read[:, read.shape[1] - places.wheels :]),
-        np.full((count, places.jets), np.nan) if onsets_s is None else np.ascontiguousarray(onsets_s[:count]),
-        np.zeros(count),
-        np.zeros((count, 2, 4)),
-        np.zeros((count, places.trackers, 3)),
-        np.zeros((count, places.wheels)),
+        np.ascontiguousarray(read[:, :poses].reshape(n_rows, -1, 7)[:, :, 3:]) if poses else np.zeros((n_rows, 0, 4)),
+        np.ascontiguousarray(read[:, read.shape[1] - layout.wheels :]),
+        np.full((n_rows, layout.jets), np.nan) if onsets_s is None else np.ascontiguousarray(onsets_s[:n_rows]),
+        np.zeros(n_rows),
+        np.zeros((n_rows, 2, 4)),
+        np.zeros((n_rows, layout.trackers, 3)),
+        np.zeros((n_rows, layout.wheels)),
     )
 
 
@@ -154,40 +155,40 @@ class JointDesk(NamedTuple):
     rules: Rules
 
 
-def empty_sample(places: Places) -> JointSample:
+def empty_sample(layout: Places) -> JointSample:
     """Returns a joint filter's sample of zeros, a template of its types."""
-    rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
-    attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
-    none = np.zeros(places.wheels)
-    around = STILL.copy(), Spun(none, none, none, none), shut_engine_burn(places.engines)
+    rates, velocities = np.zeros((layout.gyros, 3)), np.zeros((layout.accelerometers, 3))
+    attitudes, command = np.zeros((layout.trackers, 3)), np.zeros((1, layout.jets))
+    none = np.zeros(layout.wheels)
+    around = STILL.copy(), Spun(none, none, none, none), shut_engine_burn(layout.engines)
     return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, timing_on_ticks(), attitudes, *around)
 
 
-def initial_memory(state: JointState, places: Places) -> JointMemory:
+def initial_memory(state: JointState, layout: Places) -> JointMemory:
     """Returns the compiled cycles' memory before the first cycle, from the filter's initial state."""
-    none, since = np.zeros(places.jets), empty_bank(places).since
+    none, since = np.zeros(layout.jets), empty_bank(layout).since
     clock = start_clock(0.0, state.level, none)
-    frame, speeds = np.zeros(4), np.zeros(places.wheels)
+    frame, speeds = np.zeros(4), np.zeros(layout.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 
 
-def empty_past(places: Places, links: int) -> Past:
-    """Allocates zeros for the filter states at onsets, and for the linearizations of so many past cycles."""
-    states = np.zeros((ONSETS, state_layout(places).size))
-    kept = np.zeros((links, link_layout(places).size))
-    roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
-    return Past(states, roots, order, kept, np.zeros(links))
+def empty_past(layout: Places, n_cycles: int) -> Past:
+    """Allocates zeros for filter states at possible fault onsets, and for linearizations of `n_cycles` past cycles."""
+    states = np.zeros((ONSETS, state_layout(layout).size))
+    kept = np.zeros((n_cycles, link_layout(layout).size))
+    roots, order = np.zeros((ONSETS, layout.size, layout.size)), np.zeros(ONSETS, dtype=np.int_)
+    return Past(states, roots, order, kept, np.zeros(n_cycles))
 
 
-def empty_desk(places: Places) -> JointDesk:
-    """Returns inputs and log rows of compiled cycles, one row of zeros: a template of their types."""
-    samples, nothing = allocate_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
-    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
+def empty_buffers(layout: Places) -> JointDesk:
+    """Makes buffers of compiled cycles, inputs and log rows, with one row of zeros as a template of their types."""
+    samples, nothing = allocate_sample(layout.gyros, layout.accelerometers, layout.jets), np.zeros(1)
+    rules = Rules(1.0, np.zeros((layout.jets, 6)), lag_factors(np.zeros(layout.jets), 1.0), nothing, nothing)
     rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)
-    return JointDesk(samples, np.zeros(1), make_besides(1, places), rows, reached, empty_past(places, 2), rules)
+    return JointDesk(samples, np.zeros(1), make_extra_readings(1, layout), rows, reached, empty_past(layout, 2), rules)
 
 
-def link_layout(places: Places) -> Layout:
+def link_layout(layout: Places) -> Layout:
     """Returns the layout of a cycle's linearization as a vector, sized for a vehicle."""
-    counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
-    return LINK.sized(size=places.size, slow=places.n_slow, swing=places.n_swing, disturbed=6 + places.n_slow, **counts)
+    counts = {"jets": layout.jets, "outputs": layout.outputs, "attitude": layout.n_attitude}
+    return LINK.sized(size=layout.size, slow=layout.n_slow, swing=layout.n_swing, disturbed=6 + layout.n_slow, **counts)

@@ -50,7 +50,7 @@ class Activity(NamedTuple):
     condition: float
 
 
-def activity_rank(activity: Array, arm: float) -> Activity:
+def activity_rank(activity: Array, typical_arm: float) -> Activity:
     """Computes rank and condition of the jets' activity matrix, independent of units and of thrusts.
 
     Rotation rows are multiplied by a typical arm, so that all are accelerations of a point, and each
@@ -58,9 +58,9 @@ def activity_rank(activity: Array, arm: float) -> Activity:
 
     Args:
         activity: activity vectors as columns, rotation first, shape (6, n_jets).
-        arm: ft or m, positive.
+        typical_arm: of the jets, ft or m, positive.
     """
-    scaled = activity * np.array([arm] * 3 + [1.0] * 3)[:, None]
+    scaled = activity * np.array([typical_arm] * 3 + [1.0] * 3)[:, None]
     values = np.zeros(6)
     found = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0), compute_uv=False)
     values[: found.size] = found
@@ -83,7 +83,7 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
     return rows.reshape(-1, 10)
 
 
-def unobservable_combinations(jacobian: Array, scale: Array) -> Array:
+def unobservable_combinations(jacobian: Array, parameter_scales: Array) -> Array:
     """Computes the null space of a Jacobian: unobservable parameter combinations, shape (10 - rank, 10).
 
     Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
@@ -91,14 +91,13 @@ def unobservable_combinations(jacobian: Array, scale: Array) -> Array:
 
     Args:
         jacobian: see `impulse_jacobian`, shape (n, 10).
-        scale: size of each parameter, such as its 1-sigma before any measurement; combinations are in
-            units of it, positive, shape (10,).
+        parameter_scales: such as 1-sigmas before any measurement, units of the combinations, positive, shape (10,).
     """
-    scaled = jacobian * scale
+    scaled = jacobian * parameter_scales
     # rows of rotation and translation differ in unit, as those of strong and weak jets do in size
     size = np.linalg.norm(scaled, axis=1)
     scaled = scaled[size > 0.0] / size[size > 0.0, None]
-    count = scale.size
+    count = parameter_scales.size
     if scaled.shape[0] == 0:
         return np.eye(count)
     # of the triangular factor, which has the same values and rows, and ten rows instead of hundreds

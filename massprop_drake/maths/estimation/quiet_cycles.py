@@ -31,7 +31,7 @@ from massprop_drake.maths.estimation.joint_desk import (
     Rules,
     empty_past,
     link_layout,
-    make_besides,
+    make_extra_readings,
 )
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.estimation.whole_joint import Work
@@ -44,15 +44,15 @@ class Quiet:
     """Cycles in which nothing happens, between those that are left to `cycle.step`.
 
     Args:
-        made: parameters of the cycle, see `covers`.
+        params: of the cycle, see `covers`.
         compiled: whether the kernel is.
 
     Attributes:
         on: whether the last cycle was such that one of these may follow.
     """
 
-    def __init__(self, made: EstimationParams, *, compiled: bool):
-        joint = made.filter_params.joint
+    def __init__(self, params: EstimationParams, *, compiled: bool):
+        joint = params.filter_params.joint
         self.on = False
         self._work: Work = joint.compiled
         self._places, self._wheels, self._compiled = joint.places, joint.wheels, compiled
@@ -60,9 +60,9 @@ class Quiet:
         self._past, self._reached = empty_past(joint.places, self._links), np.zeros(2, dtype=np.int_)
         jets = joint.places.jets
         self._rules = Rules(
-            made.period_s,
-            np.ascontiguousarray(made.impulse_per_level),
-            made.lag,
+            params.period_s,
+            np.ascontiguousarray(params.impulse_per_level),
+            params.lag,
             np.zeros(STATUS.size + 4 * jets),
             HYPOTHESIS_REPORT.sized(jets=jets).pack(hypothesis_report_row((), no_fault_odds(jets))),
         )
@@ -71,16 +71,10 @@ class Quiet:
         )  # by row or as it was
 
     def begin(
-        self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: JointRows
+        self, samples: Samples, stamps_s: Array, tracked: tuple[Array | None, Array | None], rows: JointRows
     ) -> None:
-        """Sets the samples that compiled cycles take, and the log rows that they fill in.
-
-        Args:
-            samples, stamps_s: see `JointDesk`.
-            beside: tracked readings and onsets, see `make_besides`.
-            rows: to be filled in.
-        """
-        self._samples, self._besides = samples, make_besides(samples.time_s.size, self._places, *beside)
+        """Sets samples, with tracked readings and onsets, that compiled cycles take, and log rows that they fill in."""
+        self._samples, self._besides = samples, make_extra_readings(samples.time_s.size, self._places, *tracked)
         desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
         self._desk = make_shared_holder(desk, self._compiled)
 
@@ -117,50 +111,50 @@ class Quiet:
         )
         self._memory = make_holder(memory, self._compiled)
 
-    def advance(self, row: int, until: int) -> int:
-        """Runs compiled cycles from a row to the first alarm or event, or to `until`; returns the row reached."""
-        self._reached[:] = row, until
+    def advance(self, row: int, end_row: int) -> int:
+        """Runs compiled cycles from a row to the first alarm or event, or to `end_row`; returns the row reached."""
+        self._reached[:] = row, end_row
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
             self._work.run_quiet_cycles(self._memory, self._desk)
         reached = int(self._reached[0])
         self._cycles.extend((self._samples, self._besides, done) for done in range(row, reached))
-        self.on = reached == until
+        self.on = reached == end_row
         return reached
 
     def state(self) -> EstimationState:
         """Makes the estimation's state after the last compiled cycle, with which the next begins."""
-        kept: JointMemory = read_holder(self._memory)
-        since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
+        memory: JointMemory = read_holder(self._memory)
+        since, places, cycle = memory.since, self._past.places.tolist(), int(memory.cycle)
         states = self._past.states.copy()
         onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
         before = self._before.detector
         records = self._records(cycle)
         leader = before.tree.leader
-        run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
+        run = leader.run._replace(state=memory.joint, cycle=cycle, score=records[-1].score)
         of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
         trail = tuple(record.score.likelihood for record in records)
         watch = Watch(Bank(onsets, since), of_bank)
         leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
         tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
-        filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
-        filtered = filtered._replace(frame=kept.frame, speeds=kept.speeds)
-        return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
+        filtered = JointFilterState(memory.joint, memory.clock, memory.estimate, memory.covariance, starts.OVER)
+        filtered = filtered._replace(frame=memory.frame, speeds=memory.speeds)
+        return EstimationState(memory.command, memory.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
-        """Returns the last cycles with sample, linearization and score, scores counted from the first of them."""
+        """Rebuilds the last cycles with sample, linearization and score, scores counted from the first of them."""
         layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
-            over = Link(*layout.read(links[number % self._links]))
-            score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
-            found.append(WatchedCycle(self._past_sample(each), over, score))
+            link = Link(*layout.read(links[number % self._links]))
+            score = score.plus(Score(link.log_likelihood, link.nis, link.degrees))
+            found.append(WatchedCycle(self._past_sample(each), link, score))
         return tuple(found)
 
-    def _past_sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
+    def _past_sample(self, stored_sample: JointSample | tuple[Samples, Besides, int]) -> JointSample:
         """Returns the joint filter's sample of a past cycle: as stored, or rebuilt from its row."""
-        if isinstance(each, JointSample):
-            return each
-        samples, beside, row = each
+        if isinstance(stored_sample, JointSample):
+            return stored_sample
+        samples, beside, row = stored_sample
         duration_s = float(beside.durations_s[row])
         outside, wheels = samples.outside[row] * duration_s, self._wheels
         durations, commands = split_sample(
@@ -184,27 +178,27 @@ class Quiet:
         return plain
 
 
-def covers(made: EstimationParams) -> bool:
-    """Tests whether the compiled kernel can run cycles with such filter, detector and vehicle."""
+def covers(params: EstimationParams) -> bool:
+    """Tests whether the compiled kernel can run cycles with a given filter, detector and vehicle."""
     return (
-        made.filter is joint.FILTER
-        and made.detector is faults.DETECTOR
-        and made.filter_params.joint.compiled is not None
-        and made.filter_params.joint.places.accelerometers > 0
-        and made.filter_params.joint.places.engines == 0
-        and (made.filter_params.joint.rates.period_s > 0.0 or _is_plain(made.filter_params))
+        params.filter is joint.FILTER
+        and params.detector is faults.DETECTOR
+        and params.filter_params.joint.compiled is not None
+        and params.filter_params.joint.places.accelerometers > 0
+        and params.filter_params.joint.places.engines == 0
+        and (params.filter_params.joint.rates.period_s > 0.0 or _is_plain(params.filter_params))
     )
 
 
-def _is_plain(made: JointFilterParams) -> bool:
-    """Tests whether the vehicle has no trackers, no wheels and no jets commanded by on-times."""
-    return made.joint.places.trackers == 0 and made.joint.places.wheels == 0 and made.opens_at is None
+def _is_plain(params: JointFilterParams) -> bool:
+    """Tests whether a vehicle has neither trackers nor wheels, and no jets commanded by on-times."""
+    return params.joint.places.trackers == 0 and params.joint.places.wheels == 0 and params.opens_at is None
 
 
-def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
+def _is_quiet(filter_state: JointFilterState, tree: Tree) -> bool:
     """Tests whether the compiled kernel may run the next cycle: initialized, no fault hypothesis, no alarm."""
-    clock = filtered.clock
-    if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
+    clock = filter_state.clock
+    if len(tree.hypotheses) != 1 or tree.births or not filter_state.joint.guarded or filter_state.start.under_way:
         return False
     watch: Watch | None = tree.leader.watch
     return (

@@ -115,45 +115,50 @@ class ThesisBlock(NamedTuple):
 
 
 def covers(params: EstimationParams) -> bool:
-    """Tests whether the compiled kernel can run cycles with such filters, sensor packages and detector."""
-    made = params.filter_params
+    """Tests whether the compiled kernel can run cycles with given filters, sensor packages and detector."""
+    filter_params = params.filter_params
     return (
         params.filter is thesis.FILTER
-        and made.mass is not None
-        and rotation_filter.uses_one_package(made.rotation)
-        and mass_filter.uses_one_package(made.mass)
-        and made.thrust_errors is None
+        and filter_params.mass is not None
+        and rotation_filter.uses_one_package(filter_params.rotation)
+        and mass_filter.uses_one_package(filter_params.mass)
+        and filter_params.thrust_errors is None
         and (params.detector is None or params.detector is cglr.DETECTOR)
     )
 
 
 def kernel_params(params: EstimationParams) -> WholeParams:
     """Makes the compiled kernel's parameters from those of an estimation that it covers."""
-    made = params.filter_params
+    filter_params = params.filter_params
     return WholeParams(
-        params.period_s, params.impulse_per_level, params.lag, made.rotation, made.mass, params.detector_params
+        params.period_s,
+        params.impulse_per_level,
+        params.lag,
+        filter_params.rotation,
+        filter_params.mass,
+        params.detector_params,
     )
 
 
 @kernel
-def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> None:
+def advance(state_holder: Any, block_holder: Any, row_range: NDArray[np.int_], params_holder: Any) -> None:
     """Runs cycles of filters and detector over rows; writes their log rows, and the requests after the last.
 
     Args:
-        holder: of the state, see `cycle.EstimationState`.
-        rows: holder of a `ThesisBlock`.
-        reached: the row that is being made, and that before which to stop, shape (2,).
-        params: holder of `WholeParams`.
+        state_holder: of the state, see `cycle.EstimationState`.
+        block_holder: of a `ThesisBlock`.
+        row_range: the row that is being made, and that before which to stop, shape (2,).
+        params_holder: of `WholeParams`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    state, block, given = holder.value, rows.value, params.value
-    while reached[0] < reached[1]:
-        state = step_cycle(state, block.samples, reached[0], (block.rows, reached[0]), given)
-        holder.value = state
-        reached[0] += 1
-    _write_requests(block.asked, state.detector, block.rows.detector_report, reached[0] - 1)
+    state, block, params = state_holder.value, block_holder.value, params_holder.value
+    while row_range[0] < row_range[1]:
+        state = step_cycle(state, block.samples, row_range[0], (block.rows, row_range[0]), params)
+        state_holder.value = state
+        row_range[0] += 1
+    _write_requests(block.asked, state.detector, block.rows.detector_report, row_range[0] - 1)
 
 
 @kernel
@@ -170,18 +175,13 @@ def run_cycle(state: EstimationState, block: ThesisBlock, row: int, params: Whol
 
 @kernel
 def step_cycle(
-    state: EstimationState, samples: Samples, index: int, logged: tuple[ThesisRows, int], params: WholeParams
+    state: EstimationState, samples: Samples, sample_index: int, log_target: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
-    """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state.
-
-    Args:
-        samples, index: the sample among others.
-        logged: rows, and which of them is filled in.
-    """
-    filters, command = state.filter, samples.commands[index].copy()  # rows may be written to again
-    rates, velocities = samples.rates[index].copy(), samples.velocities[index].copy()
+    """Runs a cycle of both filters and the detector on a sample; writes its log rows, returns the state."""
+    filters, command = state.filter, samples.commands[sample_index].copy()  # rows may be written to again
+    rates, velocities = samples.rates[sample_index].copy(), samples.velocities[sample_index].copy()
     # measure
-    outside = samples.outside[index] * params.period_s
+    outside = samples.outside[sample_index] * params.period_s
     impulses = interval_impulses(command, state.command, state.level, params.impulse_per_level, params.lag, outside)
     acts, known = _known_force(state.detector, filters, command, params.detector)
     if acts:
@@ -195,8 +195,8 @@ def step_cycle(
     moved, moving = mass_filter.measure_one(filters.mass, both, pushed, thesis.rotation_inputs(told), params.mass)
     # judge
     joint = _evidence(impulses.usable, told, moved, moving, filters.mass)
-    seen = Evidence(
-        samples.time_s[index],
+    evidence = Evidence(
+        samples.time_s[sample_index],
         command,
         impulses.usable,
         impulses.firing,
@@ -207,8 +207,8 @@ def step_cycle(
         joint.estimate_covariance,
         joint.cross_covariance,
     )
-    rows, row = logged
-    detector, adaptation = _run_detector(state.detector, seen, rows.detector_report, row, params.detector)
+    rows, row = log_target
+    detector, adaptation = _run_detector(state.detector, evidence, rows.detector_report, row, params.detector)
     # finish
     usable, firing = impulses.usable, impulses.firing
     learning = usable and firing
@@ -223,10 +223,10 @@ def step_cycle(
 
 
 @kernel
-def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> Any:
+def _evidence(usable: bool, rotation: Any, mass_sample: Any, mass_innovation: Any, mass_state: Any) -> Any:
     """Returns both filters' joined innovations; NaN and zeros where the sample is not usable."""
     if usable:
-        return thesis.join_innovations(told, moved, moving, mass)
+        return thesis.join_innovations(rotation, mass_sample, mass_innovation, mass_state)
     return empty_joint()
 
 
@@ -240,7 +240,7 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
 
 @kernel
 def _no_force() -> KnownForce:
-    """Returns a known force of zero."""
+    """Makes a known force of zero wrench and covariances."""
     return KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
@@ -248,7 +248,7 @@ def _no_force() -> KnownForce:
 def _acting_known_force(
     state: DetectorState, filters: Any, command: Array, params: CglrParams
 ) -> tuple[bool, KnownForce]:
-    """Runs `_known_force` for a vehicle with a detector."""
+    """Computes the effect of known forces that a detector holds; returns whether there is any, and the effect."""
     if not has_nonzero(state.variance):
         return False, _no_force()
     predicted = join_ten_parameters(filters.rotation.estimate, filters.mass.mass_reciprocal)
@@ -258,23 +258,23 @@ def _acting_known_force(
 
 @kernel
 def _run_detector(
-    state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None
+    state: Any, evidence: Evidence, rows: Array, row: int, params: CglrParams | None
 ) -> tuple[Any, Adaptation]:
     """Runs the detector, if any; writes its log row, and returns its state and the filters' adaptation."""
     if params is None:
         return state, passive_adaptation(0, False)
-    done = cglr.run_cycle(state, seen, params)
+    done = cglr.run_cycle(state, evidence, params)
     fill(rows[row], cglr.status_values(done))
     fill(rows[row, _OF_JETS:], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))
     return done.state, done.adaptation
 
 
 @kernel
-def _write_requests(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
+def _write_requests(requests: ThesisAsked, state: DetectorState | None, rows: Array, last_row: int) -> None:
     """Writes the detector's requests in place: failure declared, known forces, jets removed and closed."""
     if state is None:
         return
-    asked.declared[0] = rows[last, _EVENT] == _DECLARED
-    asked.force[:] = state.force
-    asked.removed[:] = state.removed
-    asked.closed[:] = state.closed
+    requests.declared[0] = rows[last_row, _EVENT] == _DECLARED
+    requests.force[:] = state.force
+    requests.removed[:] = state.removed
+    requests.closed[:] = state.closed

@@ -45,7 +45,7 @@ from massprop_drake.maths.estimation.joint_desk import (
     JointMemory,
     JointRows,
     Past,
-    empty_desk,
+    empty_buffers,
     empty_sample,
     initial_memory,
 )
@@ -74,46 +74,42 @@ class Asked(NamedTuple):
 
 
 @kernel
-def run_part(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
+def run_part(part: int, arguments: Any, bank_arguments: Any, memory: Any, buffers: Any, params_holder: Any) -> Any:
     """Runs the part of the joint filter's cycle that `part` selects; a kernel compiled once for all parts.
 
     Args:
         part: GO_ON: see `run_quiet_cycles`; CYCLE: see `joint_cycle.run_cycle`; FOLLOW: see `bank.follow_cycle`;
             GO_OVER: see `relinearization.repeat_start_cycle`.
-        asked: holder of `Asked`, for CYCLE and GO_OVER.
-        following: holder of `bank.Following`, for FOLLOW.
-        memory, desk: holders of `JointMemory` and `JointDesk`, for GO_ON.
-        holder: of the parameters.
+        arguments: holder of `Asked`, for CYCLE and GO_OVER.
+        bank_arguments: holder of `bank.Following`, for FOLLOW.
+        memory, buffers: holders of `JointMemory` and `JointDesk`, for GO_ON.
+        params_holder: of the parameters.
 
     Returns:
         What the three last parts give, None for those that are not done.
     """
-    params = holder.value
-    one = found = over = None
+    params = params_holder.value
+    cycle = followed = repeated = None
     if part == GO_ON:
-        run_quiet_cycles(memory, desk.value, params)
+        run_quiet_cycles(memory, buffers.value, params)
     elif part == FOLLOW:
-        told = following.value
-        found = follow_cycle(told.since, told.roots, told.seen, told.cycle, told.least, params)
+        bank = bank_arguments.value
+        followed = follow_cycle(bank.since, bank.roots, bank.seen, bank.cycle, bank.least, params)
     else:
-        given = asked.value
+        given = arguments.value
         if part == CYCLE:
-            one = run_cycle(given.state, given.sample, given.thresholds, given.counts, params)
+            cycle = run_cycle(given.state, given.sample, given.thresholds, given.counts, params)
         else:
-            over = repeat_start_cycle(given.state, given.sample, given.about, params)
-    return one, found, over
+            repeated = repeat_start_cycle(given.state, given.sample, given.about, params)
+    return cycle, followed, repeated
 
 
 @kernel
-def run_quiet_cycles(memory: Any, desk: JointDesk, params: JointParams) -> None:
-    """Runs cycles up to a row or the first alarm or event, whose cycle is discarded; memory is updated in place.
-
-    Args:
-        memory: holder of a `JointMemory`.
-    """
-    reached = desk.reached
+def run_quiet_cycles(memory: Any, buffers: JointDesk, params: JointParams) -> None:
+    """Runs cycles up to a row or the first alarm or event, whose cycle is discarded; updates the holder `memory`."""
+    reached = buffers.reached
     while reached[0] < reached[1]:
-        after, on = _run_quiet_cycle(memory.value, desk, reached[0], params)
+        after, on = _run_quiet_cycle(memory.value, buffers, reached[0], params)
         if not on:
             break
         memory.value = after
@@ -121,42 +117,44 @@ def run_quiet_cycles(memory: Any, desk: JointDesk, params: JointParams) -> None:
 
 
 @kernel
-def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
+def _run_quiet_cycle(
+    memory: JointMemory, buffers: JointDesk, row: int, params: JointParams
+) -> tuple[JointMemory, bool]:
     """Runs a cycle on a row; returns the memory, and False with the old memory if an alarm or event came up."""
-    samples, rules = desk.samples, desk.rules
-    stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
-    duration_s = _interval_length(kept.clock, stamp_s, rules.period_s, params)
+    samples, rules = buffers.samples, buffers.rules
+    stamp_s, command = buffers.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
+    duration_s = _interval_length(memory.clock, stamp_s, rules.period_s, params)
     if duration_s == 0.0 or np.isnan(command).any():
-        return kept, False
+        return memory, False
     outside = samples.outside[row] * duration_s
-    impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
-    sample = _make_sample(kept, desk, row, duration_s, params)
-    after, report = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
+    impulses = interval_impulses(command, memory.command, memory.level, rules.impulse_per_level, rules.lag, outside)
+    sample = _make_sample(memory, buffers, row, duration_s, params)
+    after, report = run_cycle(memory.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     if report.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
-        return kept, False
-    seen = traces_of_course(kept.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
-    roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
-    found = follow_cycle(kept.since, roots, seen, cycle, ALARM, params)
+        return memory, False
+    seen = traces_of_course(memory.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
+    roots, cycle = Roots(buffers.past.roots, buffers.past.places), memory.cycle + 1.0
+    found = follow_cycle(memory.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
     if found.some:
         likelihood = found.tested.likelihood.max()
         if is_alarming(likelihood, found.tested.total.max()):
-            return kept, False
+            return memory, False
     newest = 0.5 * (found.link.nis - found.link.degrees)
-    if newest - _mean_excess(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
-        return kept, False
-    _store_onset(desk.past, after, found, cycle)
-    _fill_log_rows(desk.rows, row, impulses, (after, report), params)
-    desk.rows.detector_report[row] = rules.detector_row
-    desk.rows.detector_report[row, _TESTED] = found.complete
-    desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
-    desk.rows.hypothesis_report[row] = rules.hypothesis_row
-    clock = start_clock(stamp_s, command, desk.besides.onsets_s[row].copy())
+    if newest - _mean_excess(buffers.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
+        return memory, False
+    _store_onset(buffers.past, after, found, cycle)
+    _fill_log_rows(buffers.rows, row, impulses, (after, report), params)
+    buffers.rows.detector_report[row] = rules.detector_row
+    buffers.rows.detector_report[row, _TESTED] = found.complete
+    buffers.rows.detector_report[row, _LIKELIHOOD] = likelihood
+    buffers.rows.hypothesis_report[row] = rules.hypothesis_row
+    clock = start_clock(stamp_s, command, buffers.besides.onsets_s[row].copy())
     estimate, covariance = report.estimate.copy(), report.covariance.copy()
-    speeds = select_where(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
+    speeds = select_where(np.isnan(buffers.besides.speeds[row]), memory.speeds, buffers.besides.speeds[row])
     frame = sample.frames[1].copy()
-    kept = JointMemory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
-    return kept, True
+    memory = JointMemory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
+    return memory, True
 
 
 @kernel
@@ -169,22 +167,24 @@ def _interval_length(clock: Clock, stamp_s: float, period_s: float, params: Join
 
 
 @kernel
-def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
+def _make_sample(
+    memory: JointMemory, buffers: JointDesk, row: int, duration_s: float, params: JointParams
+) -> JointSample:
     """Makes the joint filter's sample of a row, and stores beside it what cannot be rebuilt from the row."""
-    samples, beside = desk.samples, desk.besides
+    samples, beside = buffers.samples, buffers.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
-    durations, commands = split_sample(command, onset_s, desk.rules.period_s, (0.0, duration_s))
+    durations, commands = split_sample(command, onset_s, buffers.rules.period_s, (0.0, duration_s))
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     frames, attitudes = np.zeros((2, 4)), np.zeros((params.places.trackers, 3))
     if params.places.trackers > 0:
-        before = kept.joint.mean[RATE]
-        shown = combine_gyros(rates, kept.joint.mean, params).rate
+        before = memory.joint.mean[RATE]
+        shown = combine_gyros(rates, memory.joint.mean, params).rate
         rate = 0.5 * (before + select_where(np.isnan(shown), before, shown))
-        frames[0] = kept.frame
-        frames[1], attitudes = shared_attitude(kept.frame, rate, duration_s, beside.quaternions[row])
-    speeds, _ = interval_wheel_speeds(kept.speeds, beside.speeds[row], duration_s, params.wheels)
+        frames[0] = memory.frame
+        frames[1], attitudes = shared_attitude(memory.frame, rate, duration_s, beside.quaternions[row])
+    speeds, _ = interval_wheel_speeds(memory.speeds, beside.speeds[row], duration_s, params.wheels)
     beside.durations_s[row] = duration_s
-    beside.frames[row], beside.attitudes[row], beside.before[row] = frames, attitudes, kept.speeds
+    beside.frames[row], beside.attitudes[row], beside.before[row] = frames, attitudes, memory.speeds
     outside = samples.outside[row] * duration_s
     return JointSample(
         samples.time_s[row],
@@ -202,19 +202,19 @@ def _make_sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float
 
 
 @kernel
-def _store_onset(past: Past, after: JointState, found: Followed, cycle: float) -> None:
+def _store_onset(past: Past, state: JointState, followed: Followed, cycle: float) -> None:
     """Stores the filter state as the newest onset in a free place, and the cycle's linearization."""
-    stay = found.keep.shape[0]
-    past.places[:stay] = past.places[found.keep]
+    stay = followed.keep.shape[0]
+    past.places[:stay] = past.places[followed.keep]
     free = np.ones(ONSETS)
     free[past.places[:stay]] = 0.0
     place = np.argmax(free)
     past.places[stay] = place
-    past.roots[place] = after.root
-    fill(past.states[place], after)
+    past.roots[place] = state.root
+    fill(past.states[place], state)
     number = int(cycle) % past.excess.shape[0]
-    fill(past.links[number], found.link)
-    past.excess[number] = 0.5 * (found.link.nis - found.link.degrees)
+    fill(past.links[number], followed.link)
+    past.excess[number] = 0.5 * (followed.link.nis - followed.link.degrees)
 
 
 @kernel
@@ -229,10 +229,10 @@ def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> f
 
 @kernel
 def _fill_log_rows(
-    rows: JointRows, row: int, impulses: Impulses, done: tuple[JointState, Report], params: JointParams
+    rows: JointRows, row: int, impulses: Impulses, state_and_report: tuple[JointState, Report], params: JointParams
 ) -> None:
     """Writes impulses, rotation, mass and joint-filter values of a cycle into its log rows."""
-    after, seen = done
+    after, seen = state_and_report
     gyros, accelerometers = 3 * params.places.gyros, 3 * params.places.accelerometers
     fill(rows.impulses[row], (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
     fill(rows.rotation_report[row], rotation_report(seen.estimate, seen.covariance, seen, gyros))
@@ -260,36 +260,36 @@ class Work:
         following = Following(empty_bank(params.places).since, none, seen, 0.0, 0.0)
         self._no_following = make_holder(following, compile_it)
         self._no_memory = make_holder(initial_memory(state, params.places), compile_it)
-        self._no_desk = make_holder(empty_desk(params.places), compile_it)
+        self._no_desk = make_holder(empty_buffers(params.places), compile_it)
         if compile_it:
             self.run_quiet_cycles(self._no_memory, self._no_desk)
 
-    def run_quiet_cycles(self, memory: Any, desk: Any) -> None:
+    def run_quiet_cycles(self, memory: Any, buffers: Any) -> None:
         """Runs cycles up to a row, or to the first alarm or other event; both arguments are holders."""
-        self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
+        self._work(GO_ON, self._no_asked, self._no_following, memory, buffers, self._params)
 
     def run_cycle(
         self, state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray
     ) -> tuple[JointState, Report]:
         """Runs a joint filter's cycle after the first; returns state and report, see `joint_cycle.run_cycle`."""
-        one, _, _ = self._run(CYCLE, Asked(state, sample, thresholds, counts, state.mean))
-        return one
+        cycle, _, _ = self._run(CYCLE, Asked(state, sample, thresholds, counts, state.mean))
+        return cycle
 
     def repeat_start_cycle(
-        self, state: JointState, sample: JointSample, about: Array
+        self, state: JointState, sample: JointSample, linearization_point: Array
     ) -> tuple[JointState, float, float]:
         """Repeats a cycle of the initialization, relinearized; see `relinearization.repeat_start_cycle`."""
-        _, _, over = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, about))
-        return over
+        _, _, repeated = self._run(GO_OVER, Asked(state, sample, state.mean, OWN_CHOICE, linearization_point))
+        return repeated
 
-    def _run(self, part: int, asked: Asked) -> Any:
+    def _run(self, part: int, arguments: Asked) -> Any:
         """Runs one part of a joint filter's cycle; returns the results of all parts, None for others."""
-        given = make_shared_holder(asked, self._compiled)
+        given = make_shared_holder(arguments, self._compiled)
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
-    def follow_cycle(self, following: Following) -> Followed:
+    def follow_cycle(self, arguments: Following) -> Followed:
         """Advances a bank of possible fault onsets over a cycle and tests them, see `bank.follow_cycle`."""
-        given = make_shared_holder(following, self._compiled)
+        given = make_shared_holder(arguments, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found
 

@@ -17,9 +17,9 @@ from massprop_drake.maths.estimation.faults.fault_events import (
     ANEW,
     Event,
     Hypothesis,
-    force_of,
     no_fault_hypothesis,
     restart_hypothesis,
+    slot_force,
     split_on_command,
     update_weight,
 )
@@ -98,7 +98,7 @@ def test_a_gap_takes_what_is_known_of_the_motion_and_keeps_events_and_forces() -
     after = restart_hypothesis(one, samples[2], 9, JOINT)
     assert (after.events, after.prior, after.run.cycle) == (one.events, one.prior, 9)
     assert after.run.score == one.run.score
-    assert force_of(after.run.state, 0, JOINT) == pytest.approx(force_of(one.run.state, 0, JOINT))
+    assert slot_force(after.run.state, 0, JOINT) == pytest.approx(slot_force(one.run.state, 0, JOINT))
     assert after.run.state.time_s == samples[2].time_s
     rate = np.mean(samples[2].rates, axis=0)
     np.testing.assert_allclose(after.run.state.mean[10:13], rate, atol=5e-3)
@@ -109,14 +109,16 @@ def test_a_weight_is_likelihood_prior_and_what_forces_are_worth() -> None:
     one = hypothesis(of_jet(2), of_jet(4, -1))
     one = one._replace(prior=-20.0, run=one.run._replace(score=NO_SCORE._replace(likelihood=7.0)))
     worth = [
-        force_correction(*force_of(one.run.state, slot, JOINT), float(JOINT.thrusts[jet]), PARAMS.priors, missing=less)
+        force_correction(
+            *slot_force(one.run.state, slot, JOINT), float(JOINT.thrusts[jet]), PARAMS.priors, is_loss=less
+        )
         for slot, jet, less in ((0, 2, False), (1, 4, True))
     ]
     assert update_weight(one, PARAMS).weight == pytest.approx(7.0 - 20.0 + sum(worth))
     erratic = one._replace(walks=np.array([ANEW, 0.0, 0.0, 0.0]))
     assert update_weight(erratic, PARAMS).weight == pytest.approx(7.0 - 20.0 + worth[1])
     drifting = one._replace(walks=np.array([0.03, 0.0, 0.0, 0.0]))
-    possible = log_feasible_force(*force_of(one.run.state, 0, JOINT), float(JOINT.thrusts[2]))
+    possible = log_feasible_force(*slot_force(one.run.state, 0, JOINT), float(JOINT.thrusts[2]))
     assert update_weight(drifting, PARAMS).weight == pytest.approx(7.0 - 20.0 + possible + worth[1])
     changed = one._replace(opened_at=np.array([0.3, np.nan, np.nan, np.nan]))
     assert update_weight(changed, PARAMS).weight != pytest.approx(update_weight(one, PARAMS).weight)
@@ -154,7 +156,7 @@ def test_a_new_force_is_worth_its_prior_over_the_one_it_was_opened_with(
         return float(density / norm.pdf(x))
 
     expected = mean_of(ratio, share, width, 1e-3, 1.0, 1.05)
-    found = force_correction(share * THRUST, width * THRUST, THRUST, PRIORS, missing=missing)
+    found = force_correction(share * THRUST, width * THRUST, THRUST, PRIORS, is_loss=missing)
     assert found == pytest.approx(math.log(expected), abs=0.06)  # the nodes see an edge within their spacing
 
 
@@ -168,7 +170,7 @@ def test_a_changed_force_is_gone_or_full_or_anything(share: float, width: float)
         return float(density / 3.0 / norm.pdf(x, about))
 
     expected = mean_of(ratio, share, width, 0.0, 1.0, 1.05)
-    found = force_correction(share * THRUST, width * THRUST, THRUST, PRIORS, missing=False, about=about * THRUST)
+    found = force_correction(share * THRUST, width * THRUST, THRUST, PRIORS, is_loss=False, old_force=about * THRUST)
     assert found == pytest.approx(math.log(expected), abs=0.06)
 
 
@@ -190,4 +192,4 @@ def test_a_force_is_possible_between_nothing_and_a_little_more_than_full_thrust(
     expected = norm.logcdf(force / sigma) + norm.logcdf((1.05 * THRUST - force) / sigma)
     assert log_feasible_force(force, sigma, THRUST) == pytest.approx(expected, rel=1e-6, abs=1e-9)
     if force < -20.0:
-        assert force_correction(force, 1e-3 * THRUST, THRUST, PRIORS, missing=False) < -100.0
+        assert force_correction(force, 1e-3 * THRUST, THRUST, PRIORS, is_loss=False) < -100.0

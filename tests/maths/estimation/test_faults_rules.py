@@ -217,7 +217,7 @@ def test_a_pass_goes_on_from_the_force_where_the_last_ended(share: float, sign: 
     assert again.about[slot] == pytest.approx(share * thrust)
     assert again.contender.cause.on_top == (on_top,)
     assert (again.passes, again.reached, again.done) == (2, 7.0, 0)
-    worth = force_correction(share * thrust, 0.01 * thrust, thrust, PRIORS, missing=sign < 0)
+    worth = force_correction(share * thrust, 0.01 * thrust, thrust, PRIORS, is_loss=sign < 0)
     assert passes.log_weight(fit, PRIORS, JOINT) == pytest.approx(7.0 - 20.0 + worth)
 
 

@@ -274,7 +274,7 @@ def run_cycle(state: DetectorState, evidence: Evidence, params: CglrParams) -> D
 
 @kernel
 def _test_jets(
-    state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
+    state: DetectorState, evidence: Evidence, information: Array, params: CglrParams
 ) -> tuple[Array, JetTests, Isolation]:
     """Tests all jets, suspicious ones again with uncertain signatures; returns signatures, tests, isolation."""
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
@@ -282,7 +282,7 @@ def _test_jets(
     impossible_negative, impossible_positive = off & ~known, np.zeros(off.size, dtype=np.bool_)
     if params.mirror_sign_rule:
         impossible_positive = ~off & ~known
-    tests = jet_tests(coefficients, evidence.innovation, inverse, impossible_negative, impossible_positive)
+    tests = jet_tests(coefficients, evidence.innovation, information, impossible_negative, impossible_positive)
     isolation = isolate(tests.likelihood, params.clusters)
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
@@ -318,10 +318,10 @@ def _rotation_nis(evidence: Evidence) -> float:
 
 
 @kernel
-def _with_suspicion(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
-    """Returns the detector's state with another suspicion: cluster, alarms in a row, and cycles since the last."""
+def _with_suspicion(state: DetectorState, cluster: float, alarms: float, age: float) -> DetectorState:
+    """Returns the detector's state with another suspected cluster, alarms in a row, and cycles since the last alarm."""
     return DetectorState(
-        cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
+        cluster, alarms, age, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )
 
 
@@ -369,12 +369,12 @@ def _make_correction(signature: Array, tests: JetTests, jet: int, params: CglrPa
 
 @kernel
 def _count_alarm(
-    state: DetectorState, isolation: Isolation, effect: Array, inverse: Array, begun_s: float
+    state: DetectorState, isolation: Isolation, effect: Array, information: Array, interval_start_s: float
 ) -> DetectorState:
     """Counts an alarm for its cluster; a different cluster or an opposite force starts a new count."""
     cluster = float(isolation.cluster)
-    confirms = state.cluster == cluster and float(effect @ inverse @ state.effect) > 0.0
-    onset_s, alarms = (state.onset_s, state.alarms + 1.0) if confirms else (begun_s, 1.0)
+    confirms = state.cluster == cluster and float(effect @ information @ state.effect) > 0.0
+    onset_s, alarms = (state.onset_s, state.alarms + 1.0) if confirms else (interval_start_s, 1.0)
     force, variance, removed, closed = state.force, state.variance, state.removed, state.closed
     return DetectorState(cluster, alarms, 0.0, onset_s, effect, force, variance, removed, closed)
 
@@ -424,7 +424,7 @@ def _correct_known_force(
 
 @kernel
 def _update_known_forces(
-    state: DetectorState, coefficients: Array, evidence: Evidence, params: CglrParams
+    state: DetectorState, jet_signatures: Array, evidence: Evidence, params: CglrParams
 ) -> DetectorState:
     """Updates each known force and its variance, a scalar Kalman filter, by a sample without alarm."""
     if not has_nonzero(state.variance):
@@ -440,7 +440,7 @@ def _update_known_forces(
         information, projection = 1.0 / prior, 0.0
         for begin in (0, 3):
             # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
-            signature = excess[index] * coefficients[jet, begin : begin + 3]
+            signature = excess[index] * jet_signatures[jet, begin : begin + 3]
             weighted = (moving if begin == 0 else turning) @ signature
             share = 1.0 - prior * float(weighted @ signature)
             information += float(weighted @ signature) / share

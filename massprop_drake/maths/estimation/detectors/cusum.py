@@ -159,10 +159,10 @@ def add_sample(state: CusumState, evidence: Evidence, params: CusumParams) -> Cu
 
 
 def _declare_failure(
-    state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float
+    state: CusumState, suspected_jets: NDArray[np.bool_], jet: int, force: float, variance: float
 ) -> CusumState:
     """Returns the state after a failure: sums reset, suspected jets removed, excess thrust a known force."""
-    anew = initial_state(alike.size)
+    anew = initial_state(suspected_jets.size)
     known, spread = state.force.copy(), state.variance.copy()
     if force > 0.0:
         known[jet], spread[jet] = force, variance
@@ -170,7 +170,7 @@ def _declare_failure(
         onset_s=state.onset_s,
         force=known,
         variance=spread,
-        removed=np.where(alike, 1.0, state.removed),
+        removed=np.where(suspected_jets, 1.0, state.removed),
         closed=state.closed,
     )
 

@@ -108,6 +108,7 @@ def information(covariance: Array, coupled: bool) -> Array:
 
 
 def _plain_inverse(covariance):  # type: ignore[no-untyped-def] # compiled alone
+    """Inverts a matrix in compiled code, without the scaling of `_inverse`."""
     return np.linalg.inv(covariance)
 
 
@@ -146,20 +147,20 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
 
 @kernel
 def jet_tests(
-    coefficients: Array, innovation: Array, information: Array, impossible_negative: Array, impossible_positive: Array
+    jet_signatures: Array, innovation: Array, information: Array, impossible_negative: Array, impossible_positive: Array
 ) -> JetTests:
     """Tests each jet's failure against no failure; returns likelihood arguments and forces by jet.
 
     Args:
-        coefficients: c of every jet, shape (n_jets, 6).
+        jet_signatures: c of every jet, shape (n_jets, 6).
         innovation: e, translation first, shape (6,).
         information: inverse of Y, shape (6, 6).
         impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
         impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
     """
-    weighted = np.dot(coefficients, information)
+    weighted = np.dot(jet_signatures, information)
     projection = np.dot(weighted, innovation)
-    strength = (weighted * coefficients).sum(axis=1)
+    strength = (weighted * jet_signatures).sum(axis=1)
     magnitude = projection / strength
     likelihood = projection * magnitude
     ruled_out = (impossible_negative & (magnitude < 0.0)) | (impossible_positive & (magnitude > 0.0))
@@ -205,18 +206,18 @@ def uncertain_jet_tests(
         covariance: Y, shape (6, 6).
         impossible_negative, impossible_positive: as in `jet_tests`.
     """
-    under = covariances_given_failure(tests.magnitude, covariance, signatures)
+    failed_covariances = covariances_given_failure(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = deviations(covariance)
-    under /= scale[:, None] * scale
+    failed_covariances /= scale[:, None] * scale
     c, e = signatures.coefficients / scale, innovation / scale
-    weight = inverses(under)
+    weight = inverses(failed_covariances)
     weighted_c, weighted_e = stack_times_vectors(weight, c), stack_times_vector(weight, e)
     projection = weighted_c @ e
     strength = (weighted_c * c).sum(axis=1)
     magnitude = projection / strength
     unexplained = weighted_e @ e - projection * magnitude
-    growth = log_determinants(under) - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
+    growth = log_determinants(failed_covariances) - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
     total = tests.unexplained + tests.likelihood
     likelihood = np.maximum(total - unexplained - growth, 0.0)
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
@@ -226,17 +227,17 @@ def uncertain_jet_tests(
 
 
 @kernel
-def covariances_given_failure(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
+def covariances_given_failure(forces: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
     """Computes the innovation covariance Y_j under each jet's failure, shape (n_jets, 6, 6).
 
     Args:
-        force: f of each jet, lbf or N, shape (n_jets,).
+        forces: f of each jet, lbf or N, shape (n_jets,).
         covariance: Y, shape (6, 6).
     """
-    jacobians = np.zeros((force.size, 6, N_ROTATION + 1))  # f_j J_j
+    jacobians = np.zeros((forces.size, 6, N_ROTATION + 1))  # f_j J_j
     jacobians[:, :3, N_ROTATION] = signatures.impulses[:, 3:]
     jacobians[:, 3:, :N_ROTATION] = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
-    jacobians *= force.reshape((-1, 1, 1))
+    jacobians *= forces.reshape((-1, 1, 1))
     transposed = jacobians.transpose((0, 2, 1))
     shared = times_stack(signatures.cross_covariance, transposed)
     own = stack_times_stack(stack_times(jacobians, signatures.covariance), transposed)
@@ -271,7 +272,7 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     largest = float(likelihood[jet])
     same = clusters == clusters[jet]
     elsewhere = likelihood[~same]
-    beside = select_where(same, likelihood, 0.0)
-    beside[jet] = 0.0
+    same_cluster = select_where(same, likelihood, 0.0)
+    same_cluster[jet] = 0.0
     elsewhere_most = float(elsewhere.max()) if elsewhere.size else 0.0
-    return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(beside.max()))
+    return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(same_cluster.max()))

@@ -29,7 +29,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
 
 @kernel
 def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """Runs `known_force` of a state in which at least one failed jet has a known force."""
+    """Computes the wrench and covariances of failed jets' known forces, of which there is at least one."""
     jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)
@@ -43,14 +43,11 @@ def acting_force(state: Any, mass_properties: Array, command: Array, params: Any
 
 
 @kernel
-def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
+def excess_share(state: Any, jet_indices: NDArray[np.int_], command: Array, params: Any) -> Array:
     """Computes the fraction of each known force that is not commanded, shape (k,).
 
     A jet that is stuck on gives no more when it is told to fire; a leak does.
-
-    Args:
-        jets: indices of those whose force is known, shape (k,).
     """
-    stuck = state.force[jets] > 0.5 * params.thrusts[jets]
-    told = command[jets]
-    return select_where(stuck, 1.0 - select_where(np.isnan(told), 0.0, told), 1.0)
+    stuck = state.force[jet_indices] > 0.5 * params.thrusts[jet_indices]
+    fractions = command[jet_indices]
+    return select_where(stuck, 1.0 - select_where(np.isnan(fractions), 0.0, fractions), 1.0)

@@ -75,29 +75,29 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
         return Judgment(state, NO_ADAPTATION, _status_row(None, None, 0.0, params), nothing, nothing, own=own)
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
-    tried, found = delays.name_failure_over_delays(evidence.tried, evidence.time_s, params.rules, params.pose)
+    tried, outcome = delays.name_failure_over_delays(evidence.tried, evidence.time_s, params.rules, params.pose)
     ahead = pose_hypotheses.leading_hypothesis(tried, params.rules)
-    if found is not None:
+    if outcome is not None:
         members = np.zeros(1 + 2 * jets)
-        members[list(found.members)] = 1.0
-        if len(found.members) > 1 and np.array_equal(members, state.grouped):
-            found = None  # said already
+        members[list(outcome.members)] = 1.0
+        if len(outcome.members) > 1 and np.array_equal(members, state.grouped):
+            outcome = None  # said already
         else:
             state = state._replace(grouped=members)
-    pushed = found is not None and 2 * jets in found.members
-    if found is not None and len(found.members) == 1 and not pushed:
+    pushed = outcome is not None and 2 * jets in outcome.members
+    if outcome is not None and len(outcome.members) == 1 and not pushed:
         removed = state.removed.copy()
-        removed[found.members[0] % jets] = 1.0
+        removed[outcome.members[0] % jets] = 1.0
         state = state._replace(removed=removed)
     likeliest = int(np.argmax(odds)) if np.isfinite(odds).any() else None
-    said = () if found is None else (_make_declaration(found, evidence, params),)
+    said = () if outcome is None else (_make_declaration(outcome, evidence, params),)
     lead = float(leads.max()) if np.isfinite(leads).any() else math.nan
     racing = float(lead > params.rules.lead_nothing)
     own = declaration_row(said, jets)._replace(racing=racing, lead=lead if racing else math.nan)
     return Judgment(
         state=state,
         adaptation=NO_ADAPTATION,
-        status=_status_row(found, likeliest, racing, params),
+        status=_status_row(outcome, likeliest, racing, params),
         likelihood=leads,
         magnitude=own.verdict_magnitude,
         replacement=tried,
@@ -106,39 +106,41 @@ def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParam
     )
 
 
-def _make_declaration(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
+def _make_declaration(outcome: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> Declaration:
     """Makes the declaration of a failure or unexplained push, its onset by the clock of the cycles, s."""
-    n, onset_s = params.thrusts.size, evidence.cycle_s - (evidence.time_s - found.onset_s)
-    if 2 * n in found.members:
+    n, onset_s = params.thrusts.size, evidence.cycle_s - (evidence.time_s - outcome.onset_s)
+    if 2 * n in outcome.members:
         return Unexplained(onset_s)
-    jets = tuple(dict.fromkeys(member % n for member in found.members))
-    sign, thrusts = -1 if found.members[0] < n else 1, params.thrusts[list(jets)]
-    forces, sigmas = (tuple((share * thrusts).tolist()) for share in found.share)
-    word = Word.FAILED if len(found.members) == 1 else Word.GROUP
+    jets = tuple(dict.fromkeys(member % n for member in outcome.members))
+    sign, thrusts = -1 if outcome.members[0] < n else 1, params.thrusts[list(jets)]
+    forces, sigmas = (tuple((share * thrusts).tolist()) for share in outcome.share)
+    word = Word.FAILED if len(outcome.members) == 1 else Word.GROUP
     return JetsDeclared(word, jets, (sign,) * len(jets), forces, sigmas, onset_s)
 
 
-def _status_row(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
+def _status_row(outcome: PoseOutcome | None, likeliest: int | None, suspected: float, params: FactorParams) -> Any:
     """Makes a cycle's log row, `detector.STATUS`: of the declared failure, or else of the suspected jet."""
     jets = params.thrusts.size
-    if found is None:
-        row: dict[str, float] = {} if likeliest is None or not racing else {"suspected_jet": float(likeliest % jets)}
+    if outcome is None:
+        row: dict[str, float] = {} if likeliest is None or not suspected else {"suspected_jet": float(likeliest % jets)}
         tested = float(likeliest is not None)
-        return STATUS.make(tested=tested, alarm=racing, detector_event=float(Verdict.NOTHING), **row)
-    if 2 * jets in found.members:
-        return STATUS.make(tested=1.0, alarm=1.0, detector_event=float(Verdict.OTHER), onset=found.onset_s, alarms=1.0)
-    leader, jet = found.members[0], found.members[0] % jets
-    force = (-1.0 if leader < jets else 1.0) * found.share[0] * params.thrusts[jet]
+        return STATUS.make(tested=tested, alarm=suspected, detector_event=float(Verdict.NOTHING), **row)
+    if 2 * jets in outcome.members:
+        return STATUS.make(
+            tested=1.0, alarm=1.0, detector_event=float(Verdict.OTHER), onset=outcome.onset_s, alarms=1.0
+        )
+    leader, jet = outcome.members[0], outcome.members[0] % jets
+    force = (-1.0 if leader < jets else 1.0) * outcome.share[0] * params.thrusts[jet]
     return STATUS.make(
         tested=1.0,
         alarm=1.0,
         detector_event=float(Verdict.DECLARED),
         suspected_jet=float(jet),
-        jet_isolated=float(len(found.members) == 1),
+        jet_isolated=float(len(outcome.members) == 1),
         suspected_magnitude=force,
-        suspected_magnitude_std=found.share[1] * params.thrusts[jet],
-        suspected_likelihood=found.lead[1],
-        onset=found.onset_s,
+        suspected_magnitude_std=outcome.share[1] * params.thrusts[jet],
+        suspected_likelihood=outcome.lead[1],
+        onset=outcome.onset_s,
         alarms=1.0,
     )
 

@@ -47,9 +47,9 @@ class Rest(NamedTuple):
     ahead: float
     than: tuple[Event, ...] | None
 
-    def lead(self, leads: Leads) -> float:
+    def log_weight(self, log_weights: Leads) -> float:
         """Returns the first-order log weight of the proposals left out, relative to the likeliest hypothesis, nats."""
-        return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
+        return self.ahead if self.than is None else self.ahead + log_weights.get(self.than, -math.inf)
 
 
 UNTOLD = Rest(0.0, None)  # of a draw whose first orders tell nothing any more: anything may be left
@@ -93,7 +93,7 @@ class Watch(NamedTuple):
 
 
 def advance_watch(
-    each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
+    hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """Returns a hypothesis with its onsets tested on a plain filter cycle's readings, and its alarm updated.
 
@@ -101,24 +101,24 @@ def advance_watch(
         likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
             alarm is of what has happened, and what moves its state since is no onset.
     """
-    run, sample = each.run, evidence.sample
+    run, sample = hypothesis.run, evidence.sample
     score = run.score.plus(cycle_score(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
-    if not _is_testable(evidence, params) or each.push > 0.0:
-        return record_cycle(each, done, params)._replace(watch=None)
-    watch = each.watch or Watch(banks.empty_bank(params.places), ())
+    if not _is_testable(evidence, params) or hypothesis.push > 0.0:
+        return record_cycle(hypothesis, done, params)._replace(watch=None)
+    watch = hypothesis.watch or Watch(banks.empty_bank(params.places), ())
     course = evidence.report.course
     assert course is not None, "the first sample is no cycle"
     seen = traces_of_course(evidence.before.mean, course, sample)
-    seen = _add_walk_noise(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.run_follow_cycle(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
-    record, statistic = WatchedCycle(sample, over, score), 0.0
+    seen = _add_walk_noise(seen, evidence.before, np.minimum(hypothesis.walks * seen.duration_s, 1.0), params)
+    interval, found, tested, bank = banks.run_follow_cycle(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
+    record, statistic = WatchedCycle(sample, interval, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm
     if found is not None:
         statistic = float(found.likelihood.max())
     if alarm is not None:
-        alarm = alarm._replace(screen=screens.advance_screen(alarm.screen, over, params))
+        alarm = alarm._replace(screen=screens.advance_screen(alarm.screen, interval, params))
     if found is not None and banks.is_alarming(statistic, float(found.total.max())):
         index = int(np.flatnonzero(found.total >= _SHARE * found.total.max())[-1])  # older ones explain as much
         if alarm is None or (likely and watch.bank.since.cycles[index] > alarm.cycle):  # something new
@@ -128,7 +128,7 @@ def advance_watch(
         oldest = min(oldest, alarm.screen.began)
     tested = tested and not is_untestable(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
-    return record_cycle(each, done, params)._replace(watch=watch)
+    return record_cycle(hypothesis, done, params)._replace(watch=watch)
 
 
 def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
@@ -139,9 +139,9 @@ def _is_testable(evidence: JointEvidence, params: JointParams) -> bool:
     return after.guarded or (report.rotation_known and knows_rotation(after, params, acting))
 
 
-def likelihood_loss(each: Hypothesis) -> float:
+def likelihood_loss(hypothesis: Hypothesis) -> float:
     """Computes the newest sample's half excess NIS minus its mean over earlier samples, nats; 0 with too few."""
-    records = each.watch.records if each.watch is not None else ()
+    records = hypothesis.watch.records if hypothesis.watch is not None else ()
     if len(records) < _FEWEST + 1:
         return 0.0
     first, last, newest = (records[place].score.excess for place in (0, -2, -1))
@@ -149,30 +149,32 @@ def likelihood_loss(each: Hypothesis) -> float:
     return newest - last - usual
 
 
-def raise_alarm(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
+def raise_alarm(hypothesis: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
     """Adds an alarm at the last onset but one to a hypothesis that is watched and has none; else changes nothing."""
-    watch = each.watch
-    if watch is None or each.alarm is not None or len(watch.bank.states) < _FEWEST:
-        return each
+    watch = hypothesis.watch
+    if watch is None or hypothesis.alarm is not None or len(watch.bank.states) < _FEWEST:
+        return hypothesis
     bank = Bank(watch.bank.states[:-1], Since(*(part[:-1] for part in watch.bank.since)))
     alarm = _make_alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
-    return each._replace(watch=watch._replace(alarm=alarm))
+    return hypothesis._replace(watch=watch._replace(alarm=alarm))
 
 
-def _add_walk_noise(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
+def _add_walk_noise(traces: Traces, state: JointState, walk_sigmas: Array, params: JointParams) -> Traces:
     """Returns the linearized interval with the variance of randomly walking jet forces added to its noise."""
-    noise = seen.noise
-    for slot in np.flatnonzero(walks):
+    noise = traces.noise
+    for slot in np.flatnonzero(walk_sigmas):
         column = params.places.force + int(slot)
-        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
-        may_change = walks[slot] * params.thrusts[int(before.slot_jet[slot])]
+        effect = np.concatenate((traces.rate_rows[:, column], traces.velocity_rows[:, column]))
+        may_change = walk_sigmas[slot] * params.thrusts[int(state.slot_jet[slot])]
         noise = noise + may_change**2 * np.outer(effect, effect)
-    return seen._replace(noise=noise)
+    return traces._replace(noise=noise)
 
 
-def _make_alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+def _make_alarm(
+    bank: Bank, records: tuple[WatchedCycle, ...], onset_index: int, cycle: int, params: JointParams
+) -> Alarm:
     """Makes an alarm whose first-order test begins two onsets before the likeliest, up to the newest sample."""
-    first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
+    first, chosen = max(onset_index - 2, 0), range(max(onset_index - 2, 0), min(onset_index + 2, len(bank.states)))
     cycles = bank.since.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)
     gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)

@@ -123,100 +123,99 @@ def no_fault_hypothesis(state: JointState, cycle: int, params: JointParams) -> H
     return Hypothesis(Runner(NOTHING, cycle, (), cycle, state, NO_SCORE), (), 0.0, np.full(n, np.nan), np.zeros(n))
 
 
-def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
+def slot_force(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
     """Returns estimate and 1-sigma of the failed jet's force in a slot of the filter state, lbf or N."""
     row = params.places.force + slot
     return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
 
 
-def update_weight(each: Hypothesis, params: Params) -> Hypothesis:
+def update_weight(hypothesis: Hypothesis, params: Params) -> Hypothesis:
     """Returns a hypothesis with its log weight updated: likelihood, priors of events and lags, force correction."""
-    state = each.run.state
-    total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
-    if each.run.age > 0:
-        for slot in np.flatnonzero((state.slot_jet >= 0) & (each.walks != ANEW)).tolist():
-            force, sigma = force_of(state, slot, params.joint)
-            thrust, about = float(params.joint.thrusts[int(state.slot_jet[slot])]), float(each.opened_at[slot])
-            if each.walks[slot] > 0.0:
+    state = hypothesis.run.state
+    total = hypothesis.run.score.likelihood + hypothesis.prior + log_mixture(state, params.joint)
+    if hypothesis.run.age > 0:
+        for slot in np.flatnonzero((state.slot_jet >= 0) & (hypothesis.walks != ANEW)).tolist():
+            force, sigma = slot_force(state, slot, params.joint)
+            thrust, about = float(params.joint.thrusts[int(state.slot_jet[slot])]), float(hypothesis.opened_at[slot])
+            if hypothesis.walks[slot] > 0.0:
                 total += log_feasible_force(force, sigma, thrust)
                 continue
             before, missing = None if math.isnan(about) else about, bool(state.slot_sign[slot] < 0.0)
-            total += force_correction(force, sigma, thrust, params.priors, missing=missing, about=before)
-    return each._replace(weight=total)
+            total += force_correction(force, sigma, thrust, params.priors, is_loss=missing, old_force=before)
+    return hypothesis._replace(weight=total)
 
 
-def needs_special_cycle(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
+def needs_special_cycle(hypothesis: Hypothesis, duration_s: float, params: JointParams) -> bool:
     """Tests whether the next filter cycle must add an impulse near a failure's onset, or leave out a reading."""
-    run = each.run
+    run = hypothesis.run
     return run.lying or (run.cause.kind == Kind.JETS and extra_impulse_sigmas(run, duration_s, params) is not None)
 
 
-def add_interval_noise(each: Hypothesis, over: Link, params: JointParams) -> JointState:
-    """Returns the filter state with noise of walking forces and unknown pushes over the next interval added.
-
-    Args:
-        over: an interval like the next.
-    """
-    state = add_force_noise(each.run.state, force_change_shares(each, over.duration_s), params)
-    return add_push_impulse(state, each.push, over, params)
+def add_interval_noise(hypothesis: Hypothesis, interval: Link, params: JointParams) -> JointState:
+    """Returns the filter state with noise of walking forces and unknown pushes over the next interval added."""
+    state = add_force_noise(hypothesis.run.state, force_walk_sigmas(hypothesis, interval.duration_s), params)
+    return add_push_impulse(state, hypothesis.push, interval, params)
 
 
-def force_change_shares(each: Hypothesis, duration_s: float) -> Array:
+def force_walk_sigmas(hypothesis: Hypothesis, duration_s: float) -> Array:
     """Computes 1-sigmas of jet forces' random walks in an interval, in full thrusts, shape (n_force,)."""
-    walks: Array = np.minimum(each.walks * duration_s, 1.0)
+    walks: Array = np.minimum(hypothesis.walks * duration_s, 1.0)
     return walks
 
 
-def record_cycle(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
+def record_cycle(hypothesis: Hypothesis, runner: Runner, params: JointParams) -> Hypothesis:
     """Returns a hypothesis with its filter replaced, and the log likelihood so far appended to its trail."""
     kept = OLDEST * params.rates.steps
-    return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
+    return hypothesis._replace(run=runner, trail=(*hypothesis.trail, runner.score.likelihood)[-kept:])
 
 
-def log_weight_deficit(each: Hypothesis, other: Hypothesis) -> float:
+def log_weight_deficit(hypothesis: Hypothesis, reference: Hypothesis) -> float:
     """Computes how far a hypothesis's log weight is below another's at the same cycle, nats; 0: not known."""
-    since = other.run.cycle - each.run.cycle
-    if each.run.age <= 0 or not 0 <= since < len(other.trail):
+    since = reference.run.cycle - hypothesis.run.cycle
+    if hypothesis.run.age <= 0 or not 0 <= since < len(reference.trail):
         return 0.0
-    return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
+    return reference.trail[-1 - since] + reference.prior - hypothesis.run.score.likelihood - hypothesis.prior
 
 
 def advance_hypothesis(
-    each: Hypothesis, sample: JointSample, over: Link, params: JointParams, *, starting: bool
+    hypothesis: Hypothesis, sample: JointSample, interval: Link, params: JointParams, *, starting: bool
 ) -> Hypothesis:
     """Advances a hypothesis's filter by one sample, and records its log likelihood.
 
     Args:
-        over: the cycle of any filter that is near.
         starting: whether the filter's start is under way: hypotheses that are compared converge together.
 
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
-    run = step_runner(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
-    return record_cycle(each, run._replace(state=reset_guard(run.state)) if starting else run, params)
+    run = step_runner(
+        hypothesis.run, sample, interval, force_walk_sigmas(hypothesis, interval.duration_s), hypothesis.push, params
+    )
+    return record_cycle(hypothesis, run._replace(state=reset_guard(run.state)) if starting else run, params)
 
 
-def split_on_command(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
+def split_on_command(hypothesis: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
     """Splits a hypothesis when a jet with excess thrust is first commanded: force on top, or in place of it."""
-    state = each.run.state
+    state = hypothesis.run.state
     fires = np.flatnonzero((sample.commands > 0.0).any(axis=0)).tolist()
     for slot in np.flatnonzero((state.slot_jet >= 0) & (state.slot_sign > 0.0)).tolist():
         jet = int(state.slot_jet[slot])
-        if jet in each.decided or jet not in fires:
+        if jet in hypothesis.decided or jet not in fires:
             continue
-        one = each._replace(prior=each.prior - math.log(2.0), decided=each.decided | {jet}, watch=None)
+        first = hypothesis._replace(
+            prior=hypothesis.prior - math.log(2.0), decided=hypothesis.decided | {jet}, watch=None
+        )
         other = state.slot_on_top.copy()
         other[slot] = 1.0 - other[slot]
-        twin = one._replace(
-            run=one.run._replace(state=state._replace(slot_on_top=other)), root_until_s=-math.inf, review=None
+        twin = first._replace(
+            run=first.run._replace(state=state._replace(slot_on_top=other)), root_until_s=-math.inf, review=None
         )
-        return (one._replace(watch=each.watch), twin)
-    return (each,)
+        return (first._replace(watch=hypothesis.watch), twin)
+    return (hypothesis,)
 
 
-def restart_hypothesis(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
+def restart_hypothesis(hypothesis: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
     """Returns a hypothesis with its filter restarted after a gap, without watch, origin and review."""
-    after, _ = restart(each.run.state, sample, params)
-    recorded = record_cycle(each, each.run._replace(state=after, cycle=cycle), params)
+    after, _ = restart(hypothesis.run.state, sample, params)
+    recorded = record_cycle(hypothesis, hypothesis.run._replace(state=after, cycle=cycle), params)
     return recorded._replace(watch=None, origin=None, review=None)

@@ -103,12 +103,8 @@ def no_fault_odds(n_jets: int) -> Odds:
     return Odds(1, 1.0, 0.0, nothing, nothing, unknown, unknown)
 
 
-def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
-    """Makes the log row `HYPOTHESIS_REPORT` of a sample from its declarations and fault probabilities.
-
-    Args:
-        history: None: the likeliest history is the one that was reported.
-    """
+def hypothesis_report_row(declarations: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
+    """Makes the log row `HYPOTHESIS_REPORT` of a sample from its declarations and fault probabilities."""
     row: dict[str, Any] = {"fault_probability": odds.jets, "fault_mode": odds.modes}
     row |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
     row |= {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
@@ -117,10 +113,10 @@ def hypothesis_report_row(said: tuple[Declaration, ...], odds: Odds, history: Hi
         row |= {"history_since": history.since_s, "history_rotation_nis": score.gyro_nis}
         row |= {"history_rotation_components": score.gyro_degrees, "history_mass_nis": score.nis - score.gyro_nis}
         row |= {"history_mass_components": score.degrees - score.gyro_degrees}
-    return declaration_row(said, odds.jets.size)._replace(**row)
+    return declaration_row(declarations, odds.jets.size)._replace(**row)
 
 
-def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
+def status_row(declarations: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
     """Makes the log row `STATUS` of a sample: of its first declaration, or else of the jet with fault odds over 1/2.
 
     Args:
@@ -131,8 +127,8 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     event = Verdict.NOTHING
     suspected = int(np.argmax(odds.jets))
     alarm = odds.jets[suspected] > 0.5
-    if said:
-        first = said[0]
+    if declarations:
+        first = declarations[0]
         jumped = isinstance(first, JumpDeclared) and not first.measured
         event = Verdict.JUMP if jumped else Verdict.OTHER
         row |= {"onset": first.onset_s, "alarms": 1.0}
@@ -149,14 +145,14 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
-def declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
+def declaration_row(declarations: tuple[Declaration, ...], n_jets: int) -> Any:
     """Makes a `HYPOTHESIS_REPORT` row with the fields of a sample's declarations filled in, the others empty."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)
     row: dict[str, float] = {}
     bit = 1.0  # of the next thing that is said of jets
-    for one in said:
+    for one in declarations:
         match one:
             case JetsDeclared():
                 jets = list(one.jets)
@@ -183,12 +179,8 @@ def declaration_row(said: tuple[Declaration, ...], n_jets: int) -> Any:
     return HYPOTHESIS_REPORT.make(**row, **of_jets)
 
 
-def jets_by_declaration(group: Array, place: Array) -> list[list[int]]:
-    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first.
-
-    Args:
-        group, place: as logged at the sample, shape (n_jets,) each.
-    """
-    bits = group.astype(np.int64)
-    order = np.argsort(place, kind="stable")
+def jets_by_declaration(group_bits: Array, ranks: Array) -> list[list[int]]:
+    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first."""
+    bits = group_bits.astype(np.int64)
+    order = np.argsort(ranks, kind="stable")
     return [order[bits[order] >> number & 1 > 0].tolist() for number in range(int(bits.max()).bit_length())]

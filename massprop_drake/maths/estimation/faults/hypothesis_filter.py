@@ -72,26 +72,26 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
     """Advances the fault hypotheses by a sample; returns new state, declarations and log rows as a judgment.
 
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     joint = params.joint
-    search, found = _advance_start_search(state.search, evidence, params)
-    tree = tree_from_search(found, state.tree, params) if found else advance(state.tree, evidence, params)
-    verdicts, said = state.verdicts, tuple[Declaration, ...]()
+    search, outcomes = _advance_start_search(state.search, evidence, params)
+    tree = tree_from_search(outcomes, state.tree, params) if outcomes else advance(state.tree, evidence, params)
+    verdicts, declarations = state.verdicts, tuple[Declaration, ...]()
     if not search.contradicted:  # else what it finds would change what is declared
-        verdicts, said = update_verdicts(state.verdicts, tree, params)
+        verdicts, declarations = update_verdicts(state.verdicts, tree, params)
     probable = fault_probabilities(tree, joint)
     force, variance = _declared_forces(verdicts, tree, joint)
     kept = HypothesisFilterState(
-        tree, verdicts, search, force, variance, _update_removed_jets(state.removed, said), state.closed
+        tree, verdicts, search, force, variance, _update_removed_jets(state.removed, declarations), state.closed
     )
     watch, now = tree.leader.watch, tree.next_state(params)
     tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
-    own = hypothesis_report_row(said, probable, tree.history)
+    own = hypothesis_report_row(declarations, probable, tree.history)
     return Judgment(
         state=kept,
         adaptation=NO_ADAPTATION,
-        status=status_row(said, probable, tested, statistic),
+        status=status_row(declarations, probable, tested, statistic),
         likelihood=np.full(joint.places.jets, np.nan),
         magnitude=own.verdict_magnitude,
         replacement=None if now is evidence.after else now,
@@ -135,12 +135,12 @@ def quiet_log_rows(state: HypothesisFilterState) -> tuple[Any, ...]:
     )
 
 
-def _update_removed_jets(removed: Array, said: tuple[Declaration, ...]) -> Array:
+def _update_removed_jets(removed: Array, declarations: tuple[Declaration, ...]) -> Array:
     """Updates the flags of jets out of use, 1: removed, with the declarations at a sample, shape (n_jets,)."""
-    for one in said:
-        if isinstance(one, JetsDeclared) and len(one.jets) == 1:
+    for declaration in declarations:
+        if isinstance(declaration, JetsDeclared) and len(declaration.jets) == 1:
             removed = removed.copy()
-            removed[list(one.jets)] = float(one.word != Word.WITHDRAWN)
+            removed[list(declaration.jets)] = float(declaration.word != Word.WITHDRAWN)
     return removed
 
 

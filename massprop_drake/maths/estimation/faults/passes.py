@@ -76,33 +76,33 @@ class PassFit(NamedTuple):
         return self.earlier[-1].likelihood if self.earlier else -math.inf
 
 
-def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> PassFit:
+def begin_fit(
+    proposal: Contender, log_prior: float, linearization_point: Array, entry_state: JointState, params: JointParams
+) -> PassFit:
     """Makes a Gauss-Newton fit of the initialization's samples under a fault hypothesis, its first pass begun.
 
     Args:
-        contender: see `PassFit`.
-        log_prior: see `PassFit`.
-        about: x* but for the failed jet's force, which is what the contender has, shape (size,).
-        entry: state before the first kept sample.
+        linearization_point: x*, of which the proposal replaces the failed jets' forces, shape (size,).
+        entry_state: state before the first kept sample.
     """
-    about, cause = about.copy(), contender.cause
-    for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
-        about[params.places.force + failure_slot(entry, jet, sign)] = min(
+    linearization_point, cause = linearization_point.copy(), proposal.cause
+    for jet, sign, force in zip(cause.jets, cause.signs, proposal.force, strict=True):
+        linearization_point[params.places.force + failure_slot(entry_state, jet, sign)] = min(
             max(force, 0.0), screens.largest_jet_forces(params)[jet]
         )
-    return PassFit(contender, log_prior, about, entry)
+    return PassFit(proposal, log_prior, linearization_point, entry_state)
 
 
-def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
+def begin_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> PassFit:
     """Returns a fit with its next Gauss-Newton pass begun, linearized about the estimate at the end of the last."""
     contender = fit.contender._replace(cause=_cause_by_force(fit, params), force=_failed_jet_forces(fit, params)[0])
-    begins = choose_lag_priors(entry, fit.state, params)
-    again = begin_fit(contender, fit.log_prior, linearization_point(fit.state, entry, params), begins, params)
+    begins = choose_lag_priors(entry_state, fit.state, params)
+    again = begin_fit(contender, fit.log_prior, linearization_point(fit.state, entry_state, params), begins, params)
     return again._replace(earlier=fit.scores, passes=fit.passes + 1)
 
 
-def linearization_point(state: JointState, entry: JointState, params: JointParams) -> Array:
-    """Returns the next linearization point x*: a state's estimate, failed jets' forces as at entry, shape (size,).
+def linearization_point(state: JointState, entry_state: JointState, params: JointParams) -> Array:
+    """Returns the next linearization point x*: a state's estimate, failed jets' forces of `entry_state`, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -110,18 +110,18 @@ def linearization_point(state: JointState, entry: JointState, params: JointParam
     if not (about[[0, 1, 2, MASS]] > 0.0).all():
         about[:N_PROPERTIES] = params.nominal
     forces = slice(params.places.force, params.places.force + params.places.n_force)
-    about[forces] = entry.mean[forces]
+    about[forces] = entry_state.mean[forces]
     return about
 
 
-def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
+def step_fit(fit: PassFit, kept_sample: Kept, params: JointParams) -> PassFit | None:
     """Filters the next kept sample in a Gauss-Newton pass; returns the fit, or None if the filter diverged.
 
     In its first two intervals a jet may give an impulse besides, since its onset lies within one.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            state, score = _filter_sample(fit, kept, params)
+            state, score = _filter_sample(fit, kept_sample, params)
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             return None
     if not (np.isfinite(state.mean).all() and np.isfinite(state.root).all()):
@@ -129,9 +129,9 @@ def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
     return fit._replace(state=state, scores=(*fit.scores, score))
 
 
-def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
+def _filter_sample(fit: PassFit, kept_sample: Kept, params: JointParams) -> tuple[JointState, Score]:
     """Filters the next kept sample, linearized about x*; returns the filter state after it and the total score."""
-    state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
+    state, score, about, sample = fit.state, fit.score, fit.about, kept_sample.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
     if cause.kind == Kind.WANDER and age == 0:
         state = apply_cause(state, cause, params)
@@ -139,24 +139,24 @@ def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[Joint
         state, crossing = update_by_crossings(state, about[:N_PROPERTIES], sample, params.floors, params)
         score = score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
         state = apply_cause(state, cause, params) if age == 0 else state
-        if age < len(kicks) and not kept.anew:
+        if age < len(kicks) and not kept_sample.anew:
             _, course, _ = run_relinearized(state, sample, about, params)
             over = link_from_traces(traces_of_course(about, course, sample), params)
             state = add_failure_impulses(state, cause, np.array(kicks[age]), over, params)
-    if kept.anew:
+    if kept_sample.anew:
         return restart(state, sample, params)[0], score
     state, course, of_gyros = run_relinearized(state, sample, about, params)
     state, likelier = switch_lag_priors(state, params)
     return state, score.plus(Score(course.log_likelihood + likelier, course.nis, course.degrees, *of_gyros))
 
 
-def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Ends a pass over all samples: returns the fit marked as arrived, or with another pass begun."""
+def end_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> PassFit:
+    """Ends a Gauss-Newton pass over all samples: returns the fit marked as ended, or with another pass begun."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays = is_pass_converged(fit.state, fit.about, params.places)
     if wanders or fit.passes >= MOST or (stays and _cause_by_force(fit, params) == fit.contender.cause):
         return fit._replace(arrived=True)
-    return begin_pass(fit, entry, params)
+    return begin_pass(fit, entry_state, params)
 
 
 def has_moved(fit: PassFit, params: JointParams) -> bool:
@@ -164,9 +164,9 @@ def has_moved(fit: PassFit, params: JointParams) -> bool:
     return fit.passes < _LATE and not is_pass_converged(fit.state, fit.about, params.places, _CLOSE)
 
 
-def begin_last_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
+def begin_last_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> PassFit:
     """Begins a fit's last pass if newer samples have moved its estimate; else returns the fit unchanged."""
-    return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
+    return begin_pass(fit, entry_state, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
 def _cause_by_force(fit: PassFit, params: JointParams) -> Cause:
@@ -193,7 +193,7 @@ def log_weight(fit: PassFit, priors: Priors, params: JointParams) -> float:
         + fit.log_prior
         + log_mixture(fit.state, params)
         + sum(
-            force_correction(force, sigma, float(params.thrusts[jet]), priors, missing=sign < 0)
+            force_correction(force, sigma, float(params.thrusts[jet]), priors, is_loss=sign < 0)
             for jet, sign, (force, sigma) in zip(cause.jets, cause.signs, forces, strict=True)
         )
     )

@@ -62,9 +62,9 @@ class Priors(NamedTuple):
         """Makes the priors from a scenario's block `faults`."""
         return cls(*(getattr(faults, name) for name in cls._fields))
 
-    def doubt(self, per_hour: float) -> float:
-        """Returns the probability of error at which an event of some prior rate is declared, at most 0.5."""
-        return min(self.false_per_hour / per_hour, 0.5)
+    def doubt(self, events_per_hour: float) -> float:
+        """Returns the accepted probability of a false declaration of events with a given prior rate, at most 0.5."""
+        return min(self.false_per_hour / events_per_hour, 0.5)
 
 
 class Params(NamedTuple):
@@ -82,49 +82,49 @@ class Params(NamedTuple):
     rates: Array
 
 
-def log_event_probability(per_hour: float, seconds: float) -> float:
-    """Computes the log prior probability of an event, its rate per hour times some seconds, nats."""
-    return math.log(per_hour * seconds / _HOUR_S)
+def log_event_probability(events_per_hour: float, duration_s: float) -> float:
+    """Computes the log prior probability of an event within a duration, nats."""
+    return math.log(events_per_hour * duration_s / _HOUR_S)
 
 
-def log_failure_probability(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
+def log_failure_probability(force: float, thrust: float, duration_s: float, priors: Priors, *, is_loss: bool) -> float:
     """Computes the log prior of a jet's failure within some time with a force known fairly well, nats.
 
     It comes on top of what a force N(0, T^2) is worth.
 
     Args:
         force, thrust: f and T, lbf or N.
-        seconds: within which it fails.
-        missing: whether the force is missing, and not too much.
+        duration_s: within which it fails.
+        is_loss: whether the force is missing thrust, else excess thrust.
     """
-    known = force_correction(force, _FAIRLY * force, thrust, priors, missing=missing)
-    return log_event_probability(priors.jet_per_hour, seconds) + known
+    known = force_correction(force, _FAIRLY * force, thrust, priors, is_loss=is_loss)
+    return log_event_probability(priors.jet_per_hour, duration_s) + known
 
 
-def log_jump_probability(seconds: float, priors: Priors) -> float:
+def log_jump_probability(duration_s: float, priors: Priors) -> float:
     """Computes the log prior that the mass properties jump within some time by one of the discrete sizes, nats."""
-    return log_event_probability(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
+    return log_event_probability(priors.payload_per_hour, duration_s) - math.log(len(JUMP_SHARES))
 
 
 def force_correction(
-    force: float, sigma: float, thrust: float, priors: Priors, *, missing: bool, about: float | None = None
+    force: float, sigma: float, thrust: float, priors: Priors, *, is_loss: bool, old_force: float | None = None
 ) -> float:
-    """Computes the log of the mean ratio p(f) / N(f; opened, T^2) of a force's priors over its posterior, nats.
+    """Computes the log ratio of a force's prior to a filter's N(old_force, T^2), averaged over its posterior, nats.
 
     Args:
         force, sigma: of the posterior, lbf or N.
         thrust: T.
-        missing: whether the force is missing, and not too much.
-        about: the force before it changed; a third of changes is to nothing, a third to full thrust. None: it is new.
+        is_loss: whether the force is missing thrust, else excess thrust.
+        old_force: before it changed, a third of all changes to nothing, a third to full thrust; None: it is new.
     """
     shares = (force + sigma * _NODES) / thrust
-    opened_at = 0.0 if about is None else about / thrust
+    opened_at = 0.0 if old_force is None else old_force / thrust
     opened = -0.5 * (shares - opened_at) ** 2 - _LOG_ROOT_2_PI
-    if about is None:
+    if old_force is None:
         inside = (shares > LEAST_LEAK) & (shares < _MOST)
         spread = np.log(_MOST / LEAST_LEAK)
         uniform, log_uniform = 1.0 / (_MOST - LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
-        density = np.where(inside, uniform if missing else log_uniform, 0.0)
+        density = np.where(inside, uniform if is_loss else log_uniform, 0.0)
         total = (1.0 - priors.full_thrust) * _mean_ratio(density, opened)
         peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
     else:
@@ -149,14 +149,14 @@ def _log_normal_cdf(z: float) -> float:
     return -0.5 * z**2 - _LOG_ROOT_2_PI - math.log(-z)
 
 
-def _peak_ratio(at: float, opened_at: float, share: float, width: float) -> float:
-    """Computes the mean of N(f; at, s^2) / N(f; opened, 1) over N(share, width^2), denominator at the joint peak."""
-    spread = math.hypot(width, _FULL_SPREAD)
-    there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
-    return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
+def _peak_ratio(peak: float, opening_mean: float, mean: float, sigma: float) -> float:
+    """Computes the mean of N(f; peak, s^2) / N(f; opening_mean, 1) over N(mean, sigma^2), about the joint peak."""
+    spread = math.hypot(sigma, _FULL_SPREAD)
+    there = (mean * _FULL_SPREAD**2 + peak * sigma**2) / spread**2
+    return math.exp(-0.5 * ((mean - peak) / spread) ** 2 + 0.5 * (there - opening_mean) ** 2) / spread
 
 
-def _mean_ratio(density: Array, opened: Array) -> float:
-    """Computes the mean of density / exp(opened) over the posterior, by quadrature; arguments at its nodes."""
+def _mean_ratio(density: Array, log_reference: Array) -> float:
+    """Computes the mean of density / exp(log_reference) over a posterior by quadrature, both given at its nodes."""
     weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
-    return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))
+    return float(np.sum(weights * density * np.exp(np.where(possible, -log_reference, 0.0))))

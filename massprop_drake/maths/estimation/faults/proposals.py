@@ -72,9 +72,9 @@ class Birth(NamedTuple):
     doubt: float
     origin: object = None
 
-    def lead(self, leads: Leads) -> float:
+    def log_weight(self, log_weights: Leads) -> float:
         """Returns the proposal's first-order log weight, relative to that of the likeliest hypothesis, nats."""
-        return Rest(self.ahead, self.than).lead(leads)
+        return Rest(self.ahead, self.than).log_weight(log_weights)
 
 
 class Origin(NamedTuple):
@@ -97,94 +97,93 @@ class Origin(NamedTuple):
 
 
 def draw_proposals(
-    each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params
+    parent: Hypothesis, cycle: int, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[list[Birth], Rest | None]:
-    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None.
-
-    Args:
-        cycle: number of the newest sample.
-        among: all hypotheses that there are.
-    """
-    alarm: Alarm = each.alarm
-    since = each.watch.records[-1].score.without(alarm.scores[0])
+    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None."""
+    alarm: Alarm = parent.alarm
+    since = parent.watch.records[-1].score.without(alarm.scores[0])
     explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
-    level = explained + each.prior - 0.5 * alarm.screen.misfit
-    births, left = rank_proposals(each, alarm, level, among, params, off=_OFF)
-    best = max(other.weight for other in among)
-    births += _propose_jumps(each, alarm, level - best, params)
+    log_weight = explained + parent.prior - 0.5 * alarm.screen.misfit
+    births, left = rank_proposals(parent, alarm, log_weight, hypotheses, params, error=_OFF)
+    best = max(other.weight for other in hypotheses)
+    births += _propose_jumps(parent, alarm, log_weight - best, params)
     for push in _PUSHES:
-        child = _make_pushed_child(each, push, alarm, params)
+        child = _make_pushed_child(parent, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, explained - best + child.prior - spent, None, _NEAR))
-    births += _propose_component_faults(each, alarm, explained - best, cycle, params)
+    births += _propose_component_faults(parent, alarm, explained - best, cycle, params)
     if cycle - alarm.cycle >= _LATER:
-        births += _propose_disturbances(each, alarm, explained - best, cycle, params)
+        births += _propose_disturbances(parent, alarm, explained - best, cycle, params)
     return births, left
 
 
 def rank_proposals(
-    each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
+    parent: Hypothesis,
+    alarm: Alarm,
+    log_weight: float,
+    hypotheses: Sequence[Hypothesis],
+    params: Params,
+    *,
+    error: float,
 ) -> tuple[list[Birth], Rest | None]:
     """Ranks an alarm's jet-fault proposals to first order; returns those to replay, and the rest's sum or None.
 
     Args:
-        each: hypothesis of which they are children.
-        level: log weight that a lead of zero stands for.
-        among: all hypotheses that there are.
-        off: share of a lead by which the first order may be off.
+        log_weight: log weight that a lead of zero stands for.
+        error: of first-order leads, relative.
     """
     joint = params.joint
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
     free = int((state.slot_jet < 0).sum())
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
 
-    def slots_needed(one: Contender) -> int:
+    def slots_needed(candidate: Contender) -> int:
         """Counts the force slots of the filter state that a proposal needs besides those in use."""
-        ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in one.cause.failures)
+        ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in candidate.cause.failures)
         return sum(known[way] == 0.0 for way in ways)
 
     found = screens.find_contenders(alarm.screen, allowed, known, joint, -_NEAR)
-    found = [one for one in found if slots_needed(one) <= free]
-    priors = [_log_prior(each, one, alarm, params) for one in found]
+    found = [candidate for candidate in found if slots_needed(candidate) <= free]
+    priors = [_log_prior(parent, candidate, alarm, params) for candidate in found]
     worth = [
-        one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
-        for one, prior in zip(found, priors, strict=True)
+        candidate.lead + prior + PAIR_PRIOR * max(len(candidate.cause.jets) - 1, 0)
+        for candidate, prior in zip(found, priors, strict=True)
     ]
     order = sorted(range(len(found)), key=lambda index: -worth[index])
     singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
     pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
     top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
-    best = max(other.weight for other in among)
-    entry, than = level - best, None
+    best = max(other.weight for other in hypotheses)
+    entry, than = log_weight - best, None
     causes = [found[index].cause for index in order]
-    known_one = _find_known_proposal(each, causes, alarm.states[0].time_s, among)
-    if off * top > _HOPELESS:  # what first orders neglect is more than what matters
+    known_one = _find_known_proposal(parent, causes, alarm.states[0].time_s, hypotheses)
+    if error * top > _HOPELESS:  # what first orders neglect is more than what matters
         if known_one is not None:
             return [], UNTOLD
-        if alike := _find_shared_proposal(each, causes, alarm, among):
+        if alike := _find_shared_proposal(parent, causes, alarm, hypotheses):
             place, other, ahead = alike
-            children = _make_children(each, found[order[place]], priors[order[place]], alarm, params)
+            children = _make_children(parent, found[order[place]], priors[order[place]], alarm, params)
             return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], UNTOLD
-    if off > 0.0 and off * top < _NEARER:  # what first orders neglect is little
+    if error > 0.0 and error * top < _NEARER:  # what first orders neglect is little
         known_one = None
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events
     behind = 0.0 if known_one is None else known_one[1].weight - best
-    doubt = min(_NEARER + off * max(top, 0.0), _NEAR)
+    doubt = min(_NEARER + error * max(top, 0.0), _NEAR)
     chosen = [
         index
         for index in (*singles, *pairs)
-        if worth[index] > top - max(_NEAR, off * top) and entry + worth[index] > -_HOPELESS
+        if worth[index] > top - max(_NEAR, error * top) and entry + worth[index] > -_HOPELESS
     ]
     births = [
         Birth(child, entry + worth[index] + less - behind, than, doubt)
         for index in chosen
-        for child, less in _make_children(each, found[index], priors[index], alarm, params)
+        for child, less in _make_children(parent, found[index], priors[index], alarm, params)
     ]
     for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
-        child = _make_drifting_child(each, found[index], alarm, params)
-        ahead = entry + worth[index] + child.prior - each.prior - priors[index] - behind
+        child = _make_drifting_child(parent, found[index], alarm, params)
+        ahead = entry + worth[index] + child.prior - parent.prior - priors[index] - behind
         births.append(Birth(child, ahead, than, doubt))
     opened = {id(found[index].cause) for index in chosen}
     left = sum(
@@ -196,15 +195,15 @@ def rank_proposals(
 
 
 def _find_known_proposal(
-    each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
+    parent: Hypothesis, causes: list[Cause], since_s: float, hypotheses: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
     """Finds a proposed cause that a likely hypothesis already has; returns its index and the latter, or None."""
-    n, found = len(each.events), list[tuple[int, Hypothesis]]()
-    best = max(other.weight for other in among)
-    for other in among:
-        if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != each.events:
+    n, found = len(parent.events), list[tuple[int, Hypothesis]]()
+    best = max(other.weight for other in hypotheses)
+    for other in hypotheses:
+        if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != parent.events:
             continue
-        if other.origin is not None and other.origin.parent.key != each.key:  # a force that walks, there or here
+        if other.origin is not None and other.origin.parent.key != parent.key:  # a force that walks, there or here
             continue
         cause, onset_s, _ = other.events[n]
         if onset_s < since_s:
@@ -222,22 +221,22 @@ def _find_same_failures(cause: Cause, causes: list[Cause]) -> int | None:
 
 
 def _find_shared_proposal(
-    each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
+    hypothesis: Hypothesis, causes: list[Cause], alarm: Alarm, hypotheses: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
     """Finds a proposal that is a likely child of another parent: index, child and relative log weight, or None.
 
     What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
     """
     first, since_s = alarm.screen.onsets[0], alarm.states[0].time_s
-    best = max(other.weight for other in among)
-    for other in sorted(among, key=lambda other: -other.weight):
+    best = max(other.weight for other in hypotheses)
+    for other in sorted(hypotheses, key=lambda other: -other.weight):
         if other.origin is None or other.weight < best - _NEAR or other.events[-1].onset_s < since_s:
             continue
         parent: Hypothesis = other.origin.parent
         since, cause = parent.run.cycle - first, other.events[-1].cause
         place = _find_same_failures(cause, causes)
         if place is not None and 0 <= since < len(parent.trail):
-            before = alarm.scores[0].likelihood + each.prior
+            before = alarm.scores[0].likelihood + hypothesis.prior
             return place, other, before - parent.trail[-1 - since] - parent.prior
     return None
 
@@ -248,78 +247,78 @@ def proposal_key(child: Hypothesis) -> object:
     return frozenset(child.parts), *newest, tuple(child.walks), child.push, child.run.share
 
 
-def _onset_span_s(alarm: Alarm, place: int) -> float:
+def _onset_span_s(alarm: Alarm, onset_index: int) -> float:
     """Returns the length of the time span that an onset of an alarm's first-order test represents, s."""
     states = alarm.states
-    if place > 0:
-        return states[place].time_s - states[place - 1].time_s
+    if onset_index > 0:
+        return states[onset_index].time_s - states[onset_index - 1].time_s
     gap = alarm.screen.gaps[0]
     return gap * (states[1].time_s - states[0].time_s) / max(alarm.screen.gaps[1], 1) if len(states) > 1 else 0.1 * gap
 
 
-def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
+def _log_prior(parent: Hypothesis, proposal: Contender, alarm: Alarm, params: Params) -> float:
     """Computes the log prior of a proposed fault event within its onset's time span, its forces' aside, nats."""
-    priors, cause = params.priors, one.cause
-    seconds = _onset_span_s(alarm, alarm.screen.onsets.index(one.onset))
+    priors, cause = params.priors, proposal.cause
+    seconds = _onset_span_s(alarm, alarm.screen.onsets.index(proposal.onset))
     if cause.kind == Kind.LIES:
         return log_event_probability(priors.reading_per_hour, seconds)
-    new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in each.ways]
+    new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in parent.ways]
     total = math.log(priors.together) * max(len(new) - 1, 0)
     if new:
         total += log_event_probability(priors.jet_per_hour * float(np.mean(params.rates[new])), seconds)
         total += math.log1p(-priors.drifting)
     for way in zip(cause.jets, cause.signs, strict=True):
-        if way in each.ways:
-            total += _log_change_probability(way, each, seconds, priors)
+        if way in parent.ways:
+            total += _log_change_probability(way, parent, seconds, priors)
     return total
 
 
-def _log_change_probability(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
+def _log_change_probability(failure: tuple[int, int], parent: Hypothesis, duration_s: float, priors: Priors) -> float:
     """Computes the log prior that a failed jet's force changes within some time, often if intermittent, nats.
 
     That it is intermittent is the likelier the more often it has changed.
     """
-    onsets = [event.onset_s for event in each.events if way in event.cause.failures]
+    onsets = [event.onset_s for event in parent.events if failure in event.cause.failures]
     rare, often = priors.change_per_hour / 3600.0, _INTERMITTENT_PER_S
-    lasted, changes = each.run.state.time_s - onsets[0], len(onsets) - 1
+    lasted, changes = parent.run.state.time_s - onsets[0], len(onsets) - 1
     odds = math.log(priors.intermittent / (1.0 - priors.intermittent))
     odds += changes * math.log(often / rare) - (often - rare) * lasted
     share = 1.0 / (1.0 + math.exp(-max(min(odds, 500.0), -500.0)))
-    return math.log(min((share * often + (1.0 - share) * rare) * seconds, 0.5))
+    return math.log(min((share * often + (1.0 - share) * rare) * duration_s, 0.5))
 
 
 def _make_children(
-    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
+    parent: Hypothesis, proposal: Contender, log_prior: float, alarm: Alarm, params: Params
 ) -> list[tuple[Hypothesis, float]]:
     """Makes a proposal's hypotheses at every likely onset, in pairs with their relative log weight, nats.
 
     An onset of the screen stands for the cycles since the one before; a filter is told them apart by single readings.
     """
     found, screen = [], alarm.screen
-    for onset, lead in one.at_onsets or ((one.onset, one.lead),):
-        if lead <= one.lead - _NEARER:
+    for onset, lead in proposal.at_onsets or ((proposal.onset, proposal.lead),):
+        if lead <= proposal.lead - _NEARER:
             continue
         place = screen.onsets.index(onset)
         apart = screen.gaps[place] if place > 0 and screen.gaps[place] <= _FINEST else 1
-        each_prior = prior - math.log(apart)
+        each_prior = log_prior - math.log(apart)
         for cycle in range(onset - apart + 1, onset + 1):
             child = _make_child(
-                each, one, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params
+                parent, proposal, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params
             )
-            found.append((child, lead - one.lead - math.log(apart)))
+            found.append((child, lead - proposal.lead - math.log(apart)))
     return found
 
 
 def _make_child(
-    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
+    parent: Hypothesis, proposal: Contender, log_prior: float, alarm: Alarm, span: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes a proposal's hypothesis at an onset; ``at``: index in the test, its cycle, and cycles in its span."""
-    place, onset, apart = at
+    """Makes a proposal's hypothesis at an onset; `span`: its index in the test, cycle, and cycles it stands for."""
+    place, onset, apart = span
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
-    kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
-    lies = one.cause.kind == Kind.LIES
-    run = Runner(one.cause, onset, kicks, begins, state, score, lies)
-    child = _branch_hypothesis(each, run, prior, params.joint, origin_of(each, alarm))
+    kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in proposal.kicks)
+    lies = proposal.cause.kind == Kind.LIES
+    run = Runner(proposal.cause, onset, kicks, begins, state, score, lies)
+    child = _branch_hypothesis(parent, run, log_prior, params.joint, make_origin(parent, alarm))
     if onset == begins:
         return child
     later_s = (alarm.states[place + 1].time_s - state.time_s) * (onset - begins) / apart
@@ -327,37 +326,37 @@ def _make_child(
     return child._replace(events=(*child.events[:-1], event))
 
 
-def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
+def make_origin(hypothesis: Hypothesis, alarm: Alarm) -> Origin:
     """Makes the origin of an alarm's proposals: the parent hypothesis, and the onsets of its first-order test."""
     screen = alarm.screen
-    parent = each._replace(watch=None, origin=None, review=None)
+    parent = hypothesis._replace(watch=None, origin=None, review=None)
     return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
 
 
 def _branch_hypothesis(
-    each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None
+    parent: Hypothesis, runner: Runner, log_prior: float, params: JointParams, origin: Origin | None = None
 ) -> Hypothesis:
     """Makes a child hypothesis with one more event, that begins with the filter state at its onset."""
-    opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
+    opened_at, walks, state = parent.opened_at.copy(), parent.walks.copy(), runner.state
     slots = state.slot_jet.copy()
-    for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
+    for way in runner.cause.failures if runner.cause.kind == Kind.JETS else ():
         slot = failure_slot(state._replace(slot_jet=slots), *way)
         known = slots[slot] >= 0
         slots[slot] = way[0]
         opened_at[slot] = state.mean[params.places.force + slot] if known else np.nan
-        if known and sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+        if known and sum(way in event.cause.failures for event in parent.events) >= INTERMITTENT_AFTER:
             walks[slot] = ANEW
-    event = Event(run.cause, state.time_s, run.score)
+    event = Event(runner.cause, state.time_s, runner.score)
     return Hypothesis(
-        run,
-        (*each.events, event),
-        each.prior + prior,
+        runner,
+        (*parent.events, event),
+        parent.prior + log_prior,
         opened_at,
         walks,
-        decided=each.decided,
-        push=each.push,
-        earlier=state if run.cause.kind == Kind.JUMP else each.earlier,
-        jumped=run.share if run.cause.kind == Kind.JUMP else each.jumped,
+        decided=parent.decided,
+        push=parent.push,
+        earlier=state if runner.cause.kind == Kind.JUMP else parent.earlier,
+        jumped=runner.share if runner.cause.kind == Kind.JUMP else parent.jumped,
         origin=origin,
     )
 
@@ -365,59 +364,59 @@ def _branch_hypothesis(
 INTERMITTENT_AFTER = 3  # changes, from which on anything is expected of a force at every interval
 
 
-def _may_drift(one: Contender, known: Array, params: Params) -> bool:
+def _may_drift(proposal: Contender, slot_forces: Array, params: Params) -> bool:
     """Tests whether a proposal is a single jet's new failure, whose force may grow slowly from nothing."""
-    cause = one.cause
+    cause = proposal.cause
     if cause.kind != Kind.JETS or len(cause.jets) != 1:
         return False
     column = cause.jets[0] + (params.joint.places.jets if cause.signs[0] < 0 else 0)
-    return bool(known[column] == 0.0 and params.priors.drifting > 0.0)
+    return bool(slot_forces[column] == 0.0 and params.priors.drifting > 0.0)
 
 
-def _make_drifting_child(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
+def _make_drifting_child(parent: Hypothesis, proposal: Contender, alarm: Alarm, params: Params) -> Hypothesis:
     """Makes the child hypothesis in which the proposal's failed jet drifts: its force grows slowly from nothing."""
-    priors, place = params.priors, alarm.screen.onsets.index(one.onset)
+    priors, place = params.priors, alarm.screen.onsets.index(proposal.onset)
     seconds = _onset_span_s(alarm, place)
-    rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
+    rate = priors.jet_per_hour * float(params.rates[proposal.cause.jets[0]])
     prior = log_event_probability(rate, seconds) + math.log(priors.drifting)
-    start = DRIFT * seconds * float(params.joint.thrusts[one.cause.jets[0]])
+    start = DRIFT * seconds * float(params.joint.thrusts[proposal.cause.jets[0]])
     onset = alarm.screen.onsets[place]
-    run = Runner(one.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
-    child = _branch_hypothesis(each, run, prior, params.joint)
+    run = Runner(proposal.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
+    child = _branch_hypothesis(parent, run, prior, params.joint)
     walks = child.walks.copy()
-    walks[failure_slot(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
+    walks[failure_slot(run.state, proposal.cause.jets[0], proposal.cause.signs[0])] = DRIFT
     return child._replace(walks=walks)
 
 
-def _make_pushed_child(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
+def _make_pushed_child(parent: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
     """Makes the child hypothesis that an unknown wrench pushes the vehicle from the alarm's first onset on."""
     onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
     prior = log_event_probability(params.priors.unknown_per_hour, _onset_span_s(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
-    return _branch_hypothesis(each, run, prior, params.joint)._replace(push=push)
+    return _branch_hypothesis(parent, run, prior, params.joint)._replace(push=push)
 
 
-def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+def _propose_disturbances(
+    parent: Hypothesis, alarm: Alarm, log_weight: float, cycle: int, params: Params
+) -> list[Birth]:
     """Proposes slow disturbances that the scenario does not state, stronger than the hypothesis has already.
 
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
     s << 1, and s of it for s >> 1 (Kalata 1984, the tracking index).
-
-    Args: as of `_propose_component_faults`.
     """
-    joint, seconds = params.joint, each.watch.records[-1].link.duration_s
+    joint, seconds = params.joint, parent.watch.records[-1].link.duration_s
     unit = np.sqrt(np.sum(joint.unstated**2, axis=1)) * seconds / reading_sigmas(joint)
     prior = math.log(params.priors.disturbed / len(STIRS))
-    now, found = each.run.state, list[Birth]()
+    now, found = parent.run.state, list[Birth]()
     by_now = _following_cost(now.stir, now.stir_s, unit, seconds)
     sudden = log_event_probability(_JUMPS_PER_HOUR, _onset_span_s(alarm, 0))
     begins = [(alarm.screen.onsets[0], alarm.states[0], alarm.scores[0], 1.0)]
     if cycle - alarm.cycle >= 2 * _LATER:
-        bank = each.watch.bank
+        bank = parent.watch.bank
         place = min(int(np.searchsorted(bank.since.cycles, cycle - _BEFORE)), len(bank.states) - 1)
         onset = int(bank.since.cycles[place])
-        begins.append((onset, bank.states[place], each.watch.records[onset - cycle - 1].score, 0.0))
+        begins.append((onset, bank.states[place], parent.watch.records[onset - cycle - 1].score, 0.0))
     for stir in stronger_disturbances(now, joint):
         each_sample = _following_cost(*STIRS[stir], unit, seconds) - by_now
         for since, state, score, jumps in begins:
@@ -425,18 +424,18 @@ def _propose_disturbances(each: Hypothesis, alarm: Alarm, entry: float, cycle: i
             if same if jumps == 0.0 else not same and stir // 2 % 2 > 0:  # what begins at once, level by decade
                 continue
             run = Runner(Cause(Kind.WANDER, component=stir), since, (), since, state, score, share=jumps)
-            child = _branch_hypothesis(each, run, prior + (sudden if jumps > 0.0 else 0.0), joint)
-            found.append(Birth(child, entry + child.prior - each_sample * (cycle - since), None, _NEARER))
+            child = _branch_hypothesis(parent, run, prior + (sudden if jumps > 0.0 else 0.0), joint)
+            found.append(Birth(child, log_weight + child.prior - each_sample * (cycle - since), None, _NEARER))
     return found
 
 
-def _following_cost(level: float, constant_s: float, unit: Array, seconds: float) -> float:
+def _following_cost(level: float, time_constant_s: float, increment: Array, duration_s: float) -> float:
     """Computes the log-likelihood cost of estimating an acceleration that walks randomly, nats a sample."""
-    walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
+    walked = level * increment * math.sqrt(2.0 * duration_s / time_constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 
 
-def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
+def _propose_jumps(parent: Hypothesis, alarm: Alarm, log_weight: float, params: Params) -> list[Birth]:
     """Proposes jumps of the mass properties, of several sizes, at each onset of an alarm.
 
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
@@ -449,43 +448,45 @@ def _propose_jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params)
         for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
             prior = log_jump_probability(_onset_span_s(alarm, place), params.priors)
             run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
-            child = _branch_hypothesis(each, run, prior, params.joint)
-            found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))
+            child = _branch_hypothesis(parent, run, prior, params.joint)
+            found.append(Birth(child, log_weight + lead + child.prior - parent.prior, None, _NEAR))
     return found
 
 
-def _propose_component_faults(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+def _propose_component_faults(
+    parent: Hypothesis, alarm: Alarm, log_weight: float, cycle: int, params: Params
+) -> list[Birth]:
     """Proposes wrong wheel speeds, a jump of a single tracker's attitude, and engine failures at each onset.
 
     Of several trackers one that jumps contradicts the others, and lies.
     """
     joint, found = params.joint, list[Birth]()
-    places, inverse = joint.places, each.run.state.mean[:6][ELEMENT]
+    places, inverse = joint.places, parent.run.state.mean[:6][ELEMENT]
     finest = float(np.sqrt(joint.variances[: 3 * places.gyros].min(initial=np.inf)))
     causes, rare = [], params.priors.reading_per_hour
     for wheel in range(places.wheels):
-        if math.isnan(each.run.state.assumed[wheel]):
-            wide = largest_wheel_turn(wheel, inverse, each.watch.records[-1].link.duration_s, joint.wheels) / finest
+        if math.isnan(parent.run.state.assumed[wheel]):
+            wide = largest_wheel_turn(wheel, inverse, parent.watch.records[-1].link.duration_s, joint.wheels) / finest
             causes.append((Cause(Kind.SPEED, component=places.outputs + wheel), rare, 0.0, math.log1p(wide)))
     if places.trackers == 1:
         wide = TURNED / math.sqrt(float(joint.trackers.variances[0]))
         causes.append((Cause(Kind.TURN, component=places.outputs + places.wheels), rare, 3.0 * math.log1p(wide), 0.0))
     rate = params.priors.jet_per_hour
-    causes += [(cause, rate, spent, 0.0) for cause, spent in _propose_engine_faults(each, finest, joint)]
+    causes += [(cause, rate, spent, 0.0) for cause, spent in _propose_engine_faults(parent, finest, joint)]
     for cause, per_hour, at_once, by_sample in causes:
         for place, onset in enumerate(alarm.screen.onsets):
             state, score = alarm.states[place], alarm.scores[place]
             prior = log_event_probability(per_hour, _onset_span_s(alarm, place))
-            child = _branch_hypothesis(each, Runner(cause, onset, (), onset, state, score), prior, joint)
+            child = _branch_hypothesis(parent, Runner(cause, onset, (), onset, state, score), prior, joint)
             spent = at_once + by_sample * (cycle - onset)
-            found.append(Birth(child, entry + child.prior - spent, None, _NEAR))
+            found.append(Birth(child, log_weight + child.prior - spent, None, _NEAR))
     return found
 
 
-def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
+def _propose_engine_faults(parent: Hypothesis, gyro_sigma: float, params: JointParams) -> list[tuple[Cause, float]]:
     """Lists failures of the engines that burn, as pairs of cause and cost in log likelihood, nats."""
-    burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
-    inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
+    burn, mean, found = parent.watch.records[-1].sample.burn, parent.run.state.mean, list[tuple[Cause, float]]()
+    inverse, seconds = mean[:6][ELEMENT], parent.watch.records[-1].link.duration_s
     for engine, points in enumerate(burn.points):
         if not points[:, 0].any():
             continue
@@ -495,15 +496,15 @@ def _propose_engine_faults(each: Hypothesis, finest: float, params: JointParams)
         opened = [STUCK_THRUST * given.along[0], *by_angles]
         for channel, force in enumerate(opened):
             place = params.places.wheels + N_CHANNELS * engine + channel
-            if force.any() and math.isnan(each.run.state.assumed[place]):
+            if force.any() and math.isnan(parent.run.state.assumed[place]):
                 turned = float(np.linalg.norm(inverse @ np.cross(arm, full * force)))
                 component = first_engine_index(params.places) + N_CHANNELS * engine + channel
-                found.append((Cause(Kind.ENGINE, component=component), math.log1p(turned / finest)))
+                found.append((Cause(Kind.ENGINE, component=component), math.log1p(turned / gyro_sigma)))
     return found
 
 
-def end_push(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
+def end_push(parent: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
     """Makes the child hypothesis in which an unknown push ends with the newest sample."""
-    run = each.run
+    run = parent.run
     fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
-    return _branch_hypothesis(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)
+    return _branch_hypothesis(parent, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults.alarms import Alarm, Rest
-from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, force_change_shares
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, force_walk_sigmas
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, rank_proposals
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -53,15 +53,20 @@ class Review(NamedTuple):
     rest: Rest | None = None
 
 
-def is_reviewable(each: Hypothesis) -> bool:
+def is_reviewable(hypothesis: Hypothesis) -> bool:
     """Tests whether a hypothesis's newest event can be reviewed: a jet failure with constant forces."""
-    return each.origin is not None and each.run.cause.kind == Kind.JETS and each.run.age > 0 and not each.walks.any()
+    return (
+        hypothesis.origin is not None
+        and hypothesis.run.cause.kind == Kind.JETS
+        and hypothesis.run.age > 0
+        and not hypothesis.walks.any()
+    )
 
 
-def begin_review(each: Hypothesis, params: JointParams) -> Review:
+def begin_review(hypothesis: Hypothesis, params: JointParams) -> Review:
     """Begins the test of alternatives to a hypothesis's newest event, at the first onset of its origin."""
-    origin: Origin = each.origin
-    run = each.run
+    origin: Origin = hypothesis.origin
+    run = hypothesis.run
     state, first = origin.states[0], origin.onsets[0]
     screen = screens.begin_screen((state, first), origin.onsets, origin.gaps, origin.read, params)
     return Review(
@@ -71,19 +76,22 @@ def begin_review(each: Hypothesis, params: JointParams) -> Review:
     )
 
 
-def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: Link, params: JointParams) -> Review:
+def advance_review(
+    review: Review, hypothesis: Hypothesis, sample: JointSample, interval: Link, params: JointParams
+) -> Review:
     """Advances the test of alternatives to a hypothesis's newest event by one sample.
 
-    Args:
-        over: the cycle of any filter that is near.
-
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     run = review.run
-    before, likelihood = prepare_cycle(run, sample, over, force_change_shares(each, over.duration_s), 0.0, params)
+    before, likelihood = prepare_cycle(
+        run, sample, interval, force_walk_sigmas(hypothesis, interval.duration_s), 0.0, params
+    )
     before = before._replace(
-        slot_on_top=np.where(before.slot_jet == each.run.state.slot_jet, each.run.state.slot_on_top, before.slot_on_top)
+        slot_on_top=np.where(
+            before.slot_jet == hypothesis.run.state.slot_jet, hypothesis.run.state.slot_on_top, before.slot_on_top
+        )
     )
     after, report = step(before, sample, params)
     score = run.score.plus(Score(likelihood, 0.0, 0.0)).plus(cycle_score(report))
@@ -91,45 +99,41 @@ def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: 
     return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
 
 
-def is_force_significant(review: Review, each: Hypothesis, params: JointParams) -> bool:
+def is_force_significant(review: Review, hypothesis: Hypothesis, params: JointParams) -> bool:
     """Tests whether the forces of the newest event differ significantly from the forces before it.
 
     Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
     """
-    _, posterior = _event_force_density(review, each, params)
+    _, posterior = _event_force_density(review, hypothesis, params)
     return posterior < -_NEAR
 
 
 def draw_alternatives(
-    review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
+    review: Review, hypothesis: Hypothesis, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None.
-
-    Args:
-        among: all hypotheses that there are.
-    """
-    origin: Origin = each.origin
-    if each.weight > max(other.weight for other in among) - _NEAR:
+    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None."""
+    origin: Origin = hypothesis.origin
+    if hypothesis.weight > max(other.weight for other in hypotheses) - _NEAR:
         review = review._replace(calm=(review.run.score.likelihood, review.screen.misfit))
-    of_forces, posterior = _event_force_density(review, each, params.joint)
+    of_forces, posterior = _event_force_density(review, hypothesis, params.joint)
     screen = screens.condition_screen(review.screen, *of_forces)
     level = review.calm[0] - 0.5 * (review.screen.misfit - review.calm[1]) + posterior
     alarm = Alarm(origin.cycle, origin.states, origin.scores, screen, origin.read)
-    births, rest = rank_proposals(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
+    births, rest = rank_proposals(origin.parent, alarm, level + origin.parent.prior, hypotheses, params, error=0.0)
     return review, births, rest
 
 
 def _event_force_density(
-    review: Review, each: Hypothesis, params: JointParams
+    review: Review, hypothesis: Hypothesis, params: JointParams
 ) -> tuple[tuple[np.ndarray, Array, Array], float]:
     """Returns state rows, deviation and covariance of the newest event's forces, and a log density ratio, nats.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """
-    state, cause = review.run.state, each.run.cause
+    state, cause = review.run.state, hypothesis.run.cause
     slots = np.array([failure_slot(state, *way) for way in zip(cause.jets, cause.signs, strict=True)])
     rows = params.places.force + slots
-    before: Array = np.nan_to_num(each.opened_at[slots])
+    before: Array = np.nan_to_num(hypothesis.opened_at[slots])
     away, half = before - state.mean[rows], state.root[rows]
     covariance = half @ half.T
     _, volume = np.linalg.slogdet(covariance)

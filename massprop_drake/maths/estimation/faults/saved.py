@@ -25,8 +25,8 @@ _NAME = "hypothesis_detector"
 class _Writer:
     """Numbers written one after the other."""
 
-    def __init__(self, places: Places):
-        self._places, self.numbers = places, list[Array]()
+    def __init__(self, layout: Places):
+        self._places, self.numbers = layout, list[Array]()
 
     def put(self, *values: float) -> None:
         """Appends numbers to the vector."""
@@ -57,8 +57,8 @@ class _Reader:
         ValueError: where numbers are missing, or no count is where one must be.
     """
 
-    def __init__(self, vector: Array, places: Places):
-        self._vector, self._places, self._at = vector, places, 0
+    def __init__(self, vector: Array, layout: Places):
+        self._vector, self._places, self._at = vector, layout, 0
 
     def take(self, count: int) -> Array:
         """Reads so many numbers, shape (count,); raises ValueError where the vector ends too soon."""
@@ -78,10 +78,10 @@ class _Reader:
             raise ValueError(f"{_NAME}: counts must be whole numbers, zero or positive")
         return int(value)
 
-    def index(self, least: int, most: int) -> int:
+    def index(self, minimum: int, maximum: int) -> int:
         """Reads the next number as an integer within bounds; raises ValueError where it is none."""
         value = self.number()
-        if not (least <= value <= most and value == round(value)):
+        if not (minimum <= value <= maximum and value == round(value)):
             raise ValueError(f"{_NAME}: an index is out of its range")
         return int(value)
 
@@ -89,9 +89,9 @@ class _Reader:
         """Reads the next list of numbers, stored after its count."""
         return tuple(self.take(self.count()).tolist())
 
-    def whole(self, least: int, most: int) -> tuple[int, ...]:
+    def integers(self, minimum: int, maximum: int) -> tuple[int, ...]:
         """Reads the next list of integers within bounds, stored after its count."""
-        return tuple(self.index(least, most) for _ in range(self.count()))
+        return tuple(self.index(minimum, maximum) for _ in range(self.count()))
 
     def state(self) -> JointState | None:
         """Reads the next filter state, or None where none was stored; raises ValueError for an impossible one."""
@@ -109,7 +109,7 @@ class _Reader:
     def cause(self) -> Cause:
         """Reads the next cause of a fault; raises ValueError for an impossible one."""
         kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
-        jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
+        jets, signs, on_top = self.integers(0, self._places.jets - 1), self.integers(-1, 1), self.integers(0, 1)
         if not len(jets) == len(signs) == len(on_top) or 0 in signs:
             raise ValueError(f"{_NAME}: a failure must be of a jet, too much or too little")
         return Cause(kind, jets, signs, on_top, component)
@@ -123,78 +123,82 @@ class _Reader:
         return self._at == self._vector.size
 
 
-def pack_tree(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
+def pack_tree(tree: Tree, verdicts: Verdicts, layout: Places) -> Array:
     """Packs fault hypotheses and declarations into one vector, see `unpack_tree`."""
-    to = _Writer(places)
+    writer = _Writer(layout)
     possible = [each for each in tree.hypotheses if math.isfinite(each.weight)]  # others are kept for their banks alone
-    to.put(tree.cycle, len(possible))
+    writer.put(tree.cycle, len(possible))
     for each in possible:
         run = each.run
-        to.put(each.prior, each.push, each.weight, run.onset, run.cycle, float(run.lying), run.share, run.lie)
-        to.put(each.jumped, *run.score)
-        to.put_all(sorted(each.decided))
-        to.put(*each.opened_at, *each.walks)
-        to.put_state(run.state)
-        to.put_state(each.earlier)
+        writer.put(each.prior, each.push, each.weight, run.onset, run.cycle, float(run.lying), run.share, run.lie)
+        writer.put(each.jumped, *run.score)
+        writer.put_all(sorted(each.decided))
+        writer.put(*each.opened_at, *each.walks)
+        writer.put_state(run.state)
+        writer.put_state(each.earlier)
         for pairs in (run.kicks, run.expected):
-            to.put(len(pairs))
+            writer.put(len(pairs))
             for pair in pairs:
-                to.put_all(pair)
-        to.put(len(each.events))
+                writer.put_all(pair)
+        writer.put(len(each.events))
         for event in each.events:
-            to.put_cause(event.cause)
-            to.put(event.onset_s, *event.score)
-    to.put(len(verdicts.jets))
+            writer.put_cause(event.cause)
+            writer.put(event.onset_s, *event.score)
+    writer.put(len(verdicts.jets))
     for one in verdicts.jets:
-        to.put(*one.way, one.force, one.sigma, one.changes)
-    to.put(len(verdicts.others))
+        writer.put(*one.way, one.force, one.sigma, one.changes)
+    writer.put(len(verdicts.others))
     for part in sorted(verdicts.others):
-        to.put(*part)
-    to.put(len(verdicts.groups))
+        writer.put(*part)
+    writer.put(len(verdicts.groups))
     for group in sorted(verdicts.groups, key=sorted):
-        to.put_all(number for way in sorted(group) for number in way)
-    to.put_state(verdicts.earlier)
-    return np.concatenate(to.numbers)
+        writer.put_all(number for way in sorted(group) for number in way)
+    writer.put_state(verdicts.earlier)
+    return np.concatenate(writer.numbers)
 
 
-def unpack_tree(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
+def unpack_tree(vector: Array, layout: Places) -> tuple[Tree, Verdicts]:
     """Unpacks fault hypotheses and declarations from a vector: the inverse of `pack_tree`.
 
     Raises:
         ValueError: when no run can have left such a vector.
     """
-    of = _Reader(vector, places)
-    cycle = of.index(0, _LATEST)
-    hypotheses = tuple(_read_hypothesis(of, cycle, places) for _ in range(of.count()))
+    reader = _Reader(vector, layout)
+    cycle = reader.index(0, _LATEST)
+    hypotheses = tuple(_read_hypothesis(reader, cycle, layout) for _ in range(reader.count()))
     jets = tuple(
-        Declared((of.index(0, places.jets - 1), of.index(-1, 1)), of.number(), of.number(), of.count())
-        for _ in range(of.count())
+        Declared(
+            (reader.index(0, layout.jets - 1), reader.index(-1, 1)), reader.number(), reader.number(), reader.count()
+        )
+        for _ in range(reader.count())
     )
-    others = frozenset((Kind(of.index(0, len(Kind) - 1)), of.index(-1, _MOST), of.count()) for _ in range(of.count()))
+    others = frozenset(
+        (Kind(reader.index(0, len(Kind) - 1)), reader.index(-1, _MOST), reader.count()) for _ in range(reader.count())
+    )
     groups = []
-    for _ in range(of.count()):
-        flat = of.whole(-1, places.jets - 1)
+    for _ in range(reader.count()):
+        flat = reader.integers(-1, layout.jets - 1)
         if len(flat) % 2:
             raise ValueError(f"{_NAME}: a group must be of jets and signs")
         groups.append(frozenset(zip(flat[::2], flat[1::2], strict=True)))
-    verdicts = Verdicts(jets, others, groups=frozenset(groups), earlier=of.state())
-    if not of.ended():
+    verdicts = Verdicts(jets, others, groups=frozenset(groups), earlier=reader.state())
+    if not reader.ended():
         raise ValueError(f"{_NAME}: goes on where it should end")
     return Tree(cycle, hypotheses), verdicts
 
 
-def _read_hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
+def _read_hypothesis(reader: _Reader, cycle: int, layout: Places) -> Hypothesis:
     """Reads one fault hypothesis; raises ValueError for values that no run leaves."""
-    prior, push, weight = of.take(3).tolist()
-    onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
-    share, lie = of.take(2).tolist()
-    jumped, score, decided = of.number(), of.score(), frozenset(of.whole(0, places.jets - 1))
-    opened_at, walks = of.take(places.n_force), of.take(places.n_force)
-    state, earlier = of.state(), of.state()
+    prior, push, weight = reader.take(3).tolist()
+    onset, now, lying = reader.index(0, cycle), reader.index(cycle, cycle), reader.index(0, 1)
+    share, lie = reader.take(2).tolist()
+    jumped, score, decided = reader.number(), reader.score(), frozenset(reader.integers(0, layout.jets - 1))
+    opened_at, walks = reader.take(layout.n_force), reader.take(layout.n_force)
+    state, earlier = reader.state(), reader.state()
     if state is None:
         raise ValueError(f"{_NAME}: a hypothesis must have a state")
-    kicks, expected = (tuple(of.all() for _ in range(of.count())) for _ in range(2))
-    events = tuple(Event(of.cause(), of.number(), of.score()) for _ in range(of.count()))
+    kicks, expected = (tuple(reader.all() for _ in range(reader.count())) for _ in range(2))
+    events = tuple(Event(reader.cause(), reader.number(), reader.score()) for _ in range(reader.count()))
     if not (np.isfinite([prior, push, weight, share, jumped, *score]).all() and (walks >= 0.0).all() and push >= 0.0):
         raise ValueError(f"{_NAME}: must be finite, and pushes and walks zero or positive")
     cause = events[-1].cause if events else NOTHING

@@ -47,28 +47,36 @@ class Screening(NamedTuple):
 
 
 def begin_screening(
-    entry: JointState, about: Array, kept: tuple[Kept, ...], around: tuple[int, int] | None, params: JointParams
+    entry_state: JointState,
+    linearization_point: Array,
+    samples: tuple[Kept, ...],
+    onset_window: tuple[int, int] | None,
+    params: JointParams,
 ) -> Screening:
     """Begins a first-order test of all jets for failures at onsets among the kept samples.
 
     Args:
-        entry: see `Screening`.
-        about: see `Screening`.
-        around: onset about which it looks, and samples between onsets; None: it looks everywhere.
+        entry_state, linearization_point: see `entry` and `about` of `Screening`.
+        onset_window: onset about which it looks, and samples between onsets; None: it looks everywhere.
     """
-    count, first = len(kept), kept[0].sample
-    middle, gap = around or (0, -(-count // _ONSETS))
+    count, first = len(samples), samples[0].sample
+    middle, gap = onset_window or (0, -(-count // _ONSETS))
     least = middle % gap if middle < gap * (_ONSETS // 2) else middle - gap * (_ONSETS // 2)
     onsets = tuple(range(least, count, gap))[: _ONSETS + 1]
     gaps = tuple(gap if onset > 0 else 1 for onset in onsets)
     read = readings(first.rates, first.velocities, first.attitudes)
-    return Screening(entry, about, entry, screens.begin_screen((entry, 0), onsets, gaps, read, params, single=True))
+    return Screening(
+        entry_state,
+        linearization_point,
+        entry_state,
+        screens.begin_screen((entry_state, 0), onsets, gaps, read, params, single=True),
+    )
 
 
-def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Screening:
+def step_screening(screening: Screening, kept_sample: Kept, params: JointParams) -> Screening:
     """Advances the first-order test of all jets by the next kept sample."""
-    screen, sample = screening.screen, kept.sample
-    if kept.anew:
+    screen, sample = screening.screen, kept_sample.sample
+    if kept_sample.anew:
         state, _ = restart(screening.state, sample, params)
         columns = screen.columns.copy()
         columns[RATE.start : params.places.thrust] = 0.0
@@ -86,12 +94,12 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
     return screening._replace(state=state, screen=screen)
 
 
-def refine_onsets(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
+def refine_onsets(screening: Screening, samples: tuple[Kept, ...], params: JointParams) -> Screening | None:
     """Begins a first-order test with finer onsets about the likeliest; None: they are fine, or no jet is found."""
     found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
     if not found or gap <= _FINE:
         return None
-    finer = begin_screening(screening.entry, screening.about, kept, (found[0].onset, max(1, gap // _FINER)), params)
+    finer = begin_screening(screening.entry, screening.about, samples, (found[0].onset, max(1, gap // _FINER)), params)
     return finer._replace(coarse=tuple(found))
 
 
@@ -108,10 +116,10 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
     return list(found.values())
 
 
-def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...], priors: Priors) -> float:
+def log_prior(proposal: Contender, screening: Screening, samples: tuple[Kept, ...], priors: Priors) -> float:
     """Computes the log prior of a jet's failure at the onsets that the first-order test finds likely, nats."""
-    interval_s = (kept[-1].sample.time_s - screening.entry.time_s) / len(kept)
+    interval_s = (samples[-1].sample.time_s - screening.entry.time_s) / len(samples)
     gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
-    among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]
-    count = sum(gap * math.exp(min(less, 0.0)) for gap, less in among)
-    return log_event_probability(priors.jet_per_hour, interval_s * min(max(count, 1.0), len(kept)))
+    likely = [(gaps.get(onset, 1), lead - proposal.lead) for onset, lead in proposal.at_onsets]
+    count = sum(gap * math.exp(min(less, 0.0)) for gap, less in likely)
+    return log_event_probability(priors.jet_per_hour, interval_s * min(max(count, 1.0), len(samples)))

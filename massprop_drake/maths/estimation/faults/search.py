@@ -126,24 +126,21 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 
 
 def advance_search(
-    search: StartSearch, before: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
+    search: StartSearch, state: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Keeps a sample of the initialization, and advances the search for faults once readings contradict it.
-
-    Args:
-        before: the filter's state before it.
 
     Returns:
         The search, and once passes have gone over all samples, the hypotheses within 30 nats of the likeliest, which
         comes first; keeping then begins anew.
     """
-    if not search.under_way or not before.started or params.places.n_force == 0:
+    if not search.under_way or not state.started or params.places.n_force == 0:
         return search, ()
     if search.until == 0 and len(search.kept) >= LONGEST * params.rates.steps:
         return OVER, ()
     if report.rotation_known and not (search.rotation_known or search.contradicted):
         search = BEGUN._replace(rotation_known=True)
-    search = _add_sample(search, before, Kept(sample, report.course is None), params)
+    search = _add_sample(search, state, Kept(sample, report.course is None), params)
     if not search.contradicted and (report.contradicted or report.incremented):
         wide = compress_root(incremented_root(search.beginning.root, params), params.places.thrust)
         entry = search.beginning._replace(root=wide)
@@ -164,12 +161,12 @@ def advance_search(
     return BEGUN, tuple(_make_outcome(each, search, params) for each in near)
 
 
-def _add_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
+def _add_sample(search: StartSearch, state: JointState, kept_sample: Kept, params: JointParams) -> StartSearch:
     """Adds a sample to those kept; drops older ones while no impulse acts and nothing contradicts the filter."""
-    entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
-    acted = search.acted or has_impulse(latest.sample, params)
-    if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
-        entry, kept = before, (latest,)
+    entry, kept = (state if search.entry is None else search.entry), (*search.kept, kept_sample)
+    acted = search.acted or has_impulse(kept_sample.sample, params)
+    if not (acted or search.contradicted) and kept_sample.sample.time_s - entry.time_s > _QUIET_S:
+        entry, kept = state, (kept_sample,)
     return search._replace(entry=entry, kept=kept, acted=acted)
 
 
@@ -246,9 +243,9 @@ def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors,
     return _extend_to_newest(search, priors, params) if final else search
 
 
-def _tried_key(contender: Contender, sure: bool) -> object:
-    """Returns the key of a jet failure among those fitted already: cause and onset, or if `sure` the cause alone."""
-    return contender.cause.key if sure else (contender.cause.key, contender.onset)
+def _tried_key(proposal: Contender, cause_only: bool) -> object:
+    """Returns the key by which a fitted jet failure is found again: its cause and onset, or the cause alone."""
+    return proposal.cause.key if cause_only else (proposal.cause.key, proposal.onset)
 
 
 def _step_one_fit(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:

@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.faults.fault_events import (
     Hypothesis,
     add_interval_noise,
     advance_hypothesis,
-    force_change_shares,
+    force_walk_sigmas,
     log_weight_deficit,
     needs_special_cycle,
     no_fault_hypothesis,
@@ -84,7 +84,7 @@ class Tree(NamedTuple):
 
     @property
     def leader(self) -> Hypothesis:
-        """Likeliest hypothesis."""
+        """Likeliest hypothesis of the tree."""
         return self.hypotheses[0]
 
     def next_state(self, params: Params) -> JointState:
@@ -113,37 +113,33 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
-    over = make_link(evidence.before, report, evidence.sample, params.joint)
-    samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
+    interval = make_link(evidence.before, report, evidence.sample, params.joint)
+    samples = (*tree.samples, (evidence.sample, interval))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
-    stepped = _step_hypotheses(tree.hypotheses, evidence, cycle, params, over)
+    stepped = _step_hypotheses(tree.hypotheses, evidence, cycle, params, interval)
     tree = tree._replace(hypotheses=tuple(_raise_alarms(stepped, before.weight, cycle, params)))
     tree = _advance_reviews(_draw_due_proposals(tree, params), params)
     tree = _replay_proposals(tree, params, starting=report.starting)
     return _record_history(_prune_hypotheses(tree, evidence.sample.time_s, params), before)
 
 
-def tree_from_search(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
-    """Makes the tree of fault hypotheses from the outcomes of a search over the initialization.
-
-    Args:
-        tree: before the newest sample.
-    """
+def tree_from_search(outcomes: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
+    """Makes the tree of fault hypotheses from the outcomes of a search over the initialization."""
     cycle = tree.cycle + 1
     hypotheses = []
-    for one in found:
-        run = Runner(one.cause, 0, (), cycle, one.state, one.score)
-        events = () if one.cause.kind == Kind.NOTHING else (Event(one.cause, one.onset_s, NO_SCORE),)
-        start = no_fault_hypothesis(one.state, cycle, params.joint)
-        hypotheses.append(update_weight(start._replace(run=run, events=events, prior=one.log_prior), params))
-    ordered = sorted(zip(hypotheses, found, strict=True), key=lambda pair: -pair[0].weight)
+    for outcome in outcomes:
+        run = Runner(outcome.cause, 0, (), cycle, outcome.state, outcome.score)
+        events = () if outcome.cause.kind == Kind.NOTHING else (Event(outcome.cause, outcome.onset_s, NO_SCORE),)
+        start = no_fault_hypothesis(outcome.state, cycle, params.joint)
+        hypotheses.append(update_weight(start._replace(run=run, events=events, prior=outcome.log_prior), params))
+    ordered = sorted(zip(hypotheses, outcomes, strict=True), key=lambda pair: -pair[0].weight)
     _, likeliest = ordered[0]
     return Tree(cycle, tuple(each for each, _ in ordered), history=History(likeliest.since_s, likeliest.score))
 
 
 def _step_hypotheses(
-    hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
+    hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, interval: Link
 ) -> list[Hypothesis]:
     """Advances and weights all hypotheses by one sample; the first uses the main filter's own cycle if plain."""
     joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
@@ -152,19 +148,19 @@ def _step_hypotheses(
         likely = whole.weight > best - _LIKELY
         for each in split_on_command(whole, sample):
             try:
-                if needs_special_cycle(each, over.duration_s, joint):
+                if needs_special_cycle(each, interval.duration_s, joint):
                     if each.run.lying or each.run.age == 0:
-                        after = advance_hypothesis(each, sample, over, joint, starting=starting)
+                        after = advance_hypothesis(each, sample, interval, joint, starting=starting)
                         found.append(after._replace(watch=None))
                     else:
-                        found.append(_advance_with_kick(each, evidence, cycle, over, joint, likely=likely))
+                        found.append(_advance_with_kick(each, evidence, cycle, interval, joint, likely=likely))
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(advance_watch(each, evidence, cycle, joint, likely=likely))
                 elif each.watch is not None or (place < _WATCHED and likely):
-                    before = add_interval_noise(each, over, joint)
+                    before = add_interval_noise(each, interval, joint)
                     found.append(_advance_from_state(before, each, evidence, cycle, joint, likely=likely))
                 else:
-                    found.append(advance_hypothesis(each, sample, over, joint, starting=starting))
+                    found.append(advance_hypothesis(each, sample, interval, joint, starting=starting))
             except NotPositiveDefiniteError:
                 if place == 0:
                     raise
@@ -175,35 +171,35 @@ def _step_hypotheses(
 
 
 def _advance_with_kick(
-    each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
+    hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, interval: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """Advances a hypothesis and its watch soon after a failure's onset, when a further impulse may still act.
 
     What else fails meanwhile is proposed from its own state.
     """
-    erratic = force_change_shares(each, over.duration_s)
-    before, likelihood = prepare_cycle(each.run, evidence.sample, over, erratic, each.push, params)
-    run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
-    return _advance_from_state(before, each._replace(run=run), evidence, cycle, params, likely=likely)
+    erratic = force_walk_sigmas(hypothesis, interval.duration_s)
+    before, likelihood = prepare_cycle(hypothesis.run, evidence.sample, interval, erratic, hypothesis.push, params)
+    run = hypothesis.run._replace(score=hypothesis.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
+    return _advance_from_state(before, hypothesis._replace(run=run), evidence, cycle, params, likely=likely)
 
 
 def _advance_from_state(
-    before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
+    state: JointState, hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """Advances a hypothesis and its watch by a filter cycle that begins with the state passed in."""
-    after, report = step(before, evidence.sample, params)
+    after, report = step(state, evidence.sample, params)
     after = reset_guard(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
-    own = JointEvidence(before, after, report, evidence.sample, False)
-    return advance_watch(each, own, cycle, params, likely=likely)
+    own = JointEvidence(state, after, report, evidence.sample, False)
+    return advance_watch(hypothesis, own, cycle, params, likely=likely)
 
 
-def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
+def _raise_alarms(hypotheses: list[Hypothesis], best_weight: float, cycle: int, params: Params) -> list[Hypothesis]:
     """Adds alarms to hypotheses that were likely before the newest sample and have become unlikely with it."""
     now = max(each.weight for each in hypotheses)
     return [
         raise_alarm(each, cycle, params.joint)
-        if each.before > best - _LIKELY and (each.weight < now - SURPRISE or likelihood_loss(each) > SURPRISE)
+        if each.before > best_weight - _LIKELY and (each.weight < now - SURPRISE or likelihood_loss(each) > SURPRISE)
         else each
         for each in hypotheses
     ]
@@ -212,12 +208,12 @@ def _raise_alarms(hypotheses: list[Hypothesis], best: float, cycle: int, params:
 def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
     """Adds proposals of every alarm whose draw is due, and hypotheses that an unknown push has ended."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
-    sample, over = tree.samples[-1]
+    sample, interval = tree.samples[-1]
     now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
     for each in tree.hypotheses:
         age = each.run.age
         if each.push > 0.0 and age > 0 and _is_draw_due(age, age - 1):
-            more.append(update_weight(end_push(each, over.duration_s, params.joint), params))
+            more.append(update_weight(end_push(each, interval.duration_s, params.joint), params))
         alarm = each.alarm
         if alarm is None:
             hypotheses.append(each)
@@ -250,22 +246,22 @@ def _is_alarm_exhausted(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
     return alarm.drawn >= 0 and (untold or _is_leader_reviewed(leader, tree))
 
 
-def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
+def _is_reviewed(hypothesis: Hypothesis, tree: Tree) -> bool:
     """Tests whether a likely descendant of a hypothesis has a review, which replaces draws of its own alarm."""
-    n, best = len(each.events), max(other.weight for other in tree.hypotheses)
+    n, best = len(hypothesis.events), max(other.weight for other in tree.hypotheses)
     return any(
         other.review is not None
         and other.review.drawn >= 0
         and other.weight > best - _LIKELY
         and len(other.events) > n
-        and other.events[:n] == each.events
+        and other.events[:n] == hypothesis.events
         for other in tree.hypotheses
     )
 
 
-def _alarm_age(each: Hypothesis, tree: Tree) -> int:
+def _alarm_age(hypothesis: Hypothesis, tree: Tree) -> int:
     """Returns the number of cycles since the alarm of a hypothesis; -1: it has none."""
-    return -1 if each.alarm is None else tree.cycle - each.alarm.cycle
+    return -1 if hypothesis.alarm is None else tree.cycle - hypothesis.alarm.cycle
 
 
 def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
@@ -273,9 +269,9 @@ def _is_leader_reviewed(leader: Hypothesis, tree: Tree) -> bool:
     return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
 
 
-def _is_draw_due(age: int, drawn: int) -> bool:
-    """Tests whether a draw is due at an age, given the age of the last, in cycles: one at 0, 1, 2, 4, 8 ..."""
-    return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
+def _is_draw_due(age: int, last_draw_age: int) -> bool:
+    """Tests whether proposals are due to be drawn, at ages of 0, 1, 2, 4, 8 ... cycles, given the last draw's."""
+    return age >= 0 and (1 << age.bit_length()) >> 1 > last_draw_age
 
 
 def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
@@ -286,9 +282,9 @@ def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
     return tuple(each for each in tree.hypotheses if each.weight > leader.weight - _BEHIND)
 
 
-def is_likely(each: Hypothesis, tree: Tree) -> bool:
+def is_likely(hypothesis: Hypothesis, tree: Tree) -> bool:
     """Tests whether a hypothesis's log weight is near that of the likeliest."""
-    return each.weight > tree.leader.weight - _LIKELY
+    return hypothesis.weight > tree.leader.weight - _LIKELY
 
 
 def relative_log_weights(tree: Tree) -> Leads:
@@ -318,8 +314,8 @@ def _advance_reviews(tree: Tree, params: Params) -> Tree:
         if tree.cycle - review.run.cycle > len(tree.samples):
             continue
         for _ in range(min(tree.cycle - review.run.cycle, _CATCH_UP)):
-            sample, over = tree.samples[review.run.cycle - tree.cycle]
-            review = reviews.advance_review(review, each, sample, over, params.joint)
+            sample, interval = tree.samples[review.run.cycle - tree.cycle]
+            review = reviews.advance_review(review, each, sample, interval, params.joint)
         age, alarmed = each.run.age, _alarm_age(each, tree)
         due = _is_draw_due(age, review.drawn) or _is_draw_due(alarmed, review.drawn - age + alarmed)
         due = due and left > 0 and review.run.cycle == tree.cycle
@@ -336,13 +332,13 @@ def _advance_reviews(tree: Tree, params: Params) -> Tree:
     return tree._replace(births=_interleave_proposals(births, relative_log_weights(tree)))
 
 
-def _is_rival(birth: Birth, each: Hypothesis) -> bool:
+def _is_rival(proposal: Birth, hypothesis: Hypothesis) -> bool:
     """Tests whether a drawn proposal has another jet failure in place of a hypothesis's newest event."""
-    same = birth.child.events[:-1] == each.events[:-1]
-    return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
+    same = proposal.child.events[:-1] == hypothesis.events[:-1]
+    return proposal.origin != _NO_ROOM and proposal.child.run.cause.kind == Kind.JETS and same
 
 
-def _interleave_proposals(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
+def _interleave_proposals(proposals: Sequence[Birth], log_weights: Leads) -> tuple[Birth, ...]:
     """Orders proposals for their replay: first the best of each draw, then the second of each, and so on.
 
     What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
@@ -351,42 +347,42 @@ def _interleave_proposals(births: Sequence[Birth], leads: Leads) -> tuple[Birth,
     """
     ranks: dict[tuple[object, Kind], int] = {}
     ranked: list[tuple[int, float, int, Birth]] = []
-    for birth in sorted(births, key=lambda birth: -birth.lead(leads) - birth.doubt):
+    for birth in sorted(proposals, key=lambda birth: -birth.log_weight(log_weights) - birth.doubt):
         draw = (birth.origin, birth.child.run.cause.kind)
         ranks[draw] = ranks.get(draw, -1) + 1
-        ranked.append((ranks[draw], -birth.lead(leads) - birth.doubt, len(ranked), birth))
+        ranked.append((ranks[draw], -birth.log_weight(log_weights) - birth.doubt, len(ranked), birth))
     return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 
 def _map_known_proposals(
-    tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]
+    tree: Tree, hypotheses: Sequence[Hypothesis], proposals: Sequence[Birth]
 ) -> dict[object, Birth | None]:
     """Maps keys of present and past hypotheses to None, and keys of waiting proposals to the proposals."""
-    there: dict[object, Birth | None] = {_proposal_onset_key(birth.child): birth for birth in births}
+    there: dict[object, Birth | None] = {_proposal_onset_key(birth.child): birth for birth in proposals}
     return there | dict.fromkeys(map(_proposal_onset_key, hypotheses)) | dict.fromkeys(tree.tried)
 
 
-def _proposal_onset_key(child: Hypothesis) -> tuple[object, int]:
+def _proposal_onset_key(hypothesis: Hypothesis) -> tuple[object, int]:
     """Returns the key that equal proposals share, and the cycle of their onset."""
-    return proposal_key(child), child.run.onset
+    return proposal_key(hypothesis), hypothesis.run.onset
 
 
-def _remove_draw(births: Sequence[Birth], origin: object) -> list[Birth]:
+def _remove_draw(proposals: Sequence[Birth], origin: object) -> list[Birth]:
     """Returns the proposals without those of one draw, identified by its origin."""
-    return [birth for birth in births if birth.origin != origin]
+    return [birth for birth in proposals if birth.origin != origin]
 
 
 def _join_new_draw(
-    others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
+    pending: Sequence[Birth], new: Sequence[Birth], origin: object, known_by_key: Mapping[object, Birth | None]
 ) -> list[Birth]:
     """Adds a draw's new proposals to waiting ones; a proposal that is known already keeps its replay so far."""
-    kept = list(others)
+    kept = list(pending)
     waiting = {_proposal_onset_key(birth.child) for birth in kept}
-    for birth in fresh:
+    for birth in new:
         same = _proposal_onset_key(birth.child)
-        if same in waiting or (same in there and there[same] is None):
+        if same in waiting or (same in known_by_key and known_by_key[same] is None):
             continue
-        known = there.get(same)
+        known = known_by_key.get(same)
         kept.append(birth._replace(child=birth.child if known is None else known.child, origin=origin))
         waiting.add(same)
     return kept
@@ -404,11 +400,11 @@ def _replay_proposals(tree: Tree, params: Params, *, starting: bool) -> Tree:
             continue
         try:
             while left > 0 and child.run.cycle < tree.cycle and log_weight_deficit(child, best) < _BEHIND:
-                sample, over = tree.samples[child.run.cycle - tree.cycle]
+                sample, interval = tree.samples[child.run.cycle - tree.cycle]
                 if child.run.age > 0:
                     child, *twins = split_on_command(child, sample)
                     queue[:0] = [birth._replace(child=twin) for twin in twins]
-                child = advance_hypothesis(child, sample, over, params.joint, starting=starting)
+                child = advance_hypothesis(child, sample, interval, params.joint, starting=starting)
                 left -= 1
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             continue
@@ -450,24 +446,24 @@ def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
     )
     tree = tree._replace(hypotheses=(*order[:_MOST], *roots), births=(*tree.births, *waits))
     births, leads = [_detach_reference(birth, tree) for birth in tree.births], relative_log_weights(tree)
-    return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
+    return tree._replace(births=tuple(one for one in births if one and one.log_weight(leads) + one.doubt > -_BEHIND))
 
 
-def _detach_reference(birth: Birth, tree: Tree) -> Birth | None:
+def _detach_reference(proposal: Birth, tree: Tree) -> Birth | None:
     """Rebases a proposal on the likeliest if its reference is unlikely; None: the leader continues the reference."""
-    than, best = birth.than, tree.leader.weight
+    than, best = proposal.than, tree.leader.weight
     if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
-        return birth
+        return proposal
     if tree.leader.events[: len(than)] == than:
         return None
     before = max(each.before for each in tree.hypotheses)
     lead = max((each.before - before for each in tree.hypotheses if each.events == than), default=0.0)
-    return birth._replace(ahead=birth.ahead + max(lead, -_LIKELY), than=None)
+    return proposal._replace(ahead=proposal.ahead + max(lead, -_LIKELY), than=None)
 
 
-def _record_history(tree: Tree, before: Hypothesis) -> Tree:
-    """Records onset and score of the likeliest history where its events differ from those before the sample."""
-    known, now = before.events, tree.leader.events
+def _record_history(tree: Tree, previous_leader: Hypothesis) -> Tree:
+    """Records onset and score of the likeliest history where its events differ from the previous leader's."""
+    known, now = previous_leader.events, tree.leader.events
     if now == known:
         return tree
     place = next((at for at, event in enumerate(now) if at >= len(known) or event != known[at]), None)

@@ -76,15 +76,15 @@ class Verdicts(NamedTuple):
         return frozenset(one.way for one in self.jets)
 
 
-def probability_above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
+def probability_above_floor(failure: Way, hypothesis: Hypothesis, params: JointParams) -> float:
     """Computes under a hypothesis the probability that a jet's force error exceeds the least failure.
 
     One whose force comes and goes has failed, whatever it gives now.
     """
-    jet, sign = way
-    if sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+    jet, sign = failure
+    if sum(failure in event.cause.failures for event in hypothesis.events) >= INTERMITTENT_AFTER:
         return 1.0
-    force, sigma = force_with_scale(each.run.state, failure_slot(each.run.state, jet, sign), params)
+    force, sigma = force_with_scale(hypothesis.run.state, failure_slot(hypothesis.run.state, jet, sign), params)
     floor = (_LEAST_LOSS if sign < 0 else _LEAST_LEAK) * float(params.thrusts[jet])
     return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
 
@@ -98,7 +98,7 @@ def jet_fault_probabilities(tree: Tree, params: JointParams) -> dict[Way, float]
     return found
 
 
-def other_part_probabilities(tree: Tree) -> dict[Part, float]:
+def other_event_probabilities(tree: Tree) -> dict[Part, float]:
     """Maps events but jet failures, as (kind, component, earlier count), to their posterior probability."""
     found: dict[Part, float] = {}
     for each, share in probabilities(tree):
@@ -123,19 +123,19 @@ def fault_probabilities(tree: Tree, params: JointParams) -> Odds:
             jet, sign = way
             failed[jet] += share * probability_above_floor(way, each, params)
             if share > best[jet]:
-                best[jet], modes[jet] = share, float(mode_of(way, each, params))
+                best[jet], modes[jet] = share, float(jet_fault_mode(way, each, params))
                 force, sigmas[jet] = force_with_scale(each.run.state, failure_slot(each.run.state, jet, sign), params)
                 forces[jet] = sign * force
     return Odds(len(tree.hypotheses), min(none, 1.0), min(unknown, 1.0), np.minimum(failed, 1.0), modes, forces, sigmas)
 
 
-def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
+def jet_fault_mode(failure: Way, hypothesis: Hypothesis, params: JointParams) -> Mode:
     """Returns a failed jet's mode: stuck on or off, leak, loss, drifting or intermittent."""
-    jet, sign = way
-    slot = failure_slot(each.run.state, jet, sign)
-    if each.walks[slot] > 0.0:
-        return Mode.INTERMITTENT if each.walks[slot] == ANEW else Mode.DRIFTING
-    share = force_with_scale(each.run.state, slot, params)[0] / float(params.thrusts[jet])
+    jet, sign = failure
+    slot = failure_slot(hypothesis.run.state, jet, sign)
+    if hypothesis.walks[slot] > 0.0:
+        return Mode.INTERMITTENT if hypothesis.walks[slot] == ANEW else Mode.DRIFTING
+    share = force_with_scale(hypothesis.run.state, slot, params)[0] / float(params.thrusts[jet])
     if sign > 0:
         return Mode.STUCK_ON if share > _STUCK_ON else Mode.LEAK
     return Mode.STUCK_OFF if share > _STUCK_OFF else Mode.LOSS
@@ -146,55 +146,57 @@ def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Ver
     if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
         return Verdicts(others=verdicts.others), ()
     joint = params.joint
-    jets, others = jet_fault_probabilities(tree, joint), other_part_probabilities(tree)
-    verdicts, said = _withdraw_unlikely(verdicts, jets, tree)
-    open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
-    new = open_to | {part: share for part, share in others.items() if part not in verdicts.others}
+    jets, others = jet_fault_probabilities(tree, joint), other_event_probabilities(tree)
+    verdicts, declarations = _withdraw_unlikely(verdicts, jets, tree)
+    undeclared = {way: share for way, share in jets.items() if way not in verdicts.ways}
+    new = undeclared | {part: share for part, share in others.items() if part not in verdicts.others}
     for part, share in new.items():
         enough = _declaration_threshold(part, params.priors)
         if share >= enough and share * (1.0 - pending_probability(part, tree)) >= enough:
-            verdicts, more = _declare_part(part, verdicts, tree, joint)
-            said += more
-    verdicts, more = _declare_group(verdicts, open_to, tree, params)
-    said += more
+            verdicts, more = _declare_event(part, verdicts, tree, joint)
+            declarations += more
+    verdicts, more = _declare_group(verdicts, undeclared, tree, params)
+    declarations += more
     if _is_settled(tree, joint):
         verdicts, more = _declare_updates(verdicts, tree, joint)
-        said += more
-    return verdicts, tuple(said)
+        declarations += more
+    return verdicts, tuple(declarations)
 
 
-def _declaration_threshold(part: Part, priors: Priors) -> float:
+def _declaration_threshold(event_key: Part, priors: Priors) -> float:
     """Returns the posterior probability at which an event is declared: larger for frequent events."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
     rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
-    return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
+    return 1.0 - priors.doubt(max(rates.get(event_key[0], 0.0), priors.jet_per_hour))
 
 
-def pending_probability(part: Part | frozenset[Way], tree: Tree) -> float:
+def pending_probability(event_key: Part | frozenset[Way], tree: Tree) -> float:
     """Bounds, to first order, the probability of pending proposals that lack an event about to be declared.
 
     Args:
-        part: a part; or jets, of which one is enough.
+        event_key: an event; or jet failures, of which one is enough.
     """
-    total, leads = _waiting_odds(tree, lambda child: not _has_part(part, child)), relative_log_weights(tree)
+    total, leads = _waiting_odds(tree, lambda child: not _has_event(event_key, child)), relative_log_weights(tree)
     for each in hypotheses_with_draws(tree):
         draws = (each.alarm, each.review if is_likely(each, tree) else None)
-        total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
+        total += sum(math.exp(min(one.rest.log_weight(leads), 0.0)) for one in draws if one and one.rest)
         total += float(each.alarm is not None and each.alarm.drawn < 0)
     return total / (1.0 + total)
 
 
-def _waiting_odds(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
+def _waiting_odds(tree: Tree, accept: Callable[[Hypothesis], bool]) -> float:
     """Sums the first-order odds, against the likeliest, of waiting proposals whose hypothesis passes a test."""
     leads = relative_log_weights(tree)
-    return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
+    return sum(
+        math.exp(min(birth.log_weight(leads) + birth.doubt, 0.0)) for birth in tree.births if accept(birth.child)
+    )
 
 
-def _has_part(part: Part | frozenset[Way], each: Hypothesis) -> bool:
+def _has_event(event_key: Part | frozenset[Way], hypothesis: Hypothesis) -> bool:
     """Tests whether a hypothesis's history has an event, or any of a set of jet failures."""
-    if isinstance(part, frozenset):
-        return bool(part & each.ways)
-    return part in each.ways or part in each.parts
+    if isinstance(event_key, frozenset):
+        return bool(event_key & hypothesis.ways)
+    return event_key in hypothesis.ways or event_key in hypothesis.parts
 
 
 def _is_settled(tree: Tree, params: JointParams) -> bool:
@@ -202,40 +204,40 @@ def _is_settled(tree: Tree, params: JointParams) -> bool:
     leader = tree.leader
     if leader.watch is None or leader.alarm is not None or tree.births or not tree.samples:
         return False
-    _, over = tree.samples[-1]
-    return not needs_special_cycle(leader, over.duration_s, params)
+    _, interval = tree.samples[-1]
+    return not needs_special_cycle(leader, interval.duration_s, params)
 
 
 def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
     """Withdraws jet failures whose probability is surely below 0.5; returns verdicts and withdrawals."""
     gone = [one for one in verdicts.jets if _bound_probability(one.way, jets.get(one.way, 0.0), tree) < 0.5]
     now_s = tree.leader.run.state.time_s
-    said: list[Declaration] = [
+    declarations: list[Declaration] = [
         JetsDeclared(Word.WITHDRAWN, (one.way[0],), (one.way[1],), (0.0,), (one.sigma,), now_s) for one in gone
     ]
-    return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), said
+    return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), declarations
 
 
-def _bound_probability(way: Way, share: float, tree: Tree) -> float:
+def _bound_probability(failure: Way, probability: float, tree: Tree) -> float:
     """Bounds a jet failure's probability from above, as if all waiting proposals with it came true."""
-    waiting = _waiting_odds(tree, lambda child: way in child.ways) if share < 0.5 else 0.0
-    return (share + waiting) / (1.0 + waiting)
+    waiting = _waiting_odds(tree, lambda child: failure in child.ways) if probability < 0.5 else 0.0
+    return (probability + waiting) / (1.0 + waiting)
 
 
-def _declare_part(
-    part: Part, verdicts: Verdicts, tree: Tree, params: JointParams
+def _declare_event(
+    event_key: Part, verdicts: Verdicts, tree: Tree, params: JointParams
 ) -> tuple[Verdicts, list[Declaration]]:
     """Declares one event of a history; returns the verdicts, and its declaration in a list."""
-    holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
-    if not isinstance(part[0], Kind):
-        way: Way = (part[0], part[1])
+    holder = next(each for each in tree.hypotheses if event_key in each.ways or event_key in each.parts)
+    if not isinstance(event_key[0], Kind):
+        way: Way = (event_key[0], event_key[1])
         event = next(event for event in holder.events if way in event.cause.failures)
         force, sigma = force_with_scale(holder.run.state, failure_slot(holder.run.state, *way), params)
-        said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
-        return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
-    verdicts = verdicts._replace(others=verdicts.others | {part})
-    event = [event for event in holder.events if event.cause.part == part[:2]][part[2]]
-    match part[0]:
+        declaration = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
+        return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [declaration]
+    verdicts = verdicts._replace(others=verdicts.others | {event_key})
+    event = [event for event in holder.events if event.cause.part == event_key[:2]][event_key[2]]
+    match event_key[0]:
         case Kind.JUMP:
             return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
         case Kind.LIES | Kind.SPEED | Kind.TURN | Kind.ENGINE:
@@ -245,27 +247,27 @@ def _declare_part(
                 DisturbanceDeclared(event.onset_s, *unstated_disturbance_sigmas(holder.run.state.stir, params))
             ]
         case _:
-            begins = part[2] % 2 == 0  # pushes begin and end in turn
+            begins = event_key[2] % 2 == 0  # pushes begin and end in turn
             return verdicts, [Unexplained(event.onset_s)] if begins else []
 
 
 def _declare_group(
-    verdicts: Verdicts, open_to: dict[Way, float], tree: Tree, params: Params
+    verdicts: Verdicts, undeclared: dict[Way, float], tree: Tree, params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
     """Declares the smallest set of jets one of which has failed; returns verdicts, and its declaration or none."""
     now_s = tree.leader.run.state.time_s
-    likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
+    likely = sorted(undeclared, key=lambda way: -undeclared[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
     for count in range(2, len(likely) + 1):
-        among = frozenset(likely[:count])
+        candidates = frozenset(likely[:count])
         some = sum(
-            share * max(probability_above_floor(way, each, params.joint) for way in among & each.ways)
+            share * max(probability_above_floor(way, each, params.joint) for way in candidates & each.ways)
             for each, share in probabilities(tree)
-            if among & each.ways and each.run.age > 0
+            if candidates & each.ways and each.run.age > 0
         )
         enough = _declaration_threshold(likely[0], params.priors)
-        if open_to[likely[0]] < enough <= some * (1.0 - pending_probability(among, tree)):
-            group = among
+        if undeclared[likely[0]] < enough <= some * (1.0 - pending_probability(candidates, tree)):
+            group = candidates
             break
     if not group or any(group <= other or other <= group for other in verdicts.groups):
         return verdicts._replace(group=(frozenset(), math.inf)), []
@@ -282,30 +284,30 @@ def _declare_group(
     event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
     apart = _find_separation(ways, [force for force, _ in forces], tree, params.joint)
     jets, signs = zip(*ways, strict=True)
-    said = JetsDeclared(
+    declaration = JetsDeclared(
         Word.GROUP, jets, signs, tuple(one for one, _ in forces), tuple(one for _, one in forces), event.onset_s, apart
     )
-    return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [said]
+    return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [declaration]
 
 
-def _find_separation(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Separation:
+def _find_separation(failures: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Separation:
     """Finds the jet firing or coasting time that would separate a group's jets, by an existing alarm's test."""
     alarm = next((each.alarm for each in tree.hypotheses if each.alarm), None)
     if alarm is None:
         return Separation()
-    members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
+    members = [(jet, sign, force) for (jet, sign), force in zip(failures, forces, strict=True)]
     return find_separation(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
 
 
 def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
     """Declares changed forces, and a jump's size once measured; returns the verdicts and declarations."""
-    leader, said = tree.leader, list[Declaration]()
+    leader, declarations = tree.leader, list[Declaration]()
     now = leader.run.state
     earlier = verdicts.earlier
     if earlier is not None and is_initialized(now, params):
         size = gained_payload(earlier, now, params)
         if size.mass_sigma < _MEASURED * abs(size.mass):
-            said.append(JumpDeclared(True, earlier.time_s, *size))
+            declarations.append(JumpDeclared(True, earlier.time_s, *size))
             earlier = None
     kept = []
     for one in verdicts.jets:
@@ -313,26 +315,28 @@ def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
         kept.append(after)
         if word is not None:
             event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)
-            said.append(JetsDeclared(word, one.way[:1], one.way[1:], (after.force,), (after.sigma,), event.onset_s))
-    return verdicts._replace(jets=tuple(kept), earlier=earlier), said
+            declarations.append(
+                JetsDeclared(word, one.way[:1], one.way[1:], (after.force,), (after.sigma,), event.onset_s)
+            )
+    return verdicts._replace(jets=tuple(kept), earlier=earlier), declarations
 
 
-def _update_declared(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
+def _update_declared(declared: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
     """Updates a declared failure's force; returns it, and the word for its change to declare, or None."""
-    if one.way not in leader.ways:
-        return one, None
+    if declared.way not in leader.ways:
+        return declared, None
     now = leader.run.state
-    slot = failure_slot(now, *one.way)
+    slot = failure_slot(now, *declared.way)
     force, sigma = force_with_scale(now, slot, params)
     if leader.walks[slot] == ANEW:
-        sigma = math.hypot(sigma, float(params.thrusts[one.way[0]]))  # it may give anything at any time
-        erratic = one._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)
-        return erratic, Word.ERRATIC if one.changes < INTERMITTENT_AFTER else None
-    least = max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * float(params.thrusts[one.way[0]]))
-    if abs(force - one.force) > least:
-        changes = one.changes + 1
+        sigma = math.hypot(sigma, float(params.thrusts[declared.way[0]]))  # it may give anything at any time
+        erratic = declared._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)
+        return erratic, Word.ERRATIC if declared.changes < INTERMITTENT_AFTER else None
+    least = max(_SIGNIFICANT * math.hypot(sigma, declared.sigma), _CHANGE * float(params.thrusts[declared.way[0]]))
+    if abs(force - declared.force) > least:
+        changes = declared.changes + 1
         word = Word.ERRATIC if changes == INTERMITTENT_AFTER else Word.CHANGED
-        return one._replace(force=force, sigma=sigma, changes=changes), word
-    if sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
-        return one._replace(force=force, sigma=sigma), None
-    return one, None
+        return declared._replace(force=force, sigma=sigma, changes=changes), word
+    if sigma < 0.5 * declared.sigma:  # the same force, known better: it is what a change is told from
+        return declared._replace(force=force, sigma=sigma), None
+    return declared, None

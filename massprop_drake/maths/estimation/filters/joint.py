@@ -218,9 +218,9 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     return JointFilterParams(joint, setup.period_s, at_stamps, setup.opens_at)
 
 
-def _override_sigmas(one: float | None, each: Array) -> Array:
+def _override_sigmas(value: float | None, sigmas: Array) -> Array:
     """Returns stated sigmas, shape (n,), all replaced by one value where the scenario gives it."""
-    return each if one is None else np.full_like(each, one)
+    return sigmas if value is None else np.full_like(sigmas, value)
 
 
 def _normalize_sigmas(sigmas: Array) -> tuple[float, Array]:
@@ -252,21 +252,21 @@ def initial_state(params: JointFilterParams) -> JointFilterState:
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=shut_engine_settings(places.engines))
 
 
-def _make_filter_state(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
+def _make_filter_state(joint_state: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
     """Makes the filter's state, with the ten parameters' estimate and covariance, from joint state and clock."""
-    estimate, rows = parameters_with_scale(joint, params.joint)
-    return _make_state_of_estimate(joint, clock, estimate, rows @ rows.T, params)
+    estimate, rows = parameters_with_scale(joint_state, params.joint)
+    return _make_state_of_estimate(joint_state, clock, estimate, rows @ rows.T, params)
 
 
 def _make_state_of_estimate(
-    joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
+    joint_state: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
 ) -> JointFilterState:
     """Makes the filter's state from its fields; without accelerometers the mass reciprocal is NaN."""
     if params.joint.places.accelerometers == 0:
         estimate[MASS_RECIPROCAL] = np.nan
         covariance[MASS_RECIPROCAL] = np.nan
         covariance[:, MASS_RECIPROCAL] = np.nan
-    return JointFilterState(joint, clock, estimate, covariance)
+    return JointFilterState(joint_state, clock, estimate, covariance)
 
 
 def disturbance_estimate(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
@@ -285,7 +285,7 @@ def measure(
 
 
 def step(
-    state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
+    state: JointFilterState, rates: Array, velocities: Array, commands: Told, params: JointFilterParams
 ) -> JointMeasurement:
     """Advances the joint filter by the readings of all packages, NaN where missing, shape (s, 3) each.
 
@@ -293,16 +293,16 @@ def step(
         NotPositiveDefiniteError: see `cycle.step`.
     """
     before, steady = state.joint, params
-    acting = told.command != 0.0  # or not known
+    acting = commands.command != 0.0  # or not known
     if state.start.rotation and knows_rotation(before, params.joint, acting):  # what contradicts is for the detector
         steady = params._replace(joint=without_increments(params.joint))
-    made = _run_cycle(state, (rates, velocities), told, steady)
-    if before.guarded and np.isnan(told.command).any():
-        likely = _fill_missing_commands(state.clock, told, steady)
-        if not np.array_equal(likely.command, told.command, equal_nan=True):
+    cycle = _run_cycle(state, (rates, velocities), commands, steady)
+    if before.guarded and np.isnan(commands.command).any():
+        likely = _fill_missing_commands(state.clock, commands, steady)
+        if not np.array_equal(likely.command, commands.command, equal_nan=True):
             other = _run_cycle(state, (rates, velocities), likely, steady)
-            made = other if _is_likelier(other, made) else made
-    (clock, sample, anew, kept), own, report = made
+            cycle = other if _is_likelier(other, cycle) else cycle
+    (clock, sample, anew, kept), own, report = cycle
     start, after = starts.advance_start(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
@@ -315,29 +315,29 @@ def step(
     )
 
 
-def _split_tracked_columns(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
+def _split_tracked_columns(commands: Told, params: JointParams) -> tuple[Array, Array, Array]:
     """Splits tracked readings into quaternions (s, 4), wheel speeds, rad/s, and engine settings (s, 3), rad."""
     places, has = params.places, channel_mask(params.engines)
     poses, engines = 7 * places.trackers, int(has.sum())
-    read = np.full(poses + places.wheels + engines, np.nan) if told.tracked is None else told.tracked
+    read = np.full(poses + places.wheels + engines, np.nan) if commands.tracked is None else commands.tracked
     of_engines, burn = read.size - engines, np.zeros(has.shape)
     burn[has] = read[of_engines:]
     return read[:poses].reshape(-1, 7)[:, 3:], read[of_engines - places.wheels : of_engines], burn
 
 
 def _measure_attitudes(
-    state: JointFilterState, over: Elapsed, read: tuple[Array, Array], params: JointParams
+    state: JointFilterState, elapsed: Elapsed, readings: tuple[Array, Array], params: JointParams
 ) -> tuple[Array, Array]:
     """Returns tracker readings, shape (n_trackers, 3), and the reference attitude at both ends, shape (2, 4).
 
-    `over` is the interval since the cycle before; `read` are readings of the gyros, and quaternions that trackers read.
+    `readings` are of the gyros, and quaternions of the trackers.
     """
-    rates, quaternions = read
+    rates, quaternions = readings
     if params.places.trackers == 0:
         return UNTRACKED, STILL
     before = state.joint.mean[RATE]
     shown = combine_gyros(rates, state.joint.mean, params).rate
-    rate, duration_s = 0.5 * (before + np.where(np.isnan(shown), before, shown)), float(over.durations_s.sum())
+    rate, duration_s = 0.5 * (before + np.where(np.isnan(shown), before, shown)), float(elapsed.durations_s.sum())
     after, attitudes = shared_attitude(state.frame, rate, duration_s, quaternions)
     return attitudes, np.stack((state.frame, after))
 
@@ -366,40 +366,42 @@ class Cycle(NamedTuple):
 
 
 def _run_cycle(
-    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
+    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], commands: Told, params: JointFilterParams
 ) -> Cycle:
     """Runs a cycle of the joint filter on rates and velocities, or restarts the filter after a gap."""
-    taken = make_sample(state, readings, told, params)
-    made = joint_cycle.restart if taken.anew else joint_cycle.step
-    return Cycle(taken, *made(state.joint, taken.sample, params.joint))
+    taken = make_sample(state, readings, commands, params)
+    run = joint_cycle.restart if taken.anew else joint_cycle.step
+    return Cycle(taken, *run(state.joint, taken.sample, params.joint))
 
 
 def make_sample(
-    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
+    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], commands: Told, params: JointFilterParams
 ) -> Sampled:
     """Makes the joint filter's sample of commands, rates and velocities, NaN where missing, shape (s, 3) each."""
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
-    now = _command_with_onsets(told.command, told.onset_s, params)
+    now = _command_with_onsets(commands.command, commands.onset_s, params)
     if before.started:
-        coming = None if told.coming is None else _command_with_onsets(told.coming, told.coming_onset_s, params)
-        clock, interval = ticks.measure_interval(state.clock, told.stamp_s, (now, coming), pace)
+        coming = (
+            None if commands.coming is None else _command_with_onsets(commands.coming, commands.coming_onset_s, params)
+        )
+        clock, interval = ticks.measure_interval(state.clock, commands.stamp_s, (now, coming), pace)
         needed = readings[:1] if params.joint.rates.period_s > 0.0 else readings  # others are read at their own times
         read = all((~np.isnan(each)).any(axis=0).all() for each in needed if each.shape[0] > 0)
         if np.isnan(interval.commands).all(axis=1).any() and not read:
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
-        clock = ticks.start_clock(told.stamp_s, *now)
+        clock = ticks.start_clock(commands.stamp_s, *now)
         interval = ticks.Elapsed(
             *split_sample(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.timing_on_ticks(), anew=False
         )
     duration_s = float(interval.durations_s.sum())
-    outside = told.outside_wrench * duration_s
-    attitudes, wheels, engines = _split_tracked_columns(told, params.joint)
+    outside = commands.outside_wrench * duration_s
+    attitudes, wheels, engines = _split_tracked_columns(commands, params.joint)
     seen = _measure_attitudes(state, interval, (readings[0], attitudes), params.joint)
     speeds, last = interval_wheel_speeds(state.speeds, wheels, duration_s, params.joint.wheels)
     burn, setting = make_burn(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
-    sample = JointSample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
+    sample = JointSample(commands.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
     return Sampled(clock, sample, interval.anew, (last, setting))
 
 
@@ -408,20 +410,20 @@ def _command_with_onsets(command: Array, onset_s: Array | None, params: JointFil
     return Commanded(command, command_onsets(command, onset_s, params.opens_at, params.period_s))
 
 
-def _fill_missing_commands(clock: Clock, told: Told, params: JointFilterParams) -> Told:
+def _fill_missing_commands(clock: Clock, commands: Told, params: JointFilterParams) -> Told:
     """Fills in missing commands with those before and after, for each jet where the two are equal."""
-    pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
-    if onset_s is not None and told.coming_onset_s is not None:
-        onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)
-    command = ticks.fill_missing_command(clock, told.stamp_s, (told.command, told.coming), pace)
-    return told._replace(command=command, onset_s=onset_s)
+    pace, onset_s = Pace(params.period_s, params.at_stamps), commands.onset_s
+    if onset_s is not None and commands.coming_onset_s is not None:
+        onset_s = np.where(np.isnan(commands.command), commands.coming_onset_s, onset_s)
+    command = ticks.fill_missing_command(clock, commands.stamp_s, (commands.command, commands.coming), pace)
+    return commands._replace(command=command, onset_s=onset_s)
 
 
-def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
+def _is_likelier(filled: Cycle, unknown: Cycle) -> bool:
     """Tests whether a cycle with filled-in commands is likelier than with unknown ones, prior included."""
     if unknown.taken.anew:
         return False
-    ahead = bridged.report.log_likelihood - unknown.report.log_likelihood
+    ahead = filled.report.log_likelihood - unknown.report.log_likelihood
     return ahead > math.log(_BETWEEN / (1.0 - _BETWEEN))
 
 
@@ -448,21 +450,21 @@ def finish(
     return FilterStep(after, rotation, mass, own)
 
 
-def replace_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+def replace_state(step: FilterStep, joint_state: JointState, params: JointFilterParams) -> FilterStep:
     """Returns a filter step with state and reported estimates replaced; its innovations stay."""
     before = step.state
     kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
-    after = _make_filter_state(joint, before.clock, params)._replace(**kept)
-    if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
+    after = _make_filter_state(joint_state, before.clock, params)._replace(**kept)
+    if step.state.start.under_way and not joint_state.guarded:  # it begins anew with what has been found
         after = after._replace(start=starts.BEGUN_KNOWN if step.state.start.rotation else starts.BEGUN)
     return replace_estimates(step, after.estimate, after.covariance)._replace(
         state=after, own=step.own._replace(settled=_initialized_flag(after, params))
     )
 
 
-def publish_state(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+def publish_state(step: FilterStep, joint_state: JointState, params: JointFilterParams) -> FilterStep:
     """Returns a filter step that reports another state's estimates; the filter keeps its own state."""
-    other = _make_filter_state(joint, step.state.clock, params)
+    other = _make_filter_state(joint_state, step.state.clock, params)
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 

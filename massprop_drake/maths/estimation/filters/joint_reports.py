@@ -18,31 +18,31 @@ def _scale_to_three_components(nis: float, degrees: float) -> float:
 
 
 @kernel
-def rotation_report(estimate: Array, covariance: Array, seen: Report, gyros: int) -> RotationReport:
-    """Makes the log row of rotation: estimate, 1-sigma and NIS; gyros counts their components."""
-    used = seen.used[:gyros]
+def rotation_report(estimate: Array, covariance: Array, report: Report, n_gyro: int) -> RotationReport:
+    """Makes the log row of rotation: estimate, 1-sigma and NIS, with the number of gyro components (three a gyro)."""
+    used = report.used[:n_gyro]
     return RotationReport(
         estimate[:N_ROTATION],
         np.sqrt(np.diag(covariance))[:N_ROTATION],
-        seen.innovation[:3],
-        seen.innovation_std[:3],
-        _scale_to_three_components(seen.gyro_nis, seen.gyro_degrees),
-        bool(used.any()) and seen.gyro_degrees > 0.0,
-        seen.incremented,
-        seen.coupled,
+        report.innovation[:3],
+        report.innovation_std[:3],
+        _scale_to_three_components(report.gyro_nis, report.gyro_degrees),
+        bool(used.any()) and report.gyro_degrees > 0.0,
+        report.incremented,
+        report.coupled,
     )
 
 
 @kernel
-def mass_report(estimate: Array, covariance: Array, seen: Report, gyros: int, accelerometers: int) -> MassReport:
+def mass_report(estimate: Array, covariance: Array, report: Report, n_gyro: int, n_accelerometer: int) -> MassReport:
     """Makes the log row of translation: 1/m, its variance and NIS; arguments as `rotation_report`."""
-    used = seen.used[gyros : gyros + accelerometers]
+    used = report.used[n_gyro : n_gyro + n_accelerometer]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),
         float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
-        seen.innovation[gyros : gyros + 3],
-        seen.innovation_std[gyros : gyros + 3],
-        _scale_to_three_components(seen.accelerometer_nis, seen.accelerometer_degrees),
-        bool(used.any()) and seen.accelerometer_degrees > 0.0,
+        report.innovation[n_gyro : n_gyro + 3],
+        report.innovation_std[n_gyro : n_gyro + 3],
+        _scale_to_three_components(report.accelerometer_nis, report.accelerometer_degrees),
+        bool(used.any()) and report.accelerometer_degrees > 0.0,
         False,
     )

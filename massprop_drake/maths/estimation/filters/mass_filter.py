@@ -306,19 +306,19 @@ def _clear_jump_window(state: MassState, adaptation: Adaptation, params: MassPar
 
 @kernel
 def _test_jump(
-    after: MassState,
-    share: float,
-    measured: tuple[MassSample, MassInnovation],
+    state: MassState,
+    scalar_gain: float,
+    measurement: tuple[MassSample, MassInnovation],
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Tests for a jump of 1/m after an update of share kappa^T lambda, corrects one, and updates in time (3-82)."""
+    """Tests for a jump of 1/m after an update of gain kappa^T lambda, corrects one, and updates in time (3-82)."""
     jumped = False
-    reciprocal, variance, window = after.mass_reciprocal, after.variance, after.window
+    reciprocal, variance, window = state.mass_reciprocal, state.variance, state.window
     if params.jump_threshold < math.inf and adaptation.action == Action.NONE:
-        sample, innovation = measured
+        sample, innovation = measurement
         impulse, information = sample.linear_impulse, innovation.information
-        test = jump_test(window, impulse, information, innovation.innovation, share)
+        test = jump_test(window, impulse, information, innovation.innovation, scalar_gain)
         # a couple of jets leaves an impulse of rounding errors, which shows no jump
         telling = test.growth < _TELLING * params.jump_variance
         jumped = telling and test.likelihood > params.jump_threshold
@@ -328,7 +328,7 @@ def _test_jump(
             reciprocal += test.correction
             variance += growth
             window = empty_window(params.jump_window)
-    return MassCycle(_propagate(MassState(reciprocal, variance, window, after.sensitivity), params), True, jumped)
+    return MassCycle(_propagate(MassState(reciprocal, variance, window, state.sensitivity), params), True, jumped)
 
 
 @kernel
@@ -351,8 +351,8 @@ def _apply_measurement(
 
 @kernel
 def _repeat_update(
-    first: tuple[MassState, Array],
-    made_with: tuple[MassState, MassSample, tuple[Array, Array, Array, Array]],
+    first_update: tuple[MassState, Array],
+    update_inputs: tuple[MassState, MassSample, tuple[Array, Array, Array, Array]],
     sensitivity: Array | None,
     thrust_errors: Array | None,
     effects: Array | None,
@@ -360,15 +360,14 @@ def _repeat_update(
     """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
-        first: the first update.
-        made_with: state, sample, innovation, and noises: corrected, as measured, and what gains have besides.
+        update_inputs: state, sample, innovation, and noises: corrected, as measured, and what gains have besides.
         sensitivity, thrust_errors, effects: of that state, the sample and the innovation.
     """
     if thrust_errors is None or sensitivity is None or effects is None:
-        return first
-    state, sample, (error, noise, measured, enlarged) = made_with
+        return first_update
+    state, sample, (error, noise, measured, enlarged) = update_inputs
     impulse = sample.linear_impulse
-    again = _innovation_effects(impulse, sensitivity, thrust_errors, first[0].mass_reciprocal)
+    again = _innovation_effects(impulse, sensitivity, thrust_errors, first_update[0].mass_reciprocal)
     covariance = _innovation_covariance(independent_variance(state.variance, sensitivity), impulse, again, measured)
     information = inverse_positive_definite(covariance + enlarged, _WHAT)
     return _joseph_update(state, impulse, error, information, noise, again)
@@ -376,7 +375,7 @@ def _repeat_update(
 
 @kernel
 def _joseph_update(
-    state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
+    state: MassState, impulse: Array, innovation: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
     """Updates 1/m (3-83), (3-86) and its variance in Joseph's form; returns the state and the gain, shape (3,)."""
     independent = independent_variance(state.variance, state.sensitivity)
@@ -385,16 +384,16 @@ def _joseph_update(
     variance = kept * kept * independent + quadratic_form(gain, noise)
     sensitivity = update_sensitivity(state.sensitivity, gain, effects)
     variance = _total_variance(variance, sensitivity, effects)
-    reciprocal = state.mass_reciprocal + float(gain @ error)
+    reciprocal = state.mass_reciprocal + float(gain @ innovation)
     return MassState(reciprocal, variance, state.window, sensitivity), gain
 
 
 @kernel
-def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the covariance of 1/m with the innovation from its first term, shape (3,)."""
+def _cross_covariance(independent_part: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """Computes the covariance of 1/m with the innovation from its part independent of thrust errors, shape (3,)."""
     if effects is None or sensitivity is None:
-        return shared
-    return shared + effects @ sensitivity
+        return independent_part
+    return independent_part + effects @ sensitivity
 
 
 @kernel
@@ -459,19 +458,19 @@ def measure(
     """
     increments = velocities - velocities_before
     turns = params.compensation == Compensation.NONE or _is_measured(rotation.increment)
-    there = [index for index in range(len(increments)) if turns and _is_measured(increments[index])]
-    if uses_one_package(params) or len(there) < 2:
+    indices = [index for index in range(len(increments)) if turns and _is_measured(increments[index])]
+    if uses_one_package(params) or len(indices) < 2:
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
-    freed = [_compensate_package(index, increments, rotation, params) for index in there]
+    compensated = [_compensate_package(index, increments, rotation, params) for index in indices]
     disturbance = add_noise(params.disturbance_covariance, interval.extra_noise)
-    covariances = _stacked_covariance(freed, there, rotation, params)
-    measurements = np.array([increment for increment, _ in freed])
+    covariances = _stacked_covariance(compensated, indices, rotation, params)
+    measurements = np.array([increment for increment, _ in compensated])
     measured, noise = combine_packages(measurements, covariances, params.rule, correlated=params.correlated)
     # what disturbs the body is common to all packages: no average makes it less
     sample = MassSample(measured, noise + disturbance, interval.linear_impulse, interval.thrust_errors)
     each: tuple[MassSample, ...] = ()
     if params.rule == Rule.SERIAL and not params.correlated:
-        each = tuple(sample._replace(measured=increment, noise=own + disturbance) for increment, own in freed)
+        each = tuple(sample._replace(measured=increment, noise=own + disturbance) for increment, own in compensated)
     return MassMeasurement(sample, innovate(state, sample), each)
 
 
@@ -508,16 +507,16 @@ def _compensate_package(index: int, increments: Array, rotation: Rotation, param
 
 
 def _stacked_covariance(
-    freed: list[tuple[Array, Array]], there: list[int], rotation: Rotation, params: MassParams
+    compensated: list[tuple[Array, Array]], indices: list[int], rotation: Rotation, params: MassParams
 ) -> Array:
     """Computes covariances R'_ij of all pairs of packages that read, disturbance aside, shape (s, s, 3, 3)."""
-    count = len(freed)
+    count = len(compensated)
     covariances = np.zeros((count, count, 3, 3))
     for i, j in np.ndindex(count, count):
         if i == j:
-            covariances[i, i] = freed[i][1]
+            covariances[i, i] = compensated[i][1]
         elif params.correlated:
-            arms = params.positions[there[i]] - rotation.center, params.positions[there[j]] - rotation.center
+            arms = params.positions[indices[i]] - rotation.center, params.positions[indices[j]] - rotation.center
             covariances[i, j] = shared_covariance(arms, rotation, params)
     return covariances
 
@@ -552,14 +551,14 @@ def finish(
 @kernel
 def finish_one(
     state: MassState,
-    measured: tuple[MassSample, MassInnovation],
-    interval: tuple[bool, bool],
+    measurement: tuple[MassSample, MassInnovation],
+    usable_and_firing: tuple[bool, bool],
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Runs `finish` with one measurement; the interval's flags are usable and firing."""
-    sample, innovation = measured
-    usable, firing = interval
+    """Updates the mass filter by one measurement if its interval is usable and firing, and in time."""
+    sample, innovation = measurement
+    usable, firing = usable_and_firing
     there = not math.isnan(innovation.nis)
     if adaptation.mass_jumped:
         state = _raise_variance(state, params)

@@ -70,7 +70,9 @@ def empty_window(length: int) -> Array:
 
 
 @kernel
-def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
+def jump_test(
+    window: Array, linear_impulse: Array, information: Array, innovation: Array, scalar_gain: float
+) -> JumpTest:
     """Updates the jump test of 1/m by a sample; returns window, likelihood argument and correction.
 
     Args:
@@ -78,7 +80,7 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
         linear_impulse: lambda, shape (3,).
         information: inverse of Y^zeta, shape (3, 3).
         innovation: epsilon, shape (3,).
-        share: kappa^T lambda of the update with this sample.
+        scalar_gain: kappa^T lambda of the update with this sample.
     """
     window = np.vstack((window[1:], np.zeros((1, 3))))
     weight = information @ linear_impulse
@@ -88,7 +90,7 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
     used[-1] = True
     window[:, 1] += select_where(used, left * left * strength, 0.0)
     window[:, 2] += select_where(used, left * seen, 0.0)
-    window[:, 0] = select_where(used, (1.0 - share) * window[:, 0] + share, 0.0)
+    window[:, 0] = select_where(used, (1.0 - scalar_gain) * window[:, 0] + scalar_gain, 0.0)
     some = window[:, 1] > 0.0
     likelihood = select_where(some, window[:, 2] ** 2 / select_where(some, window[:, 1], 1.0), 0.0)
     best = int(likelihood.argmax())

@@ -142,10 +142,10 @@ def make_params(setup: Setup, options: Any) -> PoseFilterParams:
 
 def initial_state(params: PoseFilterParams) -> PoseFilterState:
     """Returns the pose filter's state before the first sample, not yet started."""
-    made = params.pose
-    jets = made.pushes.shape[0]
+    pose = params.pose
+    jets = pose.pushes.shape[0]
     bank = PoseBank(
-        made.start[None], made.covariance[None], np.eye(3)[None], np.array([-1]), np.zeros((1, 3)), np.zeros((1, 3, 3))
+        pose.start[None], pose.covariance[None], np.eye(3)[None], np.array([-1]), np.zeros((1, 3)), np.zeros((1, 3, 3))
     )
     tried = pose_hypotheses.make_single_filter(bank, np.zeros(1 + 2 * jets), 0.0)
     commands = Commands(np.zeros(0), np.zeros((0, jets)))
@@ -168,13 +168,13 @@ def measure(
 ) -> PoseMeasurement:
     """Runs a whole cycle of all hypotheses, prediction and update, or initializes; `finish` only reports it."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
-    told, made = interval.told, params.pose
+    told, pose = interval.told, params.pose
     readings = collect_readings(told.tracked, rates, velocities, params)
     now_s = told.stamp_s
     if not state.started:
-        if not pose_start.can_initialize(readings, made):
+        if not pose_start.can_initialize(readings, pose):
             return PoseMeasurement(state._replace(time_s=now_s), None, told)
-        first = pose_start.initialize_bank(readings, made)
+        first = pose_start.initialize_bank(readings, pose)
         tried = _make_first_filters(first, now_s, params)
         none = Commands(np.zeros(0), state.commands.levels)
         commands = _add_command(none, now_s, (told.coming, told.coming_onset_s), params)
@@ -184,15 +184,15 @@ def measure(
     acting = _add_command(kept, now_s, (told.coming, told.coming_onset_s), params)
     if has_nonzero(told.outside_wrench):
         acting = acting._replace(outside=told.outside_wrench)
-    tried, done = delays.advance_over_delays(state.tried, acting, (state.time_s, now_s), readings, made)
-    commands = _drop_expired_commands(acting, now_s - made.longest_s)
+    tried, done = delays.advance_over_delays(state.tried, acting, (state.time_s, now_s), readings, pose)
+    commands = _drop_expired_commands(acting, now_s - pose.longest_s)
     after = _update_estimate(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
     return PoseMeasurement(after, done, told)
 
 
-def _make_first_filters(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
+def _make_first_filters(initial_bank: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
     """Makes the filters at the first sample: one for each command delay, and for each fault hypothesis if asked."""
-    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split_by_delay(first, params.pose)
+    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split_by_delay(initial_bank, params.pose)
     if params.hypotheses:
         tried = [pose_hypotheses.begin_hypotheses(bank, now_s, params.pose) for bank in banks]
     else:
@@ -217,16 +217,16 @@ def collect_readings(tracked: Array | None, rates: Array, velocities: Array, par
 
 
 def _add_command(
-    commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
+    commands: Commands, time_s: float, command_and_onsets: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
     """Appends the commands given at a time to a command history; unchanged levels add no entry.
 
     Args:
         commands: the history; entries from that time on are dropped.
         time_s: when they are given.
-        told: command, None: nothing is said, and its onsets, None: they are not told.
+        command_and_onsets: command, None: nothing is said, and its onsets, None: they are not told.
     """
-    command, onset_s = told
+    command, onset_s = command_and_onsets
     until = int(np.searchsorted(commands.time_s, time_s))
     commands = Commands(commands.time_s[:until], commands.levels[:until])
     if command is None:
@@ -239,9 +239,9 @@ def _add_command(
     return Commands(np.append(commands.time_s, times_s), np.vstack((commands.levels, levels)))
 
 
-def _drop_expired_commands(commands: Commands, since_s: float) -> Commands:
+def _drop_expired_commands(commands: Commands, start_s: float) -> Commands:
     """Returns the command history from the command in force at a time on."""
-    begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
+    begin = max(int(np.searchsorted(commands.time_s, start_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
 
 
@@ -285,45 +285,45 @@ def finish(
     return FilterStep(state, rotation, mass, _make_report_row(state, done, params))
 
 
-def _make_report_row(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterParams) -> Any:
+def _make_report_row(state: PoseFilterState, cycle: PoseCycled | None, params: PoseFilterParams) -> Any:
     """Makes the log row `POSE_REPORT`: pose, rates, thrust factors, command delay and drag."""
-    made, bank = params.pose, delays.merge_delays(state.tried, params.pose)
-    jets = made.pushes.shape[0]
-    deviation = np.zeros(made.parts.size)
-    deviation[made.free] = np.sqrt(bank.covariance[0].diagonal())
+    pose, bank = params.pose, delays.merge_delays(state.tried, params.pose)
+    jets = pose.pushes.shape[0]
+    deviation = np.zeros(pose.parts.size)
+    deviation[pose.free] = np.sqrt(bank.covariance[0].diagonal())
     return POSE_REPORT.make(
-        kick=0.0 if done is None else float(done.kicked[0]),
-        command_delay=float(bank.mean[0, made.parts.delay.start]),
-        command_delay_std=float(deviation[made.parts.delay.start]),
-        position_estimate=bank.mean[0, made.parts.position],
-        velocity_estimate=bank.mean[0, made.parts.velocity],
+        kick=0.0 if cycle is None else float(cycle.kicked[0]),
+        command_delay=float(bank.mean[0, pose.parts.delay.start]),
+        command_delay_std=float(deviation[pose.parts.delay.start]),
+        position_estimate=bank.mean[0, pose.parts.position],
+        velocity_estimate=bank.mean[0, pose.parts.velocity],
         attitude_estimate=from_rotation_vector(rotation_vectors(bank.rotation[:1])[0]),
-        rate_estimate=bank.mean[0, made.parts.rate],
+        rate_estimate=bank.mean[0, pose.parts.rate],
         thrust_factor=bank.mean[0, :jets],
         thrust_factor_std=deviation[:jets],
-        drag_rate=bank.mean[0, made.parts.drag],
-        drag_rate_std=deviation[made.parts.drag],
-        heading_turn=bank.mean[0, made.parts.tilt],
-        heading_turn_std=deviation[made.parts.tilt],
+        drag_rate=bank.mean[0, pose.parts.drag],
+        drag_rate_std=deviation[pose.parts.drag],
+        heading_turn=bank.mean[0, pose.parts.tilt],
+        heading_turn_std=deviation[pose.parts.tilt],
     )
 
 
-def replace_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+def replace_state(step: FilterStep, hypotheses: Tried, params: PoseFilterParams) -> FilterStep:
     """Returns a filter step with hypotheses and reported estimates replaced by the detector's."""
-    state = _update_estimate(step.state._replace(tried=tried), params)
+    state = _update_estimate(step.state._replace(tried=hypotheses), params)
     return replace_estimates(step, state.estimate, state.covariance)._replace(state=state)
 
 
-def publish_state(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+def publish_state(step: FilterStep, hypotheses: Tried, params: PoseFilterParams) -> FilterStep:
     """Returns a filter step that reports other hypotheses' estimates; the filter keeps its own state."""
-    other = _update_estimate(step.state._replace(tried=tried), params)
+    other = _update_estimate(step.state._replace(tried=hypotheses), params)
     return replace_estimates(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 def _make_saved_layout(params: PoseFilterParams) -> Layout:
     """Makes the layout of the saved vector's first part: the first filter and the command in force."""
-    made = params.pose
-    jets, size, free = made.pushes.shape[0], made.parts.size, made.free.size
+    pose = params.pose
+    jets, size, free = pose.pushes.shape[0], pose.parts.size, pose.free.size
     return Layout(
         GROUP,
         mean=size,
@@ -364,7 +364,7 @@ def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
         raise ValueError(f"{GROUP}: only commands may be missing")
     if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(PUSHED, jets)):
         raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
-    _require_possible(read)
+    _require_valid_state(read)
     mean, covariance, rotation = (part[None].copy() for part in (read.mean, read.covariance, read.rotation))
     reference, turned = read.reference[None].copy(), read.turned[None].copy()
     bank = PoseBank(mean, covariance, rotation, read.opens.astype(int), reference, turned)
@@ -382,16 +382,16 @@ def restore_state(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
     return _update_estimate(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
 
 
-def _require_possible(read: Any) -> None:
+def _require_valid_state(saved: Any) -> None:
     """Raises ValueError for a saved state with an impossible covariance, rotation, command or flag."""
-    spread = np.linalg.eigvalsh(read.covariance)
-    if not np.array_equal(read.covariance, read.covariance.T) or spread[0] < -_ROUNDING * spread[-1]:
+    spread = np.linalg.eigvalsh(saved.covariance)
+    if not np.array_equal(saved.covariance, saved.covariance.T) or spread[0] < -_ROUNDING * spread[-1]:
         raise ValueError(f"{GROUP}: the covariance must be symmetric, and no variance negative")
-    if np.abs(read.rotation @ read.rotation.T - np.eye(3)).max() > _TURNED or np.linalg.det(read.rotation) < 0.0:
+    if np.abs(saved.rotation @ saved.rotation.T - np.eye(3)).max() > _TURNED or np.linalg.det(saved.rotation) < 0.0:
         raise ValueError(f"{GROUP}: rotation must be a rotation matrix")
-    if ((read.level < 0.0) | (read.level > 1.0)).any():
+    if ((saved.level < 0.0) | (saved.level > 1.0)).any():
         raise ValueError(f"{GROUP}: commands must be fractions of 0 to 1")
-    if read.started[0] not in (0.0, 1.0):
+    if saved.started[0] not in (0.0, 1.0):
         raise ValueError(f"{GROUP}: started must be 0 or 1")
 
 

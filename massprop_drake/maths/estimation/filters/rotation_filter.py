@@ -245,7 +245,7 @@ def innovate(
 
 @kernel
 def _add_thrust_errors(
-    before: tuple[Array, Array],
+    innovation_and_noise: tuple[Array, Array],
     jacobian: Array,
     state: RotationState,
     sensitivity: Array | None,
@@ -253,14 +253,14 @@ def _add_thrust_errors(
 ) -> tuple[Array, Array, Array | None]:
     """Adds thrust errors to innovation and noise; returns both and L, None where none is considered."""
     if thrust_errors is None or sensitivity is None:
-        return before[0], before[1], None
+        return innovation_and_noise[0], innovation_and_noise[1], None
     effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
     acting = thrust_errors.any(axis=1)
     jacobians = rate_increment_jacobians(state.estimate, thrust_errors[acting])
     through = jacobians @ sensitivity[:, acting]  # H_j Psi_k, shape (j, 3, k)
     spread: Array = (jacobians @ state.covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
     spread = spread + np.einsum("jak,kbj->ab", through, through)
-    return before[0] - np.einsum("jij->i", through), before[1] + spread, effects
+    return innovation_and_noise[0] - np.einsum("jij->i", through), innovation_and_noise[1] + spread, effects
 
 
 @kernel
@@ -293,11 +293,11 @@ def _joseph_update(
 
 
 @kernel
-def _cross_covariance(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its first term, shape (9, 3)."""
+def _cross_covariance(independent_part: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its independent part, shape (9, 3)."""
     if effects is None or sensitivity is None:
-        return shared
-    return shared + sensitivity @ effects.T
+        return independent_part
+    return independent_part + sensitivity @ effects.T
 
 
 @kernel
@@ -365,8 +365,8 @@ def _apply_measurement(
 
 @kernel
 def _repeat_update(
-    after: RotationState,
-    first: tuple[RotationState, Array, tuple[Array, Array, Array]],
+    first_update: RotationState,
+    update_inputs: tuple[RotationState, Array, tuple[Array, Array, Array]],
     jacobian: Array,
     sensitivity: Array | None,
     thrust_errors: Array | None,
@@ -374,15 +374,14 @@ def _repeat_update(
     """Repeats the update with thrust-error effects G at the first update's estimate, where they are considered.
 
     Args:
-        after: the first update.
-        first: state, innovation and noises that it was made with: corrected, as measured, and what gains have besides.
+        update_inputs: state, innovation, and noises: corrected, as measured, and what gains have besides.
         jacobian: H.
         sensitivity, thrust_errors: of that state, and of the sample.
     """
     if thrust_errors is None or sensitivity is None:
-        return after
-    state, error, (noise, measured, enlarged) = first
-    effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
+        return first_update
+    state, error, (noise, measured, enlarged) = update_inputs
+    effects = jacobian @ sensitivity + thrust_error_effects(first_update.estimate, thrust_errors)
     covariance = (
         congruence(jacobian, independent_covariance(state.covariance, sensitivity))
         + effects @ effects.T
@@ -456,20 +455,20 @@ def measure(
     The readings `rates` are as in `RotationMemory`, shape (s, 3).
     """
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
-    there = [index for index in range(len(rates)) if _is_usable_increment(increments[index], means[index], params)]
-    if uses_one_package(params) or len(there) < 2:
+    indices = [index for index in range(len(rates)) if _is_usable_increment(increments[index], means[index], params)]
+    if uses_one_package(params) or len(indices) < 2:
         return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
-    own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
-    covariances = np.zeros((len(there), len(there), 3, 3))
-    covariances[np.arange(len(there)), np.arange(len(there))] = own
-    increment, noise = combine_packages(increments[there], covariances, params.rule)
-    mean, _ = combine_packages(means[there], covariances, params.rule)
+    own = [2.0 * params.gyro_variances[index] * _UNIT for index in indices]
+    covariances = np.zeros((len(indices), len(indices), 3, 3))
+    covariances[np.arange(len(indices)), np.arange(len(indices))] = own
+    increment, noise = combine_packages(increments[indices], covariances, params.rule)
+    mean, _ = combine_packages(means[indices], covariances, params.rule)
     sample = _make_sample(increment, mean, noise, interval)
     each: tuple[RotationSample, ...] = ()
     if params.rule == Rule.SERIAL:
         each = tuple(
             _make_sample(increments[index], means[index], noise, interval)
-            for index, noise in zip(there, own, strict=True)
+            for index, noise in zip(indices, own, strict=True)
         )
     return RotationMeasurement(sample, innovate(state, sample, memory.subtract_coupling, params), each)
 
@@ -493,20 +492,20 @@ def measure_one(
 
 
 @kernel
-def _is_usable_increment(increment: Array, mean: Array, params: RotationParams) -> bool:
+def _is_usable_increment(increment: Array, mean_rate: Array, params: RotationParams) -> bool:
     """Tests whether a gyro has both readings, and the vehicle turns by less than the limit between them."""
-    x, y, z = numbers(mean, 3)
+    x, y, z = numbers(mean_rate, 3)
     a, b, c = numbers(increment, 3)
     # NaN compares as false
     return math.sqrt(x * x + y * y + z * z) * params.period_s <= params.largest_turn and math.isfinite(a + b + c)
 
 
 @kernel
-def _make_sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
+def _make_sample(increment: Array, mean_rate: Array, noise: Array, interval: RotationInterval) -> RotationSample:
     """Makes the rotation filter's sample of a measured rate increment and the interval's known impulse."""
     return RotationSample(
         increment,
-        mean,
+        mean_rate,
         add_noise(noise, interval.extra_noise),
         float(noise[0, 0]),
         interval.angular_impulse,
@@ -537,13 +536,13 @@ def finish(
 @kernel
 def finish_one(
     state: RotationState,
-    measured: tuple[RotationSample, RotationInnovation],
+    measurement: tuple[RotationSample, RotationInnovation],
     usable: bool,
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Runs `finish` with one gyro's, or one combined, measurement."""
-    sample, innovation = measured
+    """Updates the rotation filter by one gyro's, or one combined, measurement if usable and firing, and in time."""
+    sample, innovation = measurement
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_propagate(state, params), False, False)
     return update(state, sample, innovation, adaptation, params)

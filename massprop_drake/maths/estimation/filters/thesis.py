@@ -230,85 +230,85 @@ def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | N
 
 
 @kernel
-def rotation_inputs(turning: Turning) -> Rotation:
+def rotation_inputs(rotation: Turning) -> Rotation:
     """Collects the mass filter's inputs from the rotation filter; the center of mass is the prediction (3-40)."""
     return Rotation(
-        turning.increment,
-        turning.rate,
-        turning.rate_variance,
-        turning.estimate[_CENTER],
-        turning.covariance[_CENTER, _CENTER],
+        rotation.increment,
+        rotation.rate,
+        rotation.rate_variance,
+        rotation.estimate[_CENTER],
+        rotation.covariance[_CENTER, _CENTER],
     )
 
 
 @kernel
-def join_innovations(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
+def join_innovations(
+    rotation: Turning, mass_sample: MassSample, mass_innovation: MassInnovation, mass_state: MassState
+) -> Joint:
     """Joins both filters' innovations with their covariance and predictions, translation first."""
-    impulse = sample.linear_impulse
+    impulse = mass_sample.linear_impulse
     covariance = np.zeros((6, 6))
-    covariance[:3, :3] = innovation.covariance
-    covariance[3:, 3:] = turning.innovation_covariance
-    coupled = _add_coupling(covariance, shared_covariance(innovation.effects, turning.effects))
-    parameters = joint_covariance(turning.covariance, state.variance)
+    covariance[:3, :3] = mass_innovation.covariance
+    covariance[3:, 3:] = rotation.innovation_covariance
+    coupled = _add_coupling(covariance, shared_covariance(mass_innovation.effects, rotation.effects))
+    parameters = joint_covariance(rotation.covariance, mass_state.variance)
     cross = np.zeros((6, N_ROTATION + 1))
-    cross[3:, :N_ROTATION] = turning.cross_covariance
-    cross[:3, N_ROTATION] = impulse * mass_filter.independent_variance(state.variance, state.sensitivity)
+    cross[3:, :N_ROTATION] = rotation.cross_covariance
+    cross[:3, N_ROTATION] = impulse * mass_filter.independent_variance(mass_state.variance, mass_state.sensitivity)
     _add_error_coupling(
-        (parameters, cross), turning.sensitivity, state.sensitivity, innovation.effects, turning.effects
+        (parameters, cross), rotation.sensitivity, mass_state.sensitivity, mass_innovation.effects, rotation.effects
     )
     return Joint(
-        np.concatenate((innovation.innovation, turning.innovation)),
+        np.concatenate((mass_innovation.innovation, rotation.innovation)),
         covariance,
         coupled,
-        join_ten_parameters(turning.estimate, state.mass_reciprocal),
+        join_ten_parameters(rotation.estimate, mass_state.mass_reciprocal),
         parameters,
         cross,
     )
 
 
 @kernel
-def _add_coupling(covariance: Array, coupled: Array | None) -> bool:
+def _add_coupling(covariance: Array, coupling: Array | None) -> bool:
     """Writes a cross-covariance, shape (3, 3), into the joint covariance; returns False for None."""
-    if coupled is None:
+    if coupling is None:
         return False
-    covariance[:3, 3:] = coupled
-    covariance[3:, :3] = coupled.T
+    covariance[:3, 3:] = coupling
+    covariance[3:, :3] = coupling.T
     return True
 
 
 @kernel
 def _add_error_coupling(
     covariances: tuple[Array, Array],
-    rotation: Array | None,
-    translation: Array | None,
-    moving: Array | None,
-    turning: Array | None,
+    rotation_sensitivity: Array | None,
+    translation_sensitivity: Array | None,
+    translation_effects: Array | None,
+    rotation_effects: Array | None,
 ) -> None:
     """Adds the filters' cross-covariances by thrust errors to the covariances of a `Joint`, in place.
 
     Args:
         covariances: of the parameters, and of innovations with them.
-        rotation, translation: sensitivities of both filters.
-        moving, turning: effects on both innovations.
     """
-    if rotation is None or translation is None:
+    if rotation_sensitivity is None or translation_sensitivity is None:
         return
     parameters, cross = covariances
-    parameters[:N_ROTATION, N_ROTATION] = rotation @ translation
+    parameters[:N_ROTATION, N_ROTATION] = rotation_sensitivity @ translation_sensitivity
     parameters[N_ROTATION, :N_ROTATION] = parameters[:N_ROTATION, N_ROTATION]
-    if moving is not None:
-        cross[:3, :N_ROTATION] = moving @ rotation.T
-        cross[:3, N_ROTATION] += moving @ translation
-    if turning is not None:
-        cross[3:, N_ROTATION] = turning @ translation
+    if translation_effects is not None:
+        cross[:3, :N_ROTATION] = translation_effects @ rotation_sensitivity.T
+        cross[:3, N_ROTATION] += translation_effects @ translation_sensitivity
+    if rotation_effects is not None:
+        cross[3:, N_ROTATION] = rotation_effects @ translation_sensitivity
 
 
 @kernel
-def joint_covariance(rotation: Array, variance: float) -> Array:
+def joint_covariance(rotation_covariance: Array, mass_variance: float) -> Array:
     """Joins the rotation covariance and the variance of 1/m, uncorrelated, into shape (10, 10)."""
     covariance = np.zeros((N_ROTATION + 1, N_ROTATION + 1))
-    covariance[:N_ROTATION, :N_ROTATION] = rotation
-    covariance[N_ROTATION, N_ROTATION] = variance
+    covariance[:N_ROTATION, :N_ROTATION] = rotation_covariance
+    covariance[N_ROTATION, N_ROTATION] = mass_variance
     return covariance
 
 
@@ -330,27 +330,33 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
 
 
 @kernel
-def rotation_report(before: RotationInnovation, cycle: RotationCycle) -> RotationReport:
+def rotation_report(innovation: RotationInnovation, cycle: RotationCycle) -> RotationReport:
     """Makes the rotation filter's log row of a cycle: estimate, 1-sigma, innovation, NIS and flags."""
     state = cycle.state
     return RotationReport(
         state.estimate,
         deviations(state.covariance),
-        before.innovation,
-        deviations(before.covariance),
-        before.nis,
+        innovation.innovation,
+        deviations(innovation.covariance),
+        innovation.nis,
         cycle.used,
         cycle.jumped,
-        before.subtract_coupling,
+        innovation.subtract_coupling,
     )
 
 
 @kernel
-def mass_report(before: MassInnovation, cycle: MassCycle) -> MassReport:
+def mass_report(innovation: MassInnovation, cycle: MassCycle) -> MassReport:
     """Makes the mass filter's log row of a cycle: 1/m, its variance, innovation, NIS and flags."""
-    state, deviation = cycle.state, deviations(before.covariance)
+    state, deviation = cycle.state, deviations(innovation.covariance)
     return MassReport(
-        state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
+        state.mass_reciprocal,
+        state.variance,
+        innovation.innovation,
+        deviation,
+        innovation.nis,
+        cycle.used,
+        cycle.jumped,
     )
 
 
@@ -397,7 +403,7 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
 
 def initial_state(params: ThesisParams) -> ThesisState:
     """Returns the initial state of both filters, before any reading."""
-    estimate, covariance, n_errors = params.estimate, params.covariance, _n_errors(params)
+    estimate, covariance, n_errors = params.estimate, params.covariance, _count_thrust_errors(params)
     turning = rotation_start(estimate[:N_ROTATION], covariance[:N_ROTATION, :N_ROTATION], params.rotation, n_errors)
     if params.mass is None:
         return ThesisState(*turning, None, _NO_ACCELEROMETER)
@@ -411,8 +417,6 @@ def rotation_start(
     """Returns the initial state of the rotation filter, and its memory without readings.
 
     Args:
-        estimate, covariance: shapes (9,) and (9, 9).
-        params: for the number of gyros.
         n_errors: number of jets whose thrust errors are considered.
     """
     sensitivity = np.zeros((N_ROTATION, n_errors)) if n_errors else None
@@ -488,7 +492,7 @@ def mass_layout(params: MassParams, n_errors: int) -> Layout:
     return MASS_STATE.sized(accelerometers=params.variances.size, window=params.jump_window, errors=n_errors)
 
 
-def _n_errors(params: ThesisParams) -> int:
+def _count_thrust_errors(params: ThesisParams) -> int:
     """Returns the number of jets whose thrust errors are considered: all or none."""
     return 0 if params.thrust_errors is None else params.thrust_errors.shape[0]
 
@@ -520,7 +524,7 @@ def unpack_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
 
 def save_state(state: ThesisState, params: ThesisParams) -> Groups:
     """Maps each system of the diagram that holds a filter's state to the state's vector."""
-    n_errors = _n_errors(params)
+    n_errors = _count_thrust_errors(params)
     layout = rotation_layout(params.rotation, n_errors)
     groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, layout)}
     if state.mass is not None and params.mass is not None:
@@ -535,7 +539,7 @@ def restore_state(groups: Groups, params: ThesisParams) -> ThesisState:
     Raises:
         ValueError: when the state holds what no filter leaves.
     """
-    n_errors = _n_errors(params)
+    n_errors = _count_thrust_errors(params)
     rotation, memory = unpack_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
     _require_finite("rotation_estimator", rotation)
     if rotation.sensitivity is not None:
