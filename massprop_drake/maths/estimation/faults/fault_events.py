@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     add_force_noise,
     add_push_impulse,
     extra_impulse_sigmas,
-    step_runner,
+    run_hypothesis_cycle,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -188,7 +188,7 @@ def advance_hypothesis(
     Raises:
         NotPositiveDefiniteError: see `joint_cycle.step`.
     """
-    run = step_runner(
+    run = run_hypothesis_cycle(
         hypothesis.run, sample, interval, force_walk_sigmas(hypothesis, interval.duration_s), hypothesis.push, params
     )
     return record_cycle(hypothesis, run._replace(state=reset_guard(run.state)) if starting else run, params)

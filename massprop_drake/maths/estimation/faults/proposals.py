@@ -142,7 +142,7 @@ def rank_proposals(
         ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in candidate.cause.failures)
         return sum(known[way] == 0.0 for way in ways)
 
-    found = screens.find_contenders(alarm.screen, allowed, known, joint, -_NEAR)
+    found = screens.propose_faults(alarm.screen, allowed, known, joint, -_NEAR)
     found = [candidate for candidate in found if slots_needed(candidate) <= free]
     priors = [_log_prior(parent, candidate, alarm, params) for candidate in found]
     worth = [

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState, Places
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, link_from_traces, propagate_to_update
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linearize_terms, propagate_to_update
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import (
     Array,
@@ -389,7 +389,7 @@ def follow_cycle(
         recursion, roots: of the bank before it.
         threshold: see `test_onsets`.
     """
-    interval = link_from_traces(terms, params)
+    interval = linearize_terms(terms, params)
     advanced = advance_recursion(recursion, interval, params.places)
     _, complete = averaging_matrix(interval.read, params.places)
     tests, tested = test_onsets(advanced, roots, interval, threshold, params)
@@ -397,7 +397,7 @@ def follow_cycle(
     return Followed(interval, tests, tested, complete, after, keep)
 
 
-def run_follow_cycle(
+def advance_bank(
     bank: Bank, terms: Traces, state: JointState, cycle: int, threshold: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
     """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
@@ -408,7 +408,7 @@ def run_follow_cycle(
     """
     states, recursion, compiled = *bank, params.compiled
     if not states:
-        interval = link_from_traces(terms, params)
+        interval = linearize_terms(terms, params)
         return interval, None, False, Bank((state,), add_onset(recursion, interval.correction, float(cycle), params)[0])
     roots = tuple(onset_state.root for onset_state in states)  # without a copy
     if compiled is None:

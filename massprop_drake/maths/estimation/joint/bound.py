@@ -16,7 +16,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compress_root, joseph_update
 from massprop_drake.maths.estimation.joint.forcing import Drive, error_rows
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs
@@ -73,7 +73,7 @@ def predict_interval_end(
     at, at_truth = state.mean, params._replace(second_order=False)
     stamped_too, _ = update_by_stamp(state, sample.timing, at_truth)
     before = stamped_too._replace(mean=at)
-    forces = make_drive(before, sample, at_truth)
+    forces = estimate_forces(before, sample, at_truth)
     read, around = combine_gyros(sample.rates, at, params), (sample.frames, sample.speeds)
     read = read._replace(
         rate=np.full(3, np.nan) if truth is None else np.where(np.isnan(read.rate), np.nan, truth[RATE])

@@ -98,7 +98,7 @@ def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level:
 
 
 @kernel
-def join_courses(first: Wander, second: Wander) -> Wander:
+def join_slow_states(first: Wander, second: Wander) -> Wander:
     """Joins decay, effects and noise of two sets of slow states, components of the second after the first's."""
     return Wander(
         np.concatenate((first.kept, second.kept)),
@@ -112,7 +112,7 @@ def join_courses(first: Wander, second: Wander) -> Wander:
 @kernel
 def append_constant_states(slow_states: Wander, n: int) -> Wander:
     """Appends n components to slow states that neither decay nor change nor act on rate and velocity."""
-    return join_courses(slow_states, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
+    return join_slow_states(slow_states, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
 
 
 @kernel

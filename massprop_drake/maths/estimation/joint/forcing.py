@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.joint.burns import EngineImpulse, engine_im
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import (
     Firing,
-    fire,
+    integrate_thrust,
     moments_of,
     replace_firing,
     time_constants,
@@ -57,7 +57,7 @@ class Drive(NamedTuple):
 
 
 @kernel
-def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
+def compute_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     """Computes the jets' and engines' thrust and known impulses over a sample's interval, lag as estimated.
 
     Args:
@@ -66,7 +66,7 @@ def drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     places, timing = params.places, sample.timing
     constants, lag_slope = estimated_lags(state.mean, params)
     levels = state.level, state.slope, state.level_std
-    firing = fire(levels, constants, sample.durations_s, sample.commands, timing.edges)
+    firing = integrate_thrust(levels, constants, sample.durations_s, sample.commands, timing.edges)
     anything = unknown_directions(state.mean, firing, params)
     burn = replace_untrusted_levels(sample.burn, state.assumed[places.wheels :])
     errors = state.mean[places.engine : places.engine + places.n_engine]

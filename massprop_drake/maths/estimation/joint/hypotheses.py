@@ -440,7 +440,7 @@ def prepare_cycle(
 ) -> tuple[JointState, float]:
     """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings.
 
-    Args: as of `step_runner`.
+    Args: as of `run_hypothesis_cycle`.
     """
     state, crossing = update_by_crossings(
         hypothesis.state,
@@ -481,7 +481,7 @@ def first_engine_index(places: Places) -> int:
     return places.outputs + places.wheels + places.trackers
 
 
-def step_runner(
+def run_hypothesis_cycle(
     hypothesis: Runner, sample: JointSample, interval: Link, slot_noise: np.ndarray, push: float, params: JointParams
 ) -> Runner:
     """Advances a hypothesis by one cycle of its filter; returns it with new state and score.

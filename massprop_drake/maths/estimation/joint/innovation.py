@@ -147,7 +147,7 @@ def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[U
 
 
 @kernel
-def count_reopened_degrees(
+def count_untestable_degrees(
     expected: Expected, forces: Drive, mean: Array, params: JointParams
 ) -> tuple[float, float, float]:
     """Counts degrees of freedom of readings that only show impulses of jets of unknown command.

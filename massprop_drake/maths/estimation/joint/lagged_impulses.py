@@ -98,7 +98,7 @@ def effects_of(wrenches: Array, mean: Array) -> Array:
 
 
 @kernel
-def fire(
+def integrate_thrust(
     levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
     """Computes the jets' seconds of full thrust, levels and derivatives over an interval of constant-command pieces.

@@ -41,8 +41,8 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.orientation import STILL, turn_attitude
 from massprop_drake.maths.estimation.joint.process_noise import (
     combine_disturbances,
-    moving_drift,
-    noise_through_turning,
+    unstated_disturbance_drift,
+    add_lever_arm_noise,
     propellant_drift,
     second_order_moments,
     white_noise,
@@ -54,7 +54,7 @@ from massprop_drake.maths.estimation.joint.rate_coupling import (
     coupled_rate,
     known_coupling_change,
     largest_coupling,
-    reading_share,
+    rate_reading_gain,
     spin_integral,
     turning_matrix,
 )
@@ -159,7 +159,7 @@ def predict(
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
-    gain, variance_left = reading_share(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
+    gain, variance_left = rate_reading_gain(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
     coupled, coupling_terms, end, bowed = coupled_rate(
         state, forces, change, (rate_read, gain), momenta + modes.momenta, params
     )
@@ -176,7 +176,7 @@ def predict(
     apart -= middle.reshape(2, 1, 3, 3)
     velocity_rows[:, RATE] += middle[0] + middle[1]
     velocity_rows += middle[1] @ rate_rows
-    noise, wander = noise_through_turning(noise, wander, middle[1])
+    noise, wander = add_lever_arm_noise(noise, wander, middle[1])
     gap = mean[RATE] + change - end
     velocity_change = velocity_change + middle[1] @ gap
 
@@ -199,7 +199,7 @@ def predict(
         wander=wander,
         swung=modes,
         drift=propellant_drift(mean, flow - from_tanks.used.sum(), params.tank_fraction, params.arm)
-        + moving_drift(state, inverse @ moment, linear * reciprocal, duration, params),
+        + unstated_disturbance_drift(state, inverse @ moment, linear * reciprocal, duration, params),
         tank_rows=tank_rows,
         turned=turned_until,
         spin=spin_integral(mean[RATE], end, bowed, duration),

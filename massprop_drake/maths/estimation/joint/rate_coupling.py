@@ -120,7 +120,7 @@ def add_coupling_derivative(rate_rows: Array, terms: Coupling, rate_read: RateRe
 
 
 @kernel
-def reading_share(rate_root: Array, noise: Array, rate_read: RateRead) -> tuple[Array, Array]:
+def rate_reading_gain(rate_root: Array, noise: Array, rate_read: RateRead) -> tuple[Array, Array]:
     """Computes the Kalman gain of a rate reading on the predicted rate and the variance left, shape (3,) each.
 
     Args:

@@ -330,7 +330,7 @@ def _log_force_prior(params: JointParams) -> Array:
     return result
 
 
-def find_contenders(
+def propose_faults(
     screen: Screen, candidates: np.ndarray, known_forces: Array, params: JointParams, threshold: float = 0.0
 ) -> list[Contender]:
     """Returns fault hypotheses, jumps excepted, at their likeliest onsets, sorted by log likelihood.
@@ -438,7 +438,7 @@ def _make_contenders(
 
     Args:
         columns: columns of each set, one or two, shape (number, n).
-        known_forces: see `find_contenders`.
+        known_forces: see `propose_faults`.
         threshold: lead that one failure alone must exceed, nats.
     """
     jets, single = params.places.jets, columns.shape[1] == 1
@@ -518,7 +518,7 @@ def _likely_pairs(
     gain[order] -= impossible_force_cost(np.stack((x[order] + had, y[order] + other_had), axis=1), covariance, most)
     order = order[gain[order] > least[order]]
     order = order[np.argsort(-gain[order])][:_PAIRS]
-    alike = _alike_pairs(information, projection, usable)
+    alike = _similar_column_pairs(information, projection, usable)
     first, second = alike.T
     kept = (first % jets != second % jets) & ~((known[_failure_indices(alike, jets)] > 0.0).all(axis=1))
     return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
@@ -538,7 +538,7 @@ def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, forces:
     return result
 
 
-def _alike_pairs(information: Array, projection: Array, columns: np.ndarray) -> np.ndarray:
+def _similar_column_pairs(information: Array, projection: Array, columns: np.ndarray) -> np.ndarray:
     """Returns all pairs among the likeliest single column and the three most like it, shape (number, 2)."""
     if columns.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)

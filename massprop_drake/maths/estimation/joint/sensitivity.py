@@ -160,7 +160,7 @@ class Traces(NamedTuple):
 
 
 @kernel
-def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
+def collect_cycle_terms(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects a cycle's derivatives, noise, gain and readings from which it is linearized.
 
     Args:
@@ -196,14 +196,14 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
     )
 
 
-def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
+def linearize_cycle(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
     """Returns a cycle linearized for error propagation, from the state before it, its report and sample."""
     assert report.course is not None, "the first sample is no cycle"
-    return link_from_traces(traces_of_course(before.mean, report.course, sample), params)
+    return linearize_terms(collect_cycle_terms(before.mean, report.course, sample), params)
 
 
 @kernel
-def link_from_traces(terms: Traces, params: JointParams) -> Link:
+def linearize_terms(terms: Traces, params: JointParams) -> Link:
     """Returns a cycle linearized for error propagation, from its derivatives, noise, gain and readings."""
     gain = np.zeros((terms.mean.shape[0], terms.projected.shape[0]))
     counts = np.flatnonzero(terms.used)

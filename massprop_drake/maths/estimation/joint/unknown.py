@@ -67,7 +67,7 @@ def is_untestable(firing: Firing, directions: Directions) -> bool:
 
 
 @kernel
-def reopening_covariance(directions: Directions) -> Array:
+def unknown_impulse_covariance(directions: Directions) -> Array:
     """Computes the near-infinite covariance along directions of unknown jets in rate and velocity, shape (6, 6)."""
     wide = directions.spread * directions.basis
     return wide @ wide.T
