@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.faults.verdicts import Verdicts, fault_prob
 from massprop_drake.maths.estimation.joint import disturbance_states
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, make_drive, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, estimate_forces, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams, JointState, make_places
@@ -155,7 +155,7 @@ def samples_of(
     for k, command in enumerate(commands):
         truth = (changes or {}).get(k, lambda same: same)(truth)
         sample = some_sample(params, time_s=(k + 1) * PERIOD, commands=command[None])
-        acting = make_drive(truth, sample, params)
+        acting = estimate_forces(truth, sample, params)
         prediction = predict(truth, acting, unread(params), params)
         truth = truth._replace(
             mean=prediction.mean,

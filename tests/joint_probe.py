@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import ALONE, predict, propagate_root
@@ -42,10 +42,10 @@ def derivatives(
 
     def after(mean: Array) -> Array:
         there = state._replace(mean=mean)
-        return predict(there, make_drive(there, sample, params), unread(params), params, around).mean
+        return predict(there, estimate_forces(there, sample, params), unread(params), params, around).mean
 
     expected = central_differences(after, state.mean, 1e-4 * np.maximum(np.abs(state.mean), 1e-2))
-    prediction = predict(state, make_drive(state, sample, params), unread(params), params, around)
+    prediction = predict(state, estimate_forces(state, sample, params), unread(params), params, around)
     return propagate_root(np.eye(params.places.size), prediction, params)[:, : params.places.size], expected
 
 

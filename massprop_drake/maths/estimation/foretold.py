@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.filters.joint import JointFilterParams, Joi
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma, without_increments
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.estimation.joint.sensitivity import (
-    make_link,
+    linearize_cycle,
     propagate_crossings,
     propagate_to_update,
     propagate_update,
@@ -75,7 +75,7 @@ def step(
     by_forces, shown = before.carried, before.shown
     if failing and report.course is not None:
         places, update = params.joint.places, report.course.update
-        over = make_link(before.filter.joint, report, sample, params.joint)
+        over = linearize_cycle(before.filter.joint, report, sample, params.joint)
         crossed = over.crossing_rows @ by_forces
         by_forces = propagate_crossings(by_forces, over, places)
         forcing = np.zeros((6, by_forces.shape[1]))

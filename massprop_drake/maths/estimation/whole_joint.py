@@ -37,7 +37,7 @@ from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, Join
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros
 from massprop_drake.maths.estimation.joint.orientation import shared_attitude
 from massprop_drake.maths.estimation.joint.relinearization import repeat_start_cycle
-from massprop_drake.maths.estimation.joint.sensitivity import traces_of_course
+from massprop_drake.maths.estimation.joint.sensitivity import collect_cycle_terms
 from massprop_drake.maths.estimation.joint.ticks import LONGEST, Clock, is_on_time, start_clock, timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import interval_wheel_speeds
 from massprop_drake.maths.estimation.joint_desk import (
@@ -134,7 +134,7 @@ def _run_quiet_cycle(kept: JointMemory, desk: JointDesk, row: int, params: Joint
     after, report = run_cycle(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     if report.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traces_of_course(kept.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
+    seen = collect_cycle_terms(kept.joint.mean, report.course, sample)  # type: ignore[arg-type] # not of a first sample
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
     found = follow_cycle(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
@@ -256,7 +256,7 @@ class Work:
         _, report = run_cycle(state, sample, params.thresholds, OWN_CHOICE, params)
         none = Roots(np.zeros((0, *state.root.shape)), np.arange(0))
         assert report.course is not None, "the first sample is no cycle"
-        seen = traces_of_course(state.mean, report.course, sample)
+        seen = collect_cycle_terms(state.mean, report.course, sample)
         following = Following(empty_bank(params.places).since, none, seen, 0.0, 0.0)
         self._no_following = make_holder(following, compile_it)
         self._no_memory = make_holder(initial_memory(state, params.places), compile_it)

@@ -33,7 +33,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     apply_cause,
     unstated_disturbance_sigmas,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces
 from massprop_drake.maths.estimation.joint.layout import RATE
 from massprop_drake.maths.estimation.joint.prediction import predict, propagate_root
 
@@ -204,7 +204,7 @@ def test_a_failed_jet_is_named_where_something_unstated_may_act() -> None:
 def test_it_stays_as_strong_as_it_is_while_nothing_is_read() -> None:
     acts = apply_cause(KNOWN, Cause(Kind.WANDER, component=4), JOINT)
     sample = some_sample(JOINT, commands=np.zeros((1, 6)))
-    prediction = predict(acts, make_drive(acts, sample, JOINT), unread(JOINT), JOINT)
+    prediction = predict(acts, estimate_forces(acts, sample, JOINT), unread(JOINT), JOINT)
     root = propagate_root(acts.root, prediction, JOINT)
     np.testing.assert_allclose(root[OWN] @ root[OWN].T, STIRS[4][0] ** 2 * np.eye(6), rtol=1e-9, atol=1e-15)
     turned = np.sqrt(np.sum(root[RATE] ** 2, axis=1))

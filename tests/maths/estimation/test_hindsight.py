@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.forcing import compute_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import predict_outputs
@@ -103,7 +103,7 @@ def flown(
         while np.abs(ahead - before).max() > 1e-12:  # the coupling takes the rate at the end
             before, given = ahead, outside.copy()
             given[:3] += np.cross(momentum * np.ones(3), 0.5 * (state.mean[10:13] + ahead)) * PERIOD
-            acting = drive(state, sample._replace(commands=commands[k : k + 1], outside=given), actual)
+            acting = compute_forces(state, sample._replace(commands=commands[k : k + 1], outside=given), actual)
             prediction = predict(state, acting, read_as(ahead, actual), actual)
             ahead = prediction.mean[10:13]
         spin = state.spin + prediction.spin

@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
 from massprop_drake.maths.estimation.joint.covariance import order_root_rows
 from massprop_drake.maths.estimation.joint.innovation import predict_cycle
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces, step
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, state_layout
 from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError, triangular_rows
@@ -129,7 +129,9 @@ def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> 
     innovations = np.append(own.rotation.rotation_innovation, own.mass.mass_innovation)
     np.testing.assert_array_equal(innovations, report.innovation[[0, 1, 2, 6, 7, 8]])
     before, sample = measurement.evidence.before, measurement.evidence.sample
-    projected = predict_cycle(before, make_drive(before, sample, PARAMS), sample, PARAMS).projected  # not incremented
+    projected = predict_cycle(
+        before, estimate_forces(before, sample, PARAMS), sample, PARAMS
+    ).projected  # not incremented
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.variances)
     deviations = np.append(own.rotation.rotation_innovation_std, own.mass.mass_innovation_std)
     np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])

@@ -12,14 +12,14 @@ from joint_probe import PERIOD, elapsed, small_params, some_sample, some_state, 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import hypotheses as h
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import combine_gyros, predict_outputs, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.sensitivity import (
     Link,
-    make_link,
+    linearize_cycle,
     propagate_to_update,
     propagate_update,
     unit_force_errors,
@@ -55,12 +55,12 @@ def flight(first: JointState, params: JointParams, jitter_s: float = 0.0) -> Fli
         pieces = {"durations_s": interval.durations_s, "commands": interval.commands, "timing": interval.timing}
         sample = some_sample(params, time_s=(k + 1) * PERIOD, **pieces)
         told, _ = update_by_stamp(states[-1], sample.timing, params)
-        prediction = predict(told, make_drive(told, sample, params), unread(params), params)
+        prediction = predict(told, estimate_forces(told, sample, params), unread(params), params)
         read, _ = predict_outputs(prediction.mean, first.reference, states[-1].spin + prediction.spin, params)
         read = read + rng.standard_normal(12) * np.sqrt(params.variances)
         samples.append(sample._replace(rates=read[:6].reshape(2, 3), velocities=read[6:].reshape(2, 3)))
         after, report = step(states[-1], samples[-1], params)
-        links.append(make_link(states[-1], report, samples[-1], params))
+        links.append(linearize_cycle(states[-1], report, samples[-1], params))
         states.append(after)
     return Flight(states, samples, links)
 
@@ -110,7 +110,7 @@ def unlearned(mean: Array, flown: Flight, onset: int) -> Array:
     moved_s = UNSURE.tick_sigma * (mean - state.mean)[PLACES.ticks : PLACES.ticks + 2]
     state = state._replace(mean=mean, level=state.level + moved_s @ state.tick_slope)
     for sample in flown.samples[onset + 1 :]:
-        acting = make_drive(state, sample, UNSURE)
+        acting = estimate_forces(state, sample, UNSURE)
         prediction = predict(state, acting, combine_gyros(sample.rates, state.mean, UNSURE), UNSURE)
         firing, spin = acting.firing, state.spin + prediction.spin
         state = state._replace(mean=prediction.mean, spin=spin, tick_slope=acting.tick_slope)
@@ -192,7 +192,7 @@ def screen_of(of: Flight, onset: int) -> screens.Screen:
 def run_of(of: Flight, run: h.Runner) -> h.Runner:
     """A filter of its own over the rest of the flight."""
     for cycle in range(run.cycle, CYCLES):
-        run = h.step_runner(run, of.samples[cycle], of.links[cycle], NONE, 0.0, QUIET)
+        run = h.run_hypothesis_cycle(run, of.samples[cycle], of.links[cycle], NONE, 0.0, QUIET)
     return run
 
 

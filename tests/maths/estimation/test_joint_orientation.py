@@ -13,7 +13,7 @@ from massprop_drake.maths.attitude import (
     propagate_attitude,
     to_rotation_vector,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, make_places
 from massprop_drake.maths.estimation.joint.measurement import add_tracker_variances
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turn_attitude
@@ -93,7 +93,7 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
 def test_errors_go_over_to_the_attitude_as_differences_and_its_own_noise_say() -> None:
     state, sample = some_state(PARAMS), some_sample(PARAMS)
     state.mean[ATTITUDE] = 0.0
-    acting = make_drive(state, sample, PARAMS)
+    acting = estimate_forces(state, sample, PARAMS)
     reached = predict(state, acting, unread(PARAMS), PARAMS, (FRAMES, UNSPUN)).mean[ATTITUDE]
     frames = np.stack((FRAMES[0], multiply(from_rotation_vector(reached), FRAMES[1])))  # the second one is predicted
     found, expected = (each[ATTITUDE] for each in derivatives(state, sample, PARAMS, (frames, UNSPUN)))

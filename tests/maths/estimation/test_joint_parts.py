@@ -38,7 +38,7 @@ from massprop_drake.maths.estimation.joint.disturbance_states import (
     disturbance_noise,
     disturbance_noise_root,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -55,7 +55,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
-from massprop_drake.maths.estimation.joint.sensitivity import make_link, propagate_to_update
+from massprop_drake.maths.estimation.joint.sensitivity import linearize_cycle, propagate_to_update
 from massprop_drake.maths.estimation.joint.tanks import TankParams, draw_propellant
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
 from massprop_drake.maths.estimation.offline.swings import Locked, add_modes
@@ -203,7 +203,7 @@ def test_derivatives_agree_with_central_differences(name: str) -> None:
 def predicted(state: JointState, sample: JointSample, params: JointParams, rate: Array | None = None) -> Prediction:
     """A prediction, with the rate at its end known or not."""
     read = unread(params) if rate is None else read_as(rate, params)
-    return predict(state, make_drive(state, sample, params), read, params, (sample.frames, sample.speeds))
+    return predict(state, estimate_forces(state, sample, params), read, params, (sample.frames, sample.speeds))
 
 
 PRODUCTS = {
@@ -388,7 +388,7 @@ def test_the_bank_knows_how_uncertain_a_disturbance_makes_the_outputs_since() ->
         still = {"commands": STILLNESS, "rates": np.zeros((2, 3)), "velocities": np.zeros((2, 3))}
         sample = some_sample(params, time_s=(number + 1) * PERIOD, **still)
         after, report = step(state, sample, params)
-        over = make_link(state, report, sample, params)
+        over = linearize_cycle(state, report, sample, params)
         since = banks.advance_recursion(since, over, params.places)
         if number > 0:
             covariance = propagate_root(covariance, report.course.expected.prediction, params)
@@ -519,7 +519,7 @@ def test_a_force_beside_the_filter_shakes_modes_as_thrust_does_within_it() -> No
     state, sample = state._replace(root=1e-3 * state.root), some_sample(SWINGING, time_s=PERIOD)
     state.mean[SWING] = 0.0  # what is displaced swings otherwise, to second order
     _, report = step(state, sample, SWINGING)
-    over = make_link(state, report, sample, SWINGING)
+    over = linearize_cycle(state, report, sample, SWINGING)
     by_jets = report.course.expected.prediction.swung.rows[:, thrust]
     shares = report.course.acting.firing.amount * SWINGING.thrust_sigma * SWINGING.thrusts / over.duration_s
     shaken = propagate_to_update(np.zeros((places.size, 6)), over.duration_s * over.effects.T, over, places)[SWING]

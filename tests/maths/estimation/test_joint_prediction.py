@@ -18,7 +18,7 @@ from joint_probe import (
 from scipy.integrate import solve_ivp
 
 from massprop_drake.maths.estimation.joint.forcing import Drive
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
@@ -38,12 +38,12 @@ UNREAD = unread(PARAMS)
 def predicted(
     state: JointState, params: JointParams = PARAMS, read: RateRead = UNREAD, sample: JointSample = SAMPLE
 ) -> Prediction:
-    return predict(state, make_drive(state, sample, params), read, params)
+    return predict(state, estimate_forces(state, sample, params), read, params)
 
 
 def straight(state: JointState, sample: JointSample = SAMPLE) -> Drive:
     """Impulses whose bows are left out, as their derivatives are."""
-    acting = make_drive(state, sample, PARAMS)
+    acting = estimate_forces(state, sample, PARAMS)
     return acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
 
 
@@ -111,7 +111,7 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     expected = over @ over.T + spread @ prediction.noise @ spread.T + moves @ np.diag(prediction.drift) @ moves.T
     root, scale = propagate_root(state.root, prediction, params), np.sqrt(np.diag(expected))
     np.testing.assert_allclose(root @ root.T / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-12)
-    used = float(make_drive(state, SAMPLE, params).firing.amount @ params.flows)
+    used = float(estimate_forces(state, SAMPLE, params).firing.amount @ params.flows)
     assert prediction.drift[6] == pytest.approx(0.1**2 * 0.01 * TRUTH[9] * used, rel=0.1)
     assert prediction.noise[0, 0] > (1e-6) ** 2 * PERIOD
 
@@ -136,7 +136,7 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     gathered = after[rigid_body.ORIGIN_VELOCITY] + turned
 
     params = PARAMS._replace(wrenches=factor * PARAMS.wrenches, flows=np.zeros(6))
-    bowed = make_drive(state, ALONE, params)
+    bowed = estimate_forces(state, ALONE, params)
     lines = bowed._replace(firing=bowed.firing._replace(bow=np.zeros((3, 6))))
     first, second = (predict(state, acting, read_as(rate, params), params) for acting in (lines, bowed))
     np.testing.assert_allclose(second.mean[13:16], gathered, rtol=2e-2)

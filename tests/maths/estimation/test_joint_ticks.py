@@ -9,9 +9,9 @@ import pytest
 from joint_probe import elapsed, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.joint.beginning import initial_joint_state
-from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.forcing import compute_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, fire, time_constants
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, integrate_thrust, time_constants
 from massprop_drake.maths.estimation.joint.layout import JointState
 from massprop_drake.maths.estimation.joint.prediction import predict, velocity_gain_rows
 from massprop_drake.maths.estimation.joint.sensitivity import Link, propagate_crossings
@@ -65,7 +65,7 @@ def of_interval(interval: Elapsed) -> JointSample:
 
 def gone_over(state: JointState, interval: Elapsed) -> tuple[JointState, Array]:
     """The state with levels after an interval, and what each jet gave in it."""
-    acting = drive(state, of_interval(interval), PARAMS)
+    acting = compute_forces(state, of_interval(interval), PARAMS)
     firing = acting.firing
     return state._replace(level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope), firing.amount
 
@@ -98,7 +98,7 @@ def _given(stamps: Array, ticks: Array, commands: Array) -> Array:
         inside = np.flatnonzero((ticks > stamps[k]) & (ticks < stamps[k + 1]))
         times = np.concatenate(([stamps[k]], edges[inside], [stamps[k + 1]]))
         acting = commands[np.maximum(np.searchsorted(ticks, times[:-1], side="right") - 1, 0)]
-        done = fire((level, np.zeros(6), np.zeros(6)), lags, np.diff(times), acting, np.zeros((0, 2)))
+        done = integrate_thrust((level, np.zeros(6), np.zeros(6)), lags, np.diff(times), acting, np.zeros((0, 2)))
         given[k], level = done.amount, done.level
     return given
 
@@ -141,7 +141,7 @@ def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
         mean = state.mean.copy()
         mean[THETA] += theta
         at = state._replace(mean=mean, level=state.level + (SIGMA * theta) @ state.tick_slope)
-        acting = drive(at, of_interval(interval), params)
+        acting = compute_forces(at, of_interval(interval), params)
         acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
         found = predict(at, acting, unread(params), params)
         return found.mean[10:16], np.vstack((found.rate_rows, velocity_gain_rows(found, 0)))[:, THETA]
@@ -262,12 +262,14 @@ def finely(jet: int) -> tuple[float, tuple[float, float, float], float]:
 def fired(level: Array, constants: Array = LAGS, durations: Array = PIECES_S, commands: Array = PIECEWISE) -> Firing:
     """Levels and impulses of jets whose levels at the start are known."""
     none = np.zeros_like(level)
-    return fire((level, none, none), constants, durations, commands, np.zeros((0, 2)))
+    return integrate_thrust((level, none, none), constants, durations, commands, np.zeros((0, 2)))
 
 
 def gone_on(before: Firing, constants: Array, durations: Array, commands: Array) -> Firing:
     """Events of a further interval."""
-    return fire((before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2)))
+    return integrate_thrust(
+        (before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2))
+    )
 
 
 @pytest.mark.parametrize("jet", range(4))
@@ -299,7 +301,7 @@ def test_a_command_that_is_not_known_leaves_its_level_to_a_coin_which_settles_wi
     assert firing.commanded
     constants, levels = np.array([0.015, 0.0]), (np.full(2, 0.5), np.zeros(2), np.full(2, 0.5))
     further, left = (constants, np.array([0.1]), np.zeros((1, 2))), np.exp(-0.1 / 0.015)
-    first = fire(levels, *further, np.zeros((0, 2)))
+    first = integrate_thrust(levels, *further, np.zeros((0, 2)))
     np.testing.assert_allclose(first.variance, [(0.5 * 0.015 * (1.0 - left)) ** 2, 0.0], rtol=1e-12)
     np.testing.assert_allclose(first.level_std, [0.5 * left, 0.0], rtol=1e-12)
     assert first.unknown.tolist() == [True, False]

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
-from massprop_drake.maths.estimation.joint.forcing import drive
-from massprop_drake.maths.estimation.joint.joint_cycle import make_drive, step
+from massprop_drake.maths.estimation.joint.forcing import compute_forces
+from massprop_drake.maths.estimation.joint.joint_cycle import estimate_forces, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointState
 from massprop_drake.maths.estimation.joint.measurement import predict_outputs
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
-from massprop_drake.maths.estimation.joint.unknown import is_untestable, remove_directions, reopening_covariance
+from massprop_drake.maths.estimation.joint.unknown import is_untestable, remove_directions, unknown_impulse_covariance
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(time_constants_s=np.zeros(6))
@@ -31,7 +31,7 @@ def unknown(*jets: int) -> JointSample:
 def read(sample: JointSample, openings_s: Array) -> JointSample:
     """The sample with the readings that its commands give where jets that are not told are open for so long."""
     told = np.where(np.isnan(sample.commands), openings_s / PERIOD, sample.commands)
-    acting = drive(STATE, sample._replace(commands=told), PARAMS)
+    acting = compute_forces(STATE, sample._replace(commands=told), PARAMS)
     prediction = predict(STATE, acting, unread(PARAMS), PARAMS)
     values, _ = predict_outputs(prediction.mean, STATE.reference, STATE.spin + prediction.spin, PARAMS)
     return sample._replace(rates=values[:6].reshape(2, 3), velocities=values[6:].reshape(2, 3))
@@ -39,9 +39,9 @@ def read(sample: JointSample, openings_s: Array) -> JointSample:
 
 @pytest.mark.parametrize(("jets", "number"), [((), 0), ((1,), 1), ((1, 4), 2), (range(6), 6)])
 def test_jets_open_the_directions_that_they_span(jets: tuple[int, ...], number: int) -> None:
-    anything = make_drive(STATE, unknown(*jets), PARAMS).anything
+    anything = estimate_forces(STATE, unknown(*jets), PARAMS).anything
     assert anything.number == number
-    covariance = reopening_covariance(anything)
+    covariance = unknown_impulse_covariance(anything)
     assert np.linalg.matrix_rank(covariance, tol=1e-9 * np.abs(covariance).max() if jets else None) == number
     rows = np.random.default_rng(1).standard_normal((6, PARAMS.places.size))
     left = np.vstack(remove_directions(rows[:3], rows[3:], anything))
@@ -50,7 +50,7 @@ def test_jets_open_the_directions_that_they_span(jets: tuple[int, ...], number: 
         np.testing.assert_array_equal(left, rows)
     wrenches = PARAMS.wrenches.copy()
     wrenches[4] = -2.0 * wrenches[1]  # on one line
-    lines = make_drive(STATE, unknown(*jets), PARAMS._replace(wrenches=wrenches)).anything
+    lines = estimate_forces(STATE, unknown(*jets), PARAMS._replace(wrenches=wrenches)).anything
     assert lines.number == number - (4 in jets)
 
 
@@ -58,7 +58,7 @@ def test_jets_open_the_directions_that_they_span(jets: tuple[int, ...], number: 
 def test_readings_show_how_long_jets_were_open(openings_s: tuple[float, ...], shown: tuple[float, ...]) -> None:
     """No longer than the interval."""
     sample = read(unknown(1, 4), np.array([0.0, openings_s[0], 0.0, 0.0, openings_s[1], 0.0]))
-    amount = make_drive(STATE, sample, PARAMS).firing.amount
+    amount = estimate_forces(STATE, sample, PARAMS).firing.amount
     np.testing.assert_allclose(amount[[1, 4]], shown, rtol=0.01)
     np.testing.assert_array_equal(amount[[0, 2, 3, 5]], PERIOD * COMMANDS[0, [0, 2, 3, 5]])
 

@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, traces_of_course
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, collect_cycle_terms
 from massprop_drake.maths.estimation.joint.unknown import is_untestable
 from massprop_drake.maths.linear_algebra import Array
 
@@ -109,9 +109,9 @@ def advance_watch(
     watch = each.watch or Watch(banks.empty_bank(params.places), ())
     course = evidence.report.course
     assert course is not None, "the first sample is no cycle"
-    seen = traces_of_course(evidence.before.mean, course, sample)
+    seen = collect_cycle_terms(evidence.before.mean, course, sample)
     seen = _add_walk_noise(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.run_follow_cycle(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
+    over, found, tested, bank = banks.advance_bank(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
     record, statistic = WatchedCycle(sample, over, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm

@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     add_force_noise,
     add_push_impulse,
     extra_impulse_sigmas,
-    step_runner,
+    run_hypothesis_cycle,
 )
 from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
@@ -193,7 +193,7 @@ def advance_hypothesis(
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
-    run = step_runner(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
+    run = run_hypothesis_cycle(each.run, sample, over, force_change_shares(each, over.duration_s), each.push, params)
     return record_cycle(each, run._replace(state=reset_guard(run.state)) if starting else run, params)
 
 

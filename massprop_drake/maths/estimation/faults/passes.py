@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors, l
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import link_from_traces, traces_of_course
+from massprop_drake.maths.estimation.joint.sensitivity import collect_cycle_terms, linearize_terms
 from massprop_drake.maths.estimation.joint.start import Kept, is_pass_converged
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
@@ -141,7 +141,7 @@ def _filter_sample(fit: PassFit, kept: Kept, params: JointParams) -> tuple[Joint
         state = apply_cause(state, cause, params) if age == 0 else state
         if age < len(kicks) and not kept.anew:
             _, course, _ = run_relinearized(state, sample, about, params)
-            over = link_from_traces(traces_of_course(about, course, sample), params)
+            over = linearize_terms(collect_cycle_terms(about, course, sample), params)
             state = add_failure_impulses(state, cause, np.array(kicks[age]), over, params)
     if kept.anew:
         return restart(state, sample, params)[0], score

@@ -143,7 +143,7 @@ def rank_proposals(
         ways = (jet + (joint.places.jets if sign < 0 else 0) for jet, sign in one.cause.failures)
         return sum(known[way] == 0.0 for way in ways)
 
-    found = screens.find_contenders(alarm.screen, allowed, known, joint, -_NEAR)
+    found = screens.propose_faults(alarm.screen, allowed, known, joint, -_NEAR)
     found = [one for one in found if slots_needed(one) <= free]
     priors = [_log_prior(each, one, alarm, params) for one in found]
     worth = [

@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.joint.joint_cycle import step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.screen import Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, make_link
+from massprop_drake.maths.estimation.joint.sensitivity import Link, linearize_cycle
 from massprop_drake.maths.linear_algebra import Array
 
 _NEAR = 10.0  # nats behind the likeliest within which a hypothesis explains its readings as well as others
@@ -87,7 +87,7 @@ def advance_review(review: Review, each: Hypothesis, sample: JointSample, over: 
     )
     after, report = step(before, sample, params)
     score = run.score.plus(Score(likelihood, 0.0, 0.0)).plus(cycle_score(report))
-    screen = screens.advance_screen(review.screen, make_link(before, report, sample, params), params)
+    screen = screens.advance_screen(review.screen, linearize_cycle(before, report, sample, params), params)
     return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
 
 

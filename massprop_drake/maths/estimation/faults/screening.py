@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, Join
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
-from massprop_drake.maths.estimation.joint.sensitivity import link_from_traces, traces_of_course
+from massprop_drake.maths.estimation.joint.sensitivity import collect_cycle_terms, linearize_terms
 from massprop_drake.maths.estimation.joint.start import Kept
 from massprop_drake.maths.linear_algebra import Array
 
@@ -81,7 +81,7 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, course, _ = run_relinearized(screening.state, sample, screening.about, rounded)
         screen = screens.advance_screen(
-            screen, link_from_traces(traces_of_course(screening.about, course, sample), params), params
+            screen, linearize_terms(collect_cycle_terms(screening.about, course, sample), params), params
         )
     return screening._replace(state=state, screen=screen)
 
@@ -102,7 +102,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
     allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
     found: dict[object, Contender] = {}
-    for each in (*screens.find_contenders(screening.screen, allowed, known, lenient), *screening.coarse):
+    for each in (*screens.propose_faults(screening.screen, allowed, known, lenient), *screening.coarse):
         if each.cause.kind == Kind.JETS:
             found.setdefault(each.cause.key, each)
     return list(found.values())

@@ -47,7 +47,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Run
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.sensitivity import Link, make_link
+from massprop_drake.maths.estimation.joint.sensitivity import Link, linearize_cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _BEHIND = 30.0  # nats at which a hypothesis is dropped: a probability of 1e-13
@@ -113,7 +113,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
-    over = make_link(evidence.before, report, evidence.sample, params.joint)
+    over = linearize_cycle(evidence.before, report, evidence.sample, params.joint)
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState, Places
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, link_from_traces, propagate_to_update
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linearize_terms, propagate_to_update
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import (
     Array,
@@ -107,7 +107,7 @@ class OnsetTests(NamedTuple):
 
 
 def empty_bank(places: Places) -> Bank:
-    """Returns a bank of past onsets that has none: no states, and a recursion of zero length."""
+    """Returns an empty bank of past fault onsets: no states, and a recursion of zero length."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     recursion = Since(
         cycles=np.zeros(0),
@@ -250,8 +250,7 @@ def test_onsets(
     None can where a rate is missing, or nothing can reach a level.
 
     Args:
-        interval: the interval that ends now.
-        threshold: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
+        threshold: e^T R^-1 e below which an onset is not tested; T and l are smaller still.
     """
     k, jets = recursion.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
@@ -383,13 +382,8 @@ class Followed(NamedTuple):
 def follow_cycle(
     recursion: Since, roots: Roots, terms: Traces, cycle: float, threshold: float, params: JointParams
 ) -> Followed:
-    """Linearizes a cycle, advances the bank of past onsets over it, and tests them on its readings.
-
-    Args:
-        recursion, roots: of the bank before it.
-        threshold: see `test_onsets`.
-    """
-    interval = link_from_traces(terms, params)
+    """Linearizes a cycle, advances the bank of past onsets over it, and tests them (see `test_onsets`)."""
+    interval = linearize_terms(terms, params)
     advanced = advance_recursion(recursion, interval, params.places)
     _, complete = averaging_matrix(interval.read, params.places)
     tests, tested = test_onsets(advanced, roots, interval, threshold, params)
@@ -397,7 +391,7 @@ def follow_cycle(
     return Followed(interval, tests, tested, complete, after, keep)
 
 
-def run_follow_cycle(
+def advance_bank(
     bank: Bank, terms: Traces, state: JointState, cycle: int, threshold: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
     """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
@@ -408,7 +402,7 @@ def run_follow_cycle(
     """
     states, recursion, compiled = *bank, params.compiled
     if not states:
-        interval = link_from_traces(terms, params)
+        interval = linearize_terms(terms, params)
         return interval, None, False, Bank((state,), add_onset(recursion, interval.correction, float(cycle), params)[0])
     roots = tuple(onset_state.root for onset_state in states)  # without a copy
     if compiled is None:
@@ -424,9 +418,5 @@ def run_follow_cycle(
 
 @kernel
 def is_alarming(jet_glr: float, total_glr: float) -> bool:
-    """Tests whether a jet's GLR or that of any fault exceeds the level at which it opens the search for faults.
-
-    Args:
-        jet_glr, total_glr: largest GLR of a jet, and of anything.
-    """
+    """Tests whether the largest GLR of a jet, or that of any fault, exceeds the level that opens a fault search."""
     return jet_glr > ALARM or total_glr > _ALARM_ANY

@@ -126,7 +126,7 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
         mean[slow] *= decay
         root[slow] *= decay.reshape(-1, 1)
         root = np.hstack((root, noise_columns))
-    mean, root = _reopen_shaken_modes(state, mean, root, params)
+    mean, root = _reset_modes(state, mean, root, params)
     reading = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
@@ -140,7 +140,7 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
     )
 
 
-def _reopen_shaken_modes(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
+def _reset_modes(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
     """Returns mean and root with the modes at rest, with 1-sigmas of a shaken vehicle, if estimated before."""
     places = params.places
     if places.n_swing == 0 or not state.started:

@@ -1,10 +1,10 @@
 """One cycle of the joint estimator: from a state and a sample to the next state.
 
-Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
-(`forcing.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
-lags are no longer taken as stated if that explains it, else the covariance is incremented, and the prediction made
-again; update; the prior of lags; the guard. A hypothesis is the same
-with another state: one with a force in a slot, or rebased and with a larger covariance.
+Order: update by pending readings that have just changed; forces, with the lag estimated before
+(`forcing.compute_forces`); prediction; the components that count; while the start lasts and the gyros contradict the
+prediction, lags are no longer taken as stated if that explains it, else the covariance is incremented, and the
+prediction made again; update; the prior of lags; the guard. A hypothesis is the same with another state: one with a
+force in a slot, or rebased and with a larger covariance.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.beginning import begin_from_readings
 from massprop_drake.maths.estimation.joint.covariance import Update, compress_root, empty_update
 from massprop_drake.maths.estimation.joint.crossing import Crossing, levels_at_estimates, update_by_crossings
-from massprop_drake.maths.estimation.joint.forcing import Drive, drive
+from massprop_drake.maths.estimation.joint.forcing import Drive, compute_forces
 from massprop_drake.maths.estimation.joint.guard import update_guard
 from massprop_drake.maths.estimation.joint.innovation import (
     Expected,
-    count_reopened_degrees,
+    count_untestable_degrees,
     make_expected_sites,
     predict_cycle,
     prediction_floors,
@@ -176,7 +176,7 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
         state: after the last sample, `started`.
     """
     state, _ = update_by_stamp(state, sample.timing, params)
-    forces = make_drive(state, sample, params)
+    forces = estimate_forces(state, sample, params)
     firing = forces.firing
     initial = state._replace(
         level=firing.level, slope=firing.slope, tick_slope=forces.tick_slope, level_std=firing.level_std
@@ -185,9 +185,9 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 
 
 @kernel
-def make_drive(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes forces and impulses over a sample's interval; jets of unknown command as readings show them."""
-    forces = drive(state, sample, params)
+def estimate_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
+    """Computes forces and impulses over a sample's interval, thrust of jets of unknown command by its readings."""
+    forces = compute_forces(state, sample, params)
     if forces.anything.number == 0.0:
         return forces
     rate_read = combine_gyros(sample.rates, state.mean, params)
@@ -225,13 +225,12 @@ def run_cycle(
     Args:
         state: after the last sample.
         thresholds: in place of those of the parameters.
-        used_mask: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
-            (m,); or `OWN_CHOICE`, shape (0,).
+        used_mask: readings that count unless missing, the same for all hypotheses, shape (m,); or `OWN_CHOICE`.
     """
     floors = prediction_floors(state, params)
     state, crossing = update_by_crossings(state, state.mean[:N_PROPERTIES], sample, floors, params)
     state, stamp = update_by_stamp(state, sample.timing, params)
-    forces = make_drive(state, sample, params)
+    forces = estimate_forces(state, sample, params)
     state, firing = separate_scale(state, forces.firing.amount, params), forces.firing
     commanded = firing.commanded or has_outside_impulse(sample, params)
     expected = predict_cycle(state, forces, sample, params)
@@ -242,7 +241,7 @@ def run_cycle(
     sites = make_expected_sites(expected, params)
     gyro_nis, accelerometer_nis = sum_by_sensor_kind(sites.nis, expected.used, np.nan, params)
     gyro_degrees, accelerometer_degrees = sum_by_sensor_kind(sites.degrees, expected.used, 0.0, params)
-    untestable = count_reopened_degrees(expected, forces, state.mean, params)
+    untestable = count_untestable_degrees(expected, forces, state.mean, params)
     if forces.anything.number > 0.0:
         spread = forces.anything.spread
         gyro_nis, gyro_degrees = reduced_nis(gyro_nis, gyro_degrees - untestable[0], spread)
@@ -252,7 +251,7 @@ def run_cycle(
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
             opened, more = switch_lag_priors(state, params, np.inf)
-            given = make_drive(opened, sample, params)
+            given = estimate_forces(opened, sample, params)
             wider = replace_counting(predict_cycle(opened, given, sample, params), expected.used)
             nis, _ = sum_by_sensor_kind(make_expected_sites(wider, params).nis, wider.used, np.nan, params)
             if nis <= thresholds[count - 1]:  # a lag that is not as stated explains it
@@ -302,7 +301,6 @@ def update_state(
     """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
 
     Args:
-        state: before it.
         update: of no meaning where no component counted.
     """
     mean, root, firing = expected.prediction.mean, update.root, forces.firing

@@ -98,7 +98,7 @@ def effects_of(wrenches: Array, mean: Array) -> Array:
 
 
 @kernel
-def fire(
+def integrate_thrust(
     levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
     """Computes the jets' seconds of full thrust, levels and derivatives over an interval of constant-command pieces.
@@ -191,7 +191,7 @@ class Lingering(NamedTuple):
 
 
 def initial_level_decay(ratio: Array) -> Lingering:
-    """Computes the decay by lag of an initial thrust level, from time constants over the interval's length."""
+    """Computes the decay of an initial thrust level, from lag time constants over the interval's length."""
     lagged = ratio > 0.0
     remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)

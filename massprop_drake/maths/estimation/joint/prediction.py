@@ -40,11 +40,11 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.orientation import STILL, turn_attitude
 from massprop_drake.maths.estimation.joint.process_noise import (
+    add_lever_arm_noise,
     combine_disturbances,
-    moving_drift,
-    noise_through_turning,
     propellant_drift,
     second_order_moments,
+    unstated_disturbance_drift,
     white_noise,
 )
 from massprop_drake.maths.estimation.joint.rate_coupling import (
@@ -54,7 +54,7 @@ from massprop_drake.maths.estimation.joint.rate_coupling import (
     coupled_rate,
     known_coupling_change,
     largest_coupling,
-    reading_share,
+    rate_reading_gain,
     spin_integral,
     turning_matrix,
 )
@@ -123,8 +123,7 @@ def predict(
     """Predicts the filter's mean over an interval, with its derivatives and process noise; no update.
 
     Args:
-        state: before.
-        rate_read: rate at the end of the interval as gyros show it.
+        rate_read: rate at the interval's end by the gyros.
         motion: frames, see `orientation.turn_attitude`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, forces.firing.duration_s
@@ -159,7 +158,7 @@ def predict(
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
-    gain, variance_left = reading_share(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
+    gain, variance_left = rate_reading_gain(end_rows @ state.root, noise + disturbance_noise(wander), rate_read)
     coupled, coupling_terms, end, bowed = coupled_rate(
         state, forces, change, (rate_read, gain), momenta + modes.momenta, params
     )
@@ -176,7 +175,7 @@ def predict(
     apart -= middle.reshape(2, 1, 3, 3)
     velocity_rows[:, RATE] += middle[0] + middle[1]
     velocity_rows += middle[1] @ rate_rows
-    noise, wander = noise_through_turning(noise, wander, middle[1])
+    noise, wander = add_lever_arm_noise(noise, wander, middle[1])
     gap = mean[RATE] + change - end
     velocity_change = velocity_change + middle[1] @ gap
 
@@ -199,7 +198,7 @@ def predict(
         wander=wander,
         swung=modes,
         drift=propellant_drift(mean, flow - from_tanks.used.sum(), params.tank_fraction, params.arm)
-        + moving_drift(state, inverse @ moment, linear * reciprocal, duration, params),
+        + unstated_disturbance_drift(state, inverse @ moment, linear * reciprocal, duration, params),
         tank_rows=tank_rows,
         turned=turned_until,
         spin=spin_integral(mean[RATE], end, bowed, duration),
@@ -213,7 +212,7 @@ def predict(
 def _draw_from_tanks(
     state: JointState, forces: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Computes propellant used, slug or kg; change of mass properties by its draw from tanks; derivatives."""
+    """Computes propellant used, slug or kg, the change of mass properties by its draw, and derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
     flow = float(seconds @ params.flows) + forces.engines.used
@@ -251,7 +250,7 @@ def _draw_from_tanks(
 
 @kernel
 def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, impulse: Array) -> Array:
-    """Computes the change of the rate by inertia and center of mass of drawn propellant, rad/s, shape (3,)."""
+    """Computes the rate's change by inertia and center of mass that drawn propellant changes, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
     return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(impulse, change[CENTER]))

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.joint.disturbance_states import (
     DisturbanceParams,
     Wander,
     disturbance_course,
-    join_courses,
+    join_slow_states,
 )
 from massprop_drake.maths.estimation.joint.forcing import Drive, slot_weight, wheel_factors
 from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of, moments_of
@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     intervals_per_period,
 )
-from massprop_drake.maths.estimation.joint.unknown import reopening_covariance
+from massprop_drake.maths.estimation.joint.unknown import unknown_impulse_covariance
 from massprop_drake.maths.estimation.joint.wheels import Spun, append_reading_errors
 from massprop_drake.maths.kernels import idiom, kernel, take_elements
 from massprop_drake.maths.linear_algebra import Array, skew
@@ -41,8 +41,8 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @kernel
-def noise_through_turning(noise: Array, disturbance: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Adds the lever-arm effect of rate noise to velocity noise, shape (6, 6), and to disturbances' effects."""
+def add_lever_arm_noise(noise: Array, disturbance: Wander, by_end: Array) -> tuple[Array, Wander]:
+    """Adds rate noise times lever arm to velocity noise, shape (6, 6), and to the effects of disturbances."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
@@ -54,7 +54,7 @@ def noise_through_turning(noise: Array, disturbance: Wander, by_end: Array) -> t
 @kernel
 def white_noise(mean: Array, forces: Drive, params: JointParams) -> Array:
     """Computes covariance of rate and velocity by walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
-    noise, firing = reopening_covariance(forces.anything), forces.firing
+    noise, firing = unknown_impulse_covariance(forces.anything), forces.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
     if variance.any():
@@ -78,7 +78,7 @@ def propellant_drift(properties: Array, used_mass: float, tank_fraction: float, 
 
     Args:
         properties: the ten parameters, shape (10,) or more.
-        used_mass: mass of it, slug or kg.
+        used_mass: slug or kg.
         tank_fraction, arm: see `JointParams`.
     """
     mass_share = properties[MASS] * used_mass
@@ -94,19 +94,17 @@ def combine_disturbances(
     """Computes decay, effects and noise of disturbances and of wheel speed reading errors over an interval.
 
     Args:
-        state: before the interval.
-        speeds: of the wheels, those that are believed.
         inverse: what an impulse of them turns the vehicle by, shape (3, 3).
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
-    combined = join_courses(
+    combined = join_slow_states(
         disturbance_course(params.disturbance, duration_s), disturbance_course(unstated, duration_s, state.stir)
     )
     return append_reading_errors(combined, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
 
 
 @kernel
-def moving_drift(
+def unstated_disturbance_drift(
     state: JointState, rate_change: Array, velocity_change: Array, duration_s: float, params: JointParams
 ) -> Array:
     """Computes variances added to the ten mass parameters by an unstated disturbance during firing, shape (10,).
@@ -115,7 +113,7 @@ def moving_drift(
     share that what is unstated has in what they give. That share comes anew once in its time constant.
 
     Args:
-        rate_change, velocity_change: changes of w and c by what acts, shape (3,) each.
+        rate_change, velocity_change: by all that acts, shape (3,) each.
     """
     drift = np.zeros(N_PROPERTIES)
     if state.stir == 0.0 or not (rate_change.any() or velocity_change.any()):
@@ -149,8 +147,7 @@ def second_order_moments(
     """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
 
     Args:
-        state: before the interval.
-        impulses: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
+        impulses: linear, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
         covariance: of the ten parameters.
     """
     bias, noise = np.zeros(6), np.zeros((6, 6))
@@ -166,7 +163,7 @@ def second_order_moments(
         if places.engines > 0:
             bias, noise = _add_moments(bias, noise, _engine_products(state, forces.engines, covariance, params))
         if forces.anything.number > 0.0:
-            noise += _opening_products(state.mean, forces.firing, covariance, params)
+            noise += _unknown_thrust_products(state.mean, forces.firing, covariance, params)
         if (state.slot_jet >= 0).any():
             bias, noise = _add_moments(bias, noise, _force_products(state, forces.firing, covariance, params))
     return bias, intervals_per_period(forces.firing.duration_s, params.rates) * noise
@@ -174,12 +171,12 @@ def second_order_moments(
 
 @kernel
 def _add_moments(bias: Array, noise: Array, added: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Returns the sums of two means and of two covariances, of independent products of errors."""
+    """Adds mean and covariance of further independent error products to a mean and covariance."""
     return bias + added[0], noise + added[1]
 
 
 @kernel
-def _opening_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
+def _unknown_thrust_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
     """Computes covariance of rate, velocity by unknown jets' on-time times parameter errors, shape (6, 6).
 
     An opening is as well shown as the inertia is known, and lies between none and all of the interval.
@@ -189,7 +186,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
         error = max(error, np.sqrt(covariance[i, i]) / max(abs(mean[i]), _TINY))
     effects = parameter_effects(mean, params.wrenches[np.flatnonzero(firing.unknown)])
     flat = effects.reshape(6, -1) * (min(error, 1.0) * firing.duration_s) ** 2
-    return _each_times(effects, covariance).reshape(6, -1) @ flat.T
+    return _multiply_stack(effects, covariance).reshape(6, -1) @ flat.T
 
 
 @kernel
@@ -202,7 +199,7 @@ def _wheel_products(state: JointState, impulses: Array, covariance: Array, param
     if places.n_wheel > 0:
         rows[:n] = params.wheels.sigma * state.root[places.wheel : places.wheel + places.n_wheel]
     rows[n] = _scale_error_row(state, params)
-    return _jet_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+    return _impulse_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
 
 
 @kernel
@@ -215,7 +212,7 @@ def _engine_products(
     wrenches[:n], wrenches[n] = engine_impulse.by_errors, engine_impulse.impulse
     rows[:n] = state.root[places.engine : places.engine + n]
     rows[n] = _scale_error_row(state, params)
-    return _jet_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+    return _impulse_products(rows, parameter_effects(state.mean, wrenches), state, covariance)
 
 
 @kernel
@@ -233,7 +230,7 @@ def _thrust_products(state: JointState, forces: Drive, covariance: Array, params
     jets = np.flatnonzero(np.abs(forces.firing.amount) > _FIRES * forces.firing.duration_s)
     shares = params.thrust_sigma * forces.firing.amount[jets]
     effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
-    return _jet_products(state.root[places.thrust + jets], effects, state, covariance)
+    return _impulse_products(state.root[places.thrust + jets], effects, state, covariance)
 
 
 @kernel
@@ -242,7 +239,7 @@ def _mounting_products(state: JointState, forces: Drive, covariance: Array, para
     seconds = forces.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * forces.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
-    return _jet_products(state.root[params.places.mount + there], effects, state, covariance)
+    return _impulse_products(state.root[params.places.mount + there], effects, state, covariance)
 
 
 @kernel
@@ -255,25 +252,26 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
     jets = state.slot_jet[slots].astype(np.intp)
     seconds = np.array([slot_weight(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
     effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
-    return _jet_products(state.root[params.places.force + slots], effects, state, covariance)
+    return _impulse_products(state.root[params.places.force + slots], effects, state, covariance)
 
 
 @kernel
-def _jet_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
+def _impulse_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
     """Computes mean and covariance of rate, velocity by impulse times mass parameter errors, (6,) and (6, 6)."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
     variances = np.sum(rows * rows, axis=1).reshape(-1, 1)
-    return product_mean, (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
+    return product_mean, (variances * _multiply_stack(effects, covariance)).reshape(6, -1) @ flat.T
 
 
-def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone
+def _multiply_flattened(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `_multiply_stack`."""
     return (effects.reshape(-1, covariance.shape[0]) @ covariance).reshape(effects.shape)
 
 
-@idiom(_flat_times)
-def _each_times(effects: Array, covariance: Array) -> Array:
+@idiom(_multiply_flattened)
+def _multiply_stack(effects: Array, covariance: Array) -> Array:
     """Multiplies each matrix of a stack by one covariance, from the right."""
     return effects @ covariance
 

@@ -6,13 +6,13 @@ from massprop_drake.maths.estimation.joint.covariance import empty_update
 from massprop_drake.maths.estimation.joint.crossing import levels_at_estimates, update_by_crossings
 from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.innovation import (
-    count_reopened_degrees,
+    count_untestable_degrees,
     make_expected_sites,
     predict_readings,
     sum_by_sensor_kind,
     update_root,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import Course, make_drive, update_state
+from massprop_drake.maths.estimation.joint.joint_cycle import Course, estimate_forces, update_state
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lag_prior import switch_lag_priors
 from massprop_drake.maths.estimation.joint.layout import (
@@ -38,14 +38,11 @@ from massprop_drake.maths.linear_algebra import Array
 def repeat_start_cycle(
     state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state and NIS.
+    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state, NIS, expectation.
 
     Args:
         state: after the last sample, not guarded.
-        linearization_point: a state's estimate at which it is linearized, shape (size,).
-
-    Returns:
-        The state after it, the NIS of the components that counted, and its expectation.
+        linearization_point: a state's estimate, shape (size,).
     """
     after, course, _ = run_relinearized(state, sample, linearization_point, params)
     after, _ = switch_lag_priors(after, params)
@@ -60,17 +57,14 @@ def run_relinearized(
 
     Args:
         state: after the last sample, not guarded.
-        linearization_point: a state's estimate with these, shape (size,).
-
-    Returns:
-        The state after it, how it went, and NIS of the gyros with its expectation.
+        linearization_point: a state's estimate, shape (size,).
     """
     state, crossing = update_by_crossings(
         state, _parameters_at_propellant(linearization_point, state.mean, params), sample, params.floors, params
     )
     state, stamp = update_by_stamp(state, sample.timing, params)
     mean = _linearization_estimate(state.mean, linearization_point, params)
-    forces = make_drive(replace_estimate(state, mean, state.root), sample, params)
+    forces = estimate_forces(replace_estimate(state, mean, state.root), sample, params)
     state = separate_scale(state, forces.firing.amount, params)
     point = replace_estimate(state, mean, state.root.copy())
     point.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
@@ -118,7 +112,7 @@ def run_relinearized(
     after = update_state(state, sample, forces, expected, update, params)
     level = _levels_after_cycle(state, after, forces, params)
     after = replace_levels(after, after.mean, after.root, level, forces.tick_slope)
-    untestable = count_reopened_degrees(expected, forces, point.mean, params)
+    untestable = count_untestable_degrees(expected, forces, point.mean, params)
     nis, degrees = float(sites.nis.sum()), max(float(sites.degrees.sum()) - untestable[0] - untestable[1], 0.0)
     log_likelihood = crossing.log_likelihood + float(sites.log_likelihood.sum()) + untestable[2]
     gyro_nis, _ = sum_by_sensor_kind(sites.nis, expected.used, 0.0, params)

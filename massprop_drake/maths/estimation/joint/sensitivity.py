@@ -160,7 +160,7 @@ class Traces(NamedTuple):
 
 
 @kernel
-def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces:
+def collect_cycle_terms(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects a cycle's derivatives, noise, gain and readings from which it is linearized.
 
     Args:
@@ -196,14 +196,14 @@ def traces_of_course(mean: Array, course: Course, sample: JointSample) -> Traces
     )
 
 
-def make_link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
+def linearize_cycle(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
     """Returns a cycle linearized for error propagation, from the state before it, its report and sample."""
     assert report.course is not None, "the first sample is no cycle"
-    return link_from_traces(traces_of_course(before.mean, report.course, sample), params)
+    return linearize_terms(collect_cycle_terms(before.mean, report.course, sample), params)
 
 
 @kernel
-def link_from_traces(terms: Traces, params: JointParams) -> Link:
+def linearize_terms(terms: Traces, params: JointParams) -> Link:
     """Returns a cycle linearized for error propagation, from its derivatives, noise, gain and readings."""
     gain = np.zeros((terms.mean.shape[0], terms.projected.shape[0]))
     counts = np.flatnonzero(terms.used)
@@ -312,7 +312,7 @@ def propagate_update(columns: Array, innovation_change: Array, interval: Link) -
 
     Args:
         columns: errors before it, shape (size, h).
-        innovation_change: what they add to the innovation, shape (m, h).
+        innovation_change: by these errors, shape (m, h).
     """
     result: Array = columns - interval.gain @ innovation_change
     return result
@@ -327,7 +327,7 @@ def impulse_columns(changes: Array, interval: Link, places: Places) -> Array:
     """Computes state errors at an interval's end by changes of rate and velocity at its start, shape (size, n).
 
     Args:
-        changes: changes, rad/s and ft/s or m/s, shape (6, n).
+        changes: rad/s and ft/s or m/s, shape (6, n).
     """
     result = np.zeros((places.size, changes.shape[1]))
     result[RATE] = changes[:3]

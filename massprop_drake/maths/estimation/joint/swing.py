@@ -245,7 +245,7 @@ def _mode_derivatives(motion: _Along, locked: Moved, scale: float, duration_s: f
         driving_rows[mode, CENTER] -= cross(swing.push[mode], turned) / duration_s
         if params.n_moving > 0:
             size, column = _participation_error(mode, motion.factors, params)
-            shifts, sigmas = _shifts_of(mode, params)
+            shifts, sigmas = _position_error_columns(mode, params)
             driving_rows[mode, column] += size * motion.driving[mode]
             driving_rows[mode, shifts] += cross(swing.push[mode], turned) / duration_s * sigmas
     rows = swing.driven @ driving_rows
@@ -271,7 +271,7 @@ def _participation_error(mode: int, part_ratios: Array, params: SwingParams) -> 
 
 
 @kernel
-def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
+def _position_error_columns(mode: int, params: SwingParams) -> tuple[slice, Array]:
     """Returns the state columns of the position errors of a mode's part, and their units, ft or m, shape (3,)."""
     part = params.modes.parts[mode]
     begin = params.moving + ERRORS * part
@@ -311,7 +311,7 @@ def _vehicle_derivatives(
             size, column = _participation_error(mode, motion.factors, params)
             rate_rows[:, column] += size * (middle[mode] * by_own - gained[mode] * by_turn[:, mode])
             velocity_rows[:, column] -= (size * gained[mode]) * by_push[:, mode]
-            shifts, sigmas = _shifts_of(mode, params)
+            shifts, sigmas = _position_error_columns(mode, params)
             rate_rows[:, shifts] += (rigid.inverse @ skew(gained[mode] * swing.push[mode])) * sigmas
     if params.scale >= 0:
         rate_rows[:, params.scale] += params.thrust_sigma * (inverse @ turn)
@@ -339,8 +339,8 @@ def swing_modes(
 
     Args:
         mean: before it, shape (size,).
-        locked: without modes.
-        impulse: impulse, shape (3,).
+        locked: changes with the modes locked.
+        impulse: linear, shape (3,).
         scale_change: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
     """
     motion, scale, modes = _mode_course(mean, locked, scale_change, duration_s, params), scale_change[0], params.modes

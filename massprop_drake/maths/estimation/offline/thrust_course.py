@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, initial_level_decay
+from massprop_drake.maths.estimation.joint.lagged_impulses import (
+    LEAST_LAG,
+    Lingering,
+    initial_level_decay,
+    integrate_thrust,
+)
 from massprop_drake.maths.estimation.joint.layout import MASS
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
 from massprop_drake.maths.estimation.offline.record_kernels import add_decayed_sums
@@ -204,10 +209,10 @@ def _pulse_corrections(read: RecordedStretch, constants: Array, left: Lingering,
     for row in rows:
         length_s = float(period_s if alike else read.lengths_s[max(row - since, 0)])
         own = split_sample(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
-        pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
+        pulse = integrate_thrust((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
         whole = np.array([length_s]), commands[row : row + 1]
         kept, slower = (remaining, by_tau) if alike else (remaining[row], by_tau[row])
-        level = fire((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
+        level = integrate_thrust((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
         tends[row] = (pulse.level - level.level) / (1.0 - kept)
         late[row] = pulse.slope - level.slope + tends[row] * slower
         amount[row] = pulse.amount - level.amount
