@@ -129,7 +129,9 @@ def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> 
     innovations = np.append(own.rotation.rotation_innovation, own.mass.mass_innovation)
     np.testing.assert_array_equal(innovations, report.innovation[[0, 1, 2, 6, 7, 8]])
     before, sample = measurement.evidence.before, measurement.evidence.sample
-    projected = predict_cycle(before, estimate_forces(before, sample, PARAMS), sample, PARAMS).projected  # not incremented
+    projected = predict_cycle(
+        before, estimate_forces(before, sample, PARAMS), sample, PARAMS
+    ).projected  # not incremented
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.variances)
     deviations = np.append(own.rotation.rotation_innovation_std, own.mass.mass_innovation_std)
     np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])

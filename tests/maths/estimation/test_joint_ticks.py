@@ -267,7 +267,9 @@ def fired(level: Array, constants: Array = LAGS, durations: Array = PIECES_S, co
 
 def gone_on(before: Firing, constants: Array, durations: Array, commands: Array) -> Firing:
     """Events of a further interval."""
-    return integrate_thrust((before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2)))
+    return integrate_thrust(
+        (before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2))
+    )
 
 
 @pytest.mark.parametrize("jet", range(4))

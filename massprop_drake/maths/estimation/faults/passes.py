@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.joint.lag_prior import choose_lag_priors, l
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import linearize_terms, collect_cycle_terms
+from massprop_drake.maths.estimation.joint.sensitivity import collect_cycle_terms, linearize_terms
 from massprop_drake.maths.estimation.joint.start import Kept, is_pass_converged
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 

@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, Join
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.relinearization import run_relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
-from massprop_drake.maths.estimation.joint.sensitivity import linearize_terms, collect_cycle_terms
+from massprop_drake.maths.estimation.joint.sensitivity import collect_cycle_terms, linearize_terms
 from massprop_drake.maths.estimation.joint.start import Kept
 from massprop_drake.maths.linear_algebra import Array
 

@@ -107,7 +107,7 @@ class OnsetTests(NamedTuple):
 
 
 def empty_bank(places: Places) -> Bank:
-    """Returns a bank of past onsets that has none: no states, and a recursion of zero length."""
+    """Returns an empty bank of past fault onsets: no states, and a recursion of zero length."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     recursion = Since(
         cycles=np.zeros(0),
@@ -250,8 +250,7 @@ def test_onsets(
     None can where a rate is missing, or nothing can reach a level.
 
     Args:
-        interval: the interval that ends now.
-        threshold: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
+        threshold: e^T R^-1 e below which an onset is not tested; T and l are smaller still.
     """
     k, jets = recursion.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
@@ -383,12 +382,7 @@ class Followed(NamedTuple):
 def follow_cycle(
     recursion: Since, roots: Roots, terms: Traces, cycle: float, threshold: float, params: JointParams
 ) -> Followed:
-    """Linearizes a cycle, advances the bank of past onsets over it, and tests them on its readings.
-
-    Args:
-        recursion, roots: of the bank before it.
-        threshold: see `test_onsets`.
-    """
+    """Linearizes a cycle, advances the bank of past onsets over it, and tests them (see `test_onsets`)."""
     interval = linearize_terms(terms, params)
     advanced = advance_recursion(recursion, interval, params.places)
     _, complete = averaging_matrix(interval.read, params.places)
@@ -424,9 +418,5 @@ def advance_bank(
 
 @kernel
 def is_alarming(jet_glr: float, total_glr: float) -> bool:
-    """Tests whether a jet's GLR or that of any fault exceeds the level at which it opens the search for faults.
-
-    Args:
-        jet_glr, total_glr: largest GLR of a jet, and of anything.
-    """
+    """Tests whether the largest GLR of a jet, or that of any fault, exceeds the level that opens a fault search."""
     return jet_glr > ALARM or total_glr > _ALARM_ANY

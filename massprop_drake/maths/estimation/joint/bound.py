@@ -62,13 +62,13 @@ class BoundStep(NamedTuple):
 def predict_interval_end(
     state: JointState, sample: JointSample, truth: Array | None, params: JointParams, filter_root: Array | None = None
 ) -> IntervalEnd:
-    """Predicts truth, and root of the bound's covariance, at an interval's end before its readings are used.
+    """Predicts the true state and the bound's covariance root at an interval's end, before its readings are used.
 
     Args:
         state: before it; its mean is the truth then.
         sample: of it; of its readings it only counts which are missing.
-        truth: the truth at its end, shape (size,); None: what is predicted.
-        filter_root: root of a covariance of all the state; products of its errors are noise then, as to the filter.
+        truth: true state at its end, shape (size,); None: as predicted.
+        filter_root: root of the filter's covariance, the products of whose errors then count as noise.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
     stamped_too, _ = update_by_stamp(state, sample.timing, at_truth)
@@ -91,12 +91,10 @@ def predict_interval_end(
 def update_bound(
     state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
-    """Updates the Cramér-Rao bound by an interval's readings; returns state, and propagation of errors to it.
+    """Updates the Cramér-Rao bound by an interval's readings; returns state and propagation of errors.
 
     Args:
         state: before the interval.
-        end: of it.
-        time_s: of the readings.
         readings: which components are used, and variances of all, shape (m,) each.
     """
     (used, variances), root, first = readings, end.root, params.places.thrust
@@ -127,13 +125,12 @@ def advance_force_effects(
 ) -> tuple[Array, Array]:
     """Propagates errors by constant leaks and losses of jets, and their information, over an interval.
 
-    The forces are a leak of each jet, which gives as much more all the time, then a loss of each, as much less while
-    it fires.
+    The forces are a leak of each jet, all the time, then a loss of each, while it fires.
 
     Args:
-        effects: both before the interval.
-        state: likewise.
-        first_column: column of the first of these forces.
+        effects: errors and information before the interval.
+        state: before the interval.
+        first_column: of these forces.
     """
     carried, shown = effects
     carried = propagate_root(carried, step.end.prediction, params)[:, : carried.shape[1]]

@@ -43,7 +43,7 @@ class Burn(NamedTuple):
 
 @kernel
 def shut_engine_burn(n: int) -> Burn:
-    """Returns the burn (levels and gimbal angles over an interval) of n engines that are off: zeros."""
+    """Returns levels and gimbal angles, all zero, of n engines that are off over an interval."""
     return Burn(np.zeros((n, 3, N_CHANNELS)), np.zeros((n, N_CHANNELS)))
 
 
@@ -65,7 +65,7 @@ class EngineSettings(NamedTuple):
 
 
 def shut_engine_settings(n: int) -> EngineSettings:
-    """Returns settings of n engines that are shut: levels and gimbal angles of zero."""
+    """Returns the settings of n engines that are shut: zero levels and gimbal angles."""
     none = np.zeros((n, N_CHANNELS))
     return EngineSettings(none, none, none - 1.0)
 
@@ -113,11 +113,10 @@ class EngineImpulse(NamedTuple):
 
 @kernel
 def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
-    """Returns a burn with assumed levels and gimbal angles in place of those whose readings are distrusted.
+    """Returns engine levels and gimbal angles with assumed values where readings are distrusted.
 
     Args:
-        burn: as it is read.
-        assumed: level and angles of each engine that are not believed, NaN: they are, shape (3 n,).
+        assumed: level and angles of each engine, NaN where readings are trusted, shape (3 n,).
     """
     if np.isnan(assumed).all():
         return burn
@@ -134,7 +133,6 @@ def engine_impulse(burn: Burn, errors: Array, duration_s: float, engines: Engine
     """Computes the engines' impulse about the vehicle origin over an interval, with its derivatives.
 
     Args:
-        burn: levels and angles.
         errors: the six of each engine, shape (6 n,).
     """
     n = engines.thrusts.shape[0]

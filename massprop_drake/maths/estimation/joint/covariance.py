@@ -41,7 +41,7 @@ class Update(NamedTuple):
 
 @kernel
 def empty_update(root: Array) -> Update:
-    """Returns the update by no reading: correction of zero, and the covariance's root unchanged."""
+    """Returns the update where no reading counts: zero correction, the covariance's root unchanged."""
     n = root.shape[0]
     return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 

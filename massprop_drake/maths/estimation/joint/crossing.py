@@ -42,13 +42,13 @@ class Crossing(NamedTuple):
 def update_by_crossings(
     state: JointState, linearization_point: Array, sample: JointSample, floors: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
-    """Updates the state by pending readings whose quantized value now changes; returns it, gain and likelihood.
+    """Updates the state by pending readings whose quantized value now changes; returns state, gain and likelihood.
 
     Args:
         state: after the last sample.
         linearization_point: the ten parameters at which outputs are linearized, shape (10,).
         sample: the next one, whose readings show which have changed.
-        floors: see `floors`.
+        floors: see `JointParams.floors`.
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))

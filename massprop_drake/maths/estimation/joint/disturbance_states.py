@@ -68,7 +68,7 @@ def integral_variance(x: float) -> float:
 
 
 def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
-    """Returns an unstated disturbance's unit: root sum square of all jets' accelerations, diagonal, shape (6, n).
+    """Returns the unit of an unstated disturbance: root sum square of all jets' accelerations, shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
@@ -99,7 +99,7 @@ def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level:
 
 @kernel
 def join_slow_states(first: Wander, second: Wander) -> Wander:
-    """Joins decay, effects and noise of two sets of slow states, components of the second after the first's."""
+    """Concatenates decay, effects and noise of two sets of slowly changing states."""
     return Wander(
         np.concatenate((first.kept, second.kept)),
         np.hstack((first.begun, second.begun)),
@@ -111,8 +111,10 @@ def join_slow_states(first: Wander, second: Wander) -> Wander:
 
 @kernel
 def append_constant_states(slow_states: Wander, n: int) -> Wander:
-    """Appends n components to slow states that neither decay nor change nor act on rate and velocity."""
-    return join_slow_states(slow_states, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n)))
+    """Appends n constant components, without effect on rate and velocity, to slowly changing states."""
+    return join_slow_states(
+        slow_states, Wander(np.ones(n), np.zeros((6, n)), np.zeros((6, n)), np.zeros(n), np.zeros(n))
+    )
 
 
 @kernel

@@ -58,11 +58,7 @@ class Drive(NamedTuple):
 
 @kernel
 def compute_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes the jets' and engines' thrust and known impulses over a sample's interval, lag as estimated.
-
-    Args:
-        state: before.
-    """
+    """Computes the jets' and engines' thrust and known impulses over a sample's interval, lag as estimated."""
     places, timing = params.places, sample.timing
     constants, lag_slope = estimated_lags(state.mean, params)
     levels = state.level, state.slope, state.level_std
@@ -118,11 +114,7 @@ def wrenches_of(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def error_rows(state: JointState, forces: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Computes derivatives of changes of rate and velocity by errors of thrust, lag, ticks, failure forces.
-
-    Args:
-        state: where they are taken; shape of both results (3, size), zero for the rest of the state.
-    """
+    """Computes derivatives of rate and velocity changes by errors of thrust, lag, ticks, forces, (3, size) each."""
     mean, places, firing = state.mean, params.places, forces.firing
     inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
@@ -235,11 +227,9 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def add_wheel_errors(rate_rows: Array, mean: Array, wheel_impulses: Array, scale: float, params: JointParams) -> Array:
-    """Adds to the derivative of the change of rate that by errors of wheel inertias and thrust scale.
+    """Adds derivatives by errors of wheel inertias and thrust scale to those of the rate's change, (3, size).
 
     Args:
-        rate_rows: without that, shape (3, size).
-        mean: before the interval, shape (size,).
         wheel_impulses: E_k, shape (n_wheels, 3).
         scale: 1 - sigma_T s.
     """

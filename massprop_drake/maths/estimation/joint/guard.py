@@ -51,7 +51,7 @@ def knows_rotation(state: JointState, params: JointParams, jet_mask: NDArray[np.
     which nothing turns the vehicle.
 
     Args:
-        jet_mask: which jets turn the vehicle, shape (n_jets,); None: any may.
+        jet_mask: jets that turn the vehicle, shape (n_jets,); None: any may.
     """
     wrenches = params.wrenches if jet_mask is None else params.wrenches[jet_mask]
     effects = parameter_effects(state.mean, wrenches)[:3] @ state.root[:N_PROPERTIES]

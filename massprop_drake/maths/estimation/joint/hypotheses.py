@@ -194,9 +194,8 @@ def false_reading_cost(component: int, params: JointParams, change: float = np.i
     """Computes the log likelihood lost by taking a reading for false, nats, relative to that of its cell.
 
     Args:
-        component: index of it.
-        change: by how much it differs from the lie before: one that stands still says the same again, another anything
-            in the sensor's range.
+        component: its index.
+        change: from the false reading before; a sensor that stands still repeats it, another has its whole range.
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
     alternatives = _STILL if abs(change) <= _MOVED * params.quanta[component] else _RANGE
@@ -204,7 +203,7 @@ def false_reading_cost(component: int, params: JointParams, change: float = np.i
 
 
 def stronger_disturbances(state: JointState, params: JointParams) -> list[int]:
-    """Returns indices in `STIRS` of disturbances stronger than the state's, or as strong and no slower."""
+    """Returns indices in `STIRS` of disturbances stronger than the state's, or equal and no slower."""
     now = (state.stir, -state.stir_s)
     return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
 
@@ -259,12 +258,11 @@ def apply_cause(
     jump_share: float = JUMP_SHARES[0],
     force_priors: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
-    """Adds a fault's prior uncertainty at its onset to the state: of jets, jump, attitude, engine or disturbance.
+    """Adds a fault's prior uncertainty to the state at its onset: of jets, jump, attitude, engine or disturbance.
 
     Args:
-        state: before the first interval that it bears on.
-        jump_share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
-        force_priors: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
+        jump_share: see `jump_sigma`; of a disturbance that acts already, 1: it jumps, 0: it does not.
+        force_priors: mean and 1-sigma of the change of each jet's force; none: zero and its thrust, lbf or N.
     """
     places, size = params.places, state.root.shape[0]
     if fault.kind == Kind.JUMP:
@@ -308,14 +306,12 @@ def _add_uncertainty(state: JointState, columns: Array, params: JointParams) -> 
 def add_failure_impulses(
     state: JointState, fault: Cause, force_sigmas: Array, interval: Link, params: JointParams
 ) -> JointState:
-    """Adds to the state's covariance the uncertain impulses of failed jets in an interval at their onset.
+    """Adds the uncertain impulses of failed jets in their onset interval to the state's covariance.
 
-    What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
+    Products with errors of the parameters count as noise.
 
     Args:
-        state: before the interval.
-        force_sigmas: 1-sigma of the force of each, lbf or N.
-        interval: the interval, of any filter that is near.
+        force_sigmas: of each failed jet, lbf or N.
     """
     places, jets = params.places, list(fault.jets)
     impulses = unit_force_errors(interval, places)[:, jets] * force_sigmas
@@ -341,8 +337,7 @@ def add_disturbance_drift(state: JointState, old_level: float, duration_s: float
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
 
     Args:
-        state: with what acts, of level L.
-        old_level: level that was thought to act.
+        old_level: assumed until now, in place of the state's L.
     """
     unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
     noise, old_noise = (1.0 + level**2 * np.max(unit) for level in (state.stir, old_level))
@@ -352,7 +347,7 @@ def add_disturbance_drift(state: JointState, old_level: float, duration_s: float
 
 
 def _add_jump_time_noise(state: JointState, mass_share: float, interval: Link, params: JointParams) -> JointState:
-    """Adds to the state's covariance jets' effects in a mass jump's interval, whose time within is unknown."""
+    """Adds the jets' effects in the interval of a mass jump, at an unknown time within, to the state's covariance."""
     fired = np.flatnonzero(interval.amount > 0.0)
     if fired.shape[0] == 0:
         return state
@@ -361,13 +356,9 @@ def _add_jump_time_noise(state: JointState, mass_share: float, interval: Link, p
 
 
 def extra_impulse_sigmas(hypothesis: Runner, duration_s: float, params: JointParams) -> Array | None:
-    """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, or None: no more.
+    """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, lbf or N; None: no more.
 
-    What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
-    it is estimated.
-
-    Args:
-        duration_s: of an interval, s.
+    After the second interval it decays by exp(-interval / tau) in each, tau as it is estimated.
     """
     known = len(hypothesis.kicks)
     if hypothesis.age < 0 or known == 0:
@@ -380,12 +371,11 @@ def extra_impulse_sigmas(hypothesis: Runner, duration_s: float, params: JointPar
 
 
 def add_force_noise(state: JointState, slot_noise: np.ndarray, params: JointParams) -> JointState:
-    """Returns the state with forces of intermittent jets redrawn from N(f, T^2), and drifting ones walked on.
+    """Returns the state with forces of intermittent jets redrawn from N(f, T^2), and of drifting ones diffused.
 
     Args:
-        state: before an interval.
-        slot_noise: 1 for each slot whose jet gives something else every time; of one that drifts the share of its thrust
-            that it may change by in an interval, 1 sigma; shape (n_force,).
+        slot_noise: 1 for the slot of an intermittent jet; of a drifting one the 1-sigma of its change in an interval,
+            relative to its thrust; shape (n_force,).
     """
     slots = np.flatnonzero(slot_noise)
     if slots.shape[0] == 0:
@@ -401,9 +391,7 @@ def add_push_impulse(state: JointState, push: float, interval: Link, params: Joi
     """Returns the state with covariance of an unknown push over an interval, independent of earlier ones.
 
     Args:
-        state: before the interval.
-        push: 1-sigma of it, in terms of what every jet gives at full thrust; zero: nothing pushes.
-        interval: the interval, of any filter that is near.
+        push: its 1-sigma, in units of every jet's full thrust; zero: none.
     """
     if push == 0.0:
         return state
@@ -411,7 +399,7 @@ def add_push_impulse(state: JointState, push: float, interval: Link, params: Joi
 
 
 def without_increments(params: JointParams) -> JointParams:
-    """Returns parameters with covariance increments disabled, whose timing would blur the comparison."""
+    """Returns parameters with covariance inflation disabled, whose timing would blur the comparison."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
@@ -438,10 +426,7 @@ def _is_inconsistent(report: Report, component: int, params: JointParams) -> boo
 def prepare_cycle(
     hypothesis: Runner, sample: JointSample, interval: Link, slot_noise: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
-    """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings.
-
-    Args: as of `run_hypothesis_cycle`.
-    """
+    """Returns a hypothesis's state before prediction, fault applied, and log likelihood of pending readings."""
     state, crossing = update_by_crossings(
         hypothesis.state,
         hypothesis.state.mean[:N_PROPERTIES],
@@ -464,7 +449,7 @@ def prepare_cycle(
 
 
 def _hold_untrusted(assumed: Array, fault: Cause, sample: JointSample, params: JointParams) -> Array:
-    """Returns assumed speeds, levels and angles with the distrusted one held at its present reading."""
+    """Returns assumed wheel speeds, engine levels and angles, the faulty one held at its present reading."""
     assumed, places = assumed.copy(), params.places
     if fault.kind == Kind.SPEED:
         wheel = fault.component - places.outputs
@@ -488,9 +473,8 @@ def run_hypothesis_cycle(
 
     Args:
         hypothesis: before; it opens when its onset is the last cycle done.
-        interval: the cycle of any filter that is near.
-        slot_noise: see `add_force_noise`.
-        push: see `add_push_impulse`.
+        interval: the cycle, linearized by any filter that is near.
+        slot_noise, push: see `add_force_noise` and `add_push_impulse`.
         params: without increments.
     """
     state, likelihood = prepare_cycle(hypothesis, sample, interval, slot_noise, push, params)
@@ -517,7 +501,7 @@ def cycle_score(report: Report) -> Score:
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:
-    """Returns the estimated force of each failure in a slot, else 0; gains, then losses, shape (2 n_jets,)."""
+    """Returns each jet's estimated failure forces, lbf or N, zero if none: gains, then losses, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
         column = int(state.slot_jet[slot]) + (params.places.jets if state.slot_sign[slot] < 0.0 else 0)

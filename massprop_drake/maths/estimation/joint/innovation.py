@@ -93,12 +93,10 @@ def predict_readings(
 
 @kernel
 def sum_by_sensor_kind(values: Array, used: np.ndarray, default: float, params: JointParams) -> tuple[float, float]:
-    """Sums values over the gyros' components used, and over the accelerometers', one sum each.
+    """Sums values of the components used over the gyros, and over the accelerometers; `default` where none is used.
 
     Args:
-        values: of each that counts, shape (number,).
-        used: which components count, shape (m,).
-        default: in place of a sum of none.
+        values: of each component used, shape (number,).
     """
     places = params.places
     gyros = int(used[: 3 * places.gyros].sum())
@@ -109,7 +107,7 @@ def sum_by_sensor_kind(values: Array, used: np.ndarray, default: float, params: 
 
 @kernel
 def prediction_floors(state: JointState, params: JointParams) -> Array:
-    """Returns variances added to those of predicted readings, that of rounding before convergence, shape (m,).
+    """Returns variances added to those of predicted readings, larger before convergence, shape (m,).
 
     Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
     linearized where its end knows the mass properties to be, and need no such floor.
@@ -122,8 +120,7 @@ def make_sites(used: np.ndarray, projected: Array, innovation: Array, quanta_and
     """Makes the Gaussian measurements equivalent to the quantized readings used, from their innovation.
 
     Args:
-        used: which components count, shape (m,).
-        projected: their rows of H times the root, shape (number, k).
+        projected: rows of H times the root for the components used, shape (number, k).
         innovation: of all components, shape (m,).
         quanta_and_floors: quanta, and floors, of all components, shape (m,).
     """
@@ -150,10 +147,7 @@ def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[U
 def count_untestable_degrees(
     expected: Expected, forces: Drive, mean: Array, params: JointParams
 ) -> tuple[float, float, float]:
-    """Counts degrees of freedom of readings that only show impulses of jets of unknown command.
-
-    Args:
-        mean: before the interval, where it is linearized, shape (size,).
+    """Counts degrees of freedom of readings that show nothing but impulses of jets of unknown command.
 
     Returns:
         Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.

@@ -1,10 +1,10 @@
 """One cycle of the joint estimator: from a state and a sample to the next state.
 
-Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
-(`forcing.compute_forces`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
-lags are no longer taken as stated if that explains it, else the covariance is incremented, and the prediction made
-again; update; the prior of lags; the guard. A hypothesis is the same
-with another state: one with a force in a slot, or rebased and with a larger covariance.
+Order: update by pending readings that have just changed; forces, with the lag estimated before
+(`forcing.compute_forces`); prediction; the components that count; while the start lasts and the gyros contradict the
+prediction, lags are no longer taken as stated if that explains it, else the covariance is incremented, and the
+prediction made again; update; the prior of lags; the guard. A hypothesis is the same with another state: one with a
+force in a slot, or rebased and with a larger covariance.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 
 @kernel
 def estimate_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes forces and impulses over a sample's interval; jets of unknown command as readings show them."""
+    """Computes forces and impulses over a sample's interval, thrust of jets of unknown command by its readings."""
     forces = compute_forces(state, sample, params)
     if forces.anything.number == 0.0:
         return forces
@@ -225,8 +225,7 @@ def run_cycle(
     Args:
         state: after the last sample.
         thresholds: in place of those of the parameters.
-        used_mask: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
-            (m,); or `OWN_CHOICE`, shape (0,).
+        used_mask: readings that count unless missing, the same for all hypotheses, shape (m,); or `OWN_CHOICE`.
     """
     floors = prediction_floors(state, params)
     state, crossing = update_by_crossings(state, state.mean[:N_PROPERTIES], sample, floors, params)
@@ -302,7 +301,6 @@ def update_state(
     """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
 
     Args:
-        state: before it.
         update: of no meaning where no component counted.
     """
     mean, root, firing = expected.prediction.mean, update.root, forces.firing

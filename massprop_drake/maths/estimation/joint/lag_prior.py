@@ -23,7 +23,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Returns mean and variance of a kind's lag error by the prior not used, and its log likelihood ratio, nats."""
+    """Returns mean and variance of a kind's lag error by the alternative prior, and its log likelihood ratio, nats."""
     places = params.places
     row = places.lag + kind
     m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
@@ -59,9 +59,6 @@ def switch_lag_priors(state: JointState, params: JointParams, log_prior: float =
 
     Args:
         log_prior: log odds of that prior before any reading; infinity: every lag is switched.
-
-    Returns:
-        The state, and by how much the readings so far are likelier for it, nats.
     """
     gain = 0.0
     for kind in range(params.places.n_lag):
@@ -75,7 +72,7 @@ def switch_lag_priors(state: JointState, params: JointParams, log_prior: float =
 
 @kernel
 def _widen_lag(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
-    """Returns the state with the wide prior of a jet kind's lag: new mean and variance, correlated states moved.
+    """Returns the state with a jet kind's lag given another mean and variance, correlated states corrected.
 
     With s the row of the error, its root S becomes S + alpha (S s) s^T.
     """
@@ -93,7 +90,7 @@ def choose_lag_priors(initial: JointState, final: JointState, params: JointParam
     """Returns a smoothing pass's initial state with the lag priors that its last end state finds likelier.
 
     Args:
-        initial: with the stated priors of lags of which it knows nothing.
+        initial: with the stated priors.
         final: state after the earlier pass, or the filter's.
     """
     for kind in np.flatnonzero(log_odds(final, params) > 0.0).tolist():

@@ -191,7 +191,7 @@ class Lingering(NamedTuple):
 
 
 def initial_level_decay(ratio: Array) -> Lingering:
-    """Computes the decay by lag of an initial thrust level, from time constants over the interval's length."""
+    """Computes the decay of an initial thrust level, from lag time constants over the interval's length."""
     lagged = ratio > 0.0
     remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)

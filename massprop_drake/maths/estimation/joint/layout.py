@@ -154,7 +154,6 @@ def make_places(
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         uncertain: whether the gyros and whether the accelerometers have biases to estimate, and whether the wheels'
             inertias and the tanks' flows are uncertain.
-        uncertain_thrust: whether thrusts are uncertain.
         n_force: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """

@@ -104,8 +104,7 @@ def find_changed(reading: Array, last_reading: Array, params: JointParams) -> np
     """Flags readings that differ from the last ones by half a cell or more, or are first ones, shape (m,).
 
     Args:
-        reading: readings, NaN where missing, shape (m,).
-        last_reading: the last reading of each, NaN where there is none, shape (m,).
+        reading, last_reading: NaN where missing, shape (m,) each.
     """
     return ~np.isnan(reading) & ~(np.abs(reading - last_reading) <= 0.5 * params.cells)
 
@@ -117,10 +116,8 @@ def select_counting(
     """Flags readings used in the update: changed, or outside their cell; returns mask and floors, shape (m,).
 
     Args:
-        reading: readings, NaN where missing, shape (m,).
-        last_reading: the last reading of each, shape (m,).
-        predicted: outputs, shape (m,).
-        variance: of these, shape (m,).
+        reading, last_reading: NaN where missing, shape (m,) each.
+        predicted, variance: of the outputs, shape (m,) each.
         floors: see `quantized`, shape (m,).
     """
     half = 0.5 * params.cells
@@ -166,7 +163,7 @@ def _log_density(error: Array, covariance: Array) -> float:
 
 
 def fix_velocity_reference(state: JointState, params: JointParams) -> JointState:
-    """Re-references accelerometer velocities to now, unaffected by a later jump of the center of mass.
+    """Re-references accelerometer velocities to the present, so that a later center-of-mass jump leaves them.
 
     c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
     the old center of mass was wrong all along.

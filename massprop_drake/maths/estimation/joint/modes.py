@@ -181,9 +181,5 @@ def mode_motion(rigid: Rigid, part_ratios: Array, duration_s: float, modes: Mode
 
 
 def mode_sigmas(displacement_sigmas: Array, modes: ModeParams) -> Array:
-    """Returns 1-sigmas of modal displacements and rates, shape (2 n,), from those of the displacements.
-
-    Args:
-        displacement_sigmas: of eta, shape (n,).
-    """
+    """Returns 1-sigmas of modal displacements and rates, shape (2 n,), from those of the displacements (n,)."""
     return np.concatenate((displacement_sigmas, displacement_sigmas * modes.frequencies))

@@ -61,9 +61,9 @@ def shared_attitude(reference: Array, rate: Array, duration_s: float, quaternion
     """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers relative to it.
 
     Args:
-        reference: the shared attitude before, shape (4,).
-        rate: that gyros show, rad/s, shape (3,).
-        quaternions: quaternions, NaN where missing, shape (n, 4).
+        reference: attitude before, shape (4,).
+        rate: by the gyros, rad/s, shape (3,).
+        quaternions: readings of trackers, NaN where missing, shape (n, 4).
     """
     after, relative = propagate_attitude(reference, rate, duration_s), np.full((quaternions.shape[0], 3), np.nan)
     first = True

@@ -47,12 +47,7 @@ UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # whe
 
 
 def gained_payload(earlier: JointState, later: JointState, params: JointParams) -> Payload:
-    """Computes mass and position of the payload gained since an earlier state, with 1-sigmas.
-
-    Args:
-        earlier: of the filter before the jump.
-        later: of the filter that has jumped.
-    """
+    """Computes mass and position of the payload gained between two states, before and after a jump, with 1-sigmas."""
     padded = later._replace(root=np.hstack((later.root, np.zeros_like(later.root))))
     first, first_rows = _mass_and_moment(_condition_on_present(earlier, later, params), params)
     last, last_rows = _mass_and_moment(padded, params)
@@ -66,7 +61,7 @@ def gained_payload(earlier: JointState, later: JointState, params: JointParams) 
 
 
 def _condition_on_present(earlier: JointState, later: JointState, params: JointParams) -> JointState:
-    """Returns the earlier state conditioned on thrust, lag and other shared errors as estimated now."""
+    """Returns the earlier state conditioned on the later estimates of thrust, lag and other shared errors."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)

@@ -40,11 +40,11 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.orientation import STILL, turn_attitude
 from massprop_drake.maths.estimation.joint.process_noise import (
-    combine_disturbances,
-    unstated_disturbance_drift,
     add_lever_arm_noise,
+    combine_disturbances,
     propellant_drift,
     second_order_moments,
+    unstated_disturbance_drift,
     white_noise,
 )
 from massprop_drake.maths.estimation.joint.rate_coupling import (
@@ -123,8 +123,7 @@ def predict(
     """Predicts the filter's mean over an interval, with its derivatives and process noise; no update.
 
     Args:
-        state: before.
-        rate_read: rate at the end of the interval as gyros show it.
+        rate_read: rate at the interval's end by the gyros.
         motion: frames, see `orientation.turn_attitude`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, forces.firing.duration_s
@@ -213,7 +212,7 @@ def predict(
 def _draw_from_tanks(
     state: JointState, forces: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Computes propellant used, slug or kg; change of mass properties by its draw from tanks; derivatives."""
+    """Computes propellant used, slug or kg, the change of mass properties by its draw, and derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
     flow = float(seconds @ params.flows) + forces.engines.used
@@ -251,7 +250,7 @@ def _draw_from_tanks(
 
 @kernel
 def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, impulse: Array) -> Array:
-    """Computes the change of the rate by inertia and center of mass of drawn propellant, rad/s, shape (3,)."""
+    """Computes the rate's change by inertia and center of mass that drawn propellant changes, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
     return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(impulse, change[CENTER]))

@@ -42,7 +42,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 @kernel
 def add_lever_arm_noise(noise: Array, disturbance: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Adds the lever-arm effect of rate noise to velocity noise, shape (6, 6), and to disturbances' effects."""
+    """Adds rate noise times lever arm to velocity noise, shape (6, 6), and to the effects of disturbances."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
@@ -78,7 +78,7 @@ def propellant_drift(properties: Array, used_mass: float, tank_fraction: float, 
 
     Args:
         properties: the ten parameters, shape (10,) or more.
-        used_mass: mass of it, slug or kg.
+        used_mass: slug or kg.
         tank_fraction, arm: see `JointParams`.
     """
     mass_share = properties[MASS] * used_mass
@@ -94,8 +94,6 @@ def combine_disturbances(
     """Computes decay, effects and noise of disturbances and of wheel speed reading errors over an interval.
 
     Args:
-        state: before the interval.
-        speeds: of the wheels, those that are believed.
         inverse: what an impulse of them turns the vehicle by, shape (3, 3).
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
@@ -115,7 +113,7 @@ def unstated_disturbance_drift(
     share that what is unstated has in what they give. That share comes anew once in its time constant.
 
     Args:
-        rate_change, velocity_change: changes of w and c by what acts, shape (3,) each.
+        rate_change, velocity_change: by all that acts, shape (3,) each.
     """
     drift = np.zeros(N_PROPERTIES)
     if state.stir == 0.0 or not (rate_change.any() or velocity_change.any()):
@@ -149,8 +147,7 @@ def second_order_moments(
     """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
 
     Args:
-        state: before the interval.
-        impulses: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
+        impulses: linear, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
         covariance: of the ten parameters.
     """
     bias, noise = np.zeros(6), np.zeros((6, 6))
@@ -174,7 +171,7 @@ def second_order_moments(
 
 @kernel
 def _add_moments(bias: Array, noise: Array, added: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Returns the sums of two means and of two covariances, of independent products of errors."""
+    """Adds mean and covariance of further independent error products to a mean and covariance."""
     return bias + added[0], noise + added[1]
 
 
@@ -269,6 +266,7 @@ def _impulse_products(rows: Array, effects: Array, state: JointState, covariance
 
 
 def _multiply_flattened(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone
+    """Compiled form of `_multiply_stack`."""
     return (effects.reshape(-1, covariance.shape[0]) @ covariance).reshape(effects.shape)
 
 

@@ -59,7 +59,7 @@ class Coupling(NamedTuple):
 
 @kernel
 def known_coupling_change(state: JointState, duration_s: float) -> Array:
-    """Computes the rate's change by gyroscopic coupling, rad/s, shape (3,); zero if inertia is ill known."""
+    """Computes the rate's change by gyroscopic coupling, rad/s, shape (3,); zero if inertia is poorly known."""
     if not _knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
     inverse, rate = take_elements(state.mean, ELEMENT), state.mean[RATE]
@@ -77,12 +77,11 @@ def coupled_rate(
 ) -> tuple[bool, Coupling, Array, Array]:
     """Solves for gyroscopic coupling and final rate; returns whether it counts, coupling, rate, rate curvature.
 
-    Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
+    Where coupling does not count, only that by the wheels' momentum is in it.
 
     Args:
-        state: before the interval.
-        uncoupled_change: of the rate without coupling, rad/s, shape (3,).
-        reading_and_gain: see `RateRead`, and its share, shape (3,).
+        uncoupled_change: of the rate, rad/s, shape (3,).
+        reading_and_gain: of the gyros, see `rate_reading_gain`.
         momenta: h at the start and the end, shape (2, 3).
     """
     mean, duration = state.mean, forces.firing.duration_s
@@ -124,7 +123,7 @@ def rate_reading_gain(rate_root: Array, noise: Array, rate_read: RateRead) -> tu
     """Computes the Kalman gain of a rate reading on the predicted rate and the variance left, shape (3,) each.
 
     Args:
-        rate_root: root of the covariance of the predicted rate but for the noise, shape (3, k).
+        rate_root: of the covariance of the predicted rate without the noise, shape (3, k).
         noise: of the interval, shape (6, 6).
     """
     gain, remaining = np.zeros(3), np.empty(3)
@@ -220,7 +219,7 @@ def spin_integral(start: Array, end: Array, curvature: Array, duration_s: float)
 
     Args:
         start, end: rates, rad/s, shape (3,).
-        curvature: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
+        curvature: mean, first moment and root mean square of the rate off the line, rad/s, shape (3, 3).
     """
     result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
     for k, (i, j) in enumerate(_PAIRS):

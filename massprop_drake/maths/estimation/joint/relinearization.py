@@ -38,14 +38,11 @@ from massprop_drake.maths.linear_algebra import Array
 def repeat_start_cycle(
     state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state and NIS.
+    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state, NIS, expectation.
 
     Args:
         state: after the last sample, not guarded.
-        linearization_point: a state's estimate at which it is linearized, shape (size,).
-
-    Returns:
-        The state after it, the NIS of the components that counted, and its expectation.
+        linearization_point: a state's estimate, shape (size,).
     """
     after, course, _ = run_relinearized(state, sample, linearization_point, params)
     after, _ = switch_lag_priors(after, params)
@@ -60,10 +57,7 @@ def run_relinearized(
 
     Args:
         state: after the last sample, not guarded.
-        linearization_point: a state's estimate with these, shape (size,).
-
-    Returns:
-        The state after it, how it went, and NIS of the gyros with its expectation.
+        linearization_point: a state's estimate, shape (size,).
     """
     state, crossing = update_by_crossings(
         state, _parameters_at_propellant(linearization_point, state.mean, params), sample, params.floors, params

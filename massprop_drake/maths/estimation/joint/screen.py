@@ -150,10 +150,10 @@ def begin_screen(
     """Returns the first-order test of faults at given onsets, before its first cycle: all sums zero.
 
     Args:
-        state_and_cycle: state where it begins, and the cycle after which that is.
+        state_and_cycle: where it begins.
         onsets, gaps: see `Screen`.
         reading: readings then, shape (m,).
-        single: whether it is about single jets alone, which takes far less.
+        single: whether to test single jets alone, which takes far less.
     """
     places = params.places
     state, cycle = state_and_cycle
@@ -241,13 +241,12 @@ def advance_screen(screen: Screen, interval: Link, params: JointParams) -> Scree
 
 
 def condition_screen(screen: Screen, rows: np.ndarray, offset: Array, covariance: Array) -> Screen:
-    """Returns the fault test conditioned on some parameters of its filter being known from elsewhere.
+    """Returns the first-order fault test conditioned on independent estimates of some parameters of its filter.
 
     Args:
-        screen: of a filter that estimates them.
-        rows: of its state, shape (k,).
-        offset: what they are, less its estimates, shape (k,).
-        covariance: of these, shape (k, k).
+        rows: of these parameters in its state, shape (k,).
+        offset: independent estimates less its own, shape (k,).
+        covariance: of the independent estimates, shape (k, k).
     """
     weights = np.linalg.inv(covariance)
     columns = screen.columns[rows]
@@ -311,8 +310,8 @@ def largest_jet_forces(params: JointParams) -> Array:
 def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
     """Computes log likelihood lost by forces below zero or above full thrust, nats, shape (number,).
 
-    They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
-    second failure, and costs no more up to what jets give at most.
+    Jets can give full thrust and three of its stated 1-sigma. More is as rare as a second failure, and costs no more up
+    to what jets give at most.
 
     Args:
         force, covariance: see `impossible_force_cost`.
@@ -335,12 +334,12 @@ def propose_faults(
 ) -> list[Contender]:
     """Returns fault hypotheses, jumps excepted, at their likeliest onsets, sorted by log likelihood.
 
-    Of a screen about single jets alone neither pairs nor lies.
+    Of a screen about single jets alone neither pairs nor false readings.
 
     Args:
-        candidates: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
-        known_forces: force of each such failure that is known already, shape (2 n_jets,).
-        threshold: lead of a single jet above which it is among them, nats.
+        candidates: mask of jets that may have failed, gains and then losses, shape (2 n_jets,).
+        known_forces: of each such failure that is known already, shape (2 n_jets,).
+        threshold: log likelihood ratio of a single jet above which it is among them, nats.
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
@@ -366,7 +365,7 @@ def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
 
 
 def _later_onset_penalty(screen: Screen, contender: Contender, params: JointParams) -> float:
-    """Returns nats by which a later onset must beat a given one: 1 for a loss of jets idle there, else 0.
+    """Returns the log likelihood by which a later onset must exceed this one, nats: 1 if lost jets idle here, else 0.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
     impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
@@ -439,7 +438,7 @@ def _make_contenders(
     Args:
         columns: columns of each set, one or two, shape (number, n).
         known_forces: see `propose_faults`.
-        threshold: lead that one failure alone must exceed, nats.
+        threshold: log likelihood ratio that one failure alone must exceed, nats.
     """
     jets, single = params.places.jets, columns.shape[1] == 1
     fitted, previous = _fit_failures(screen, index, columns, params), known_forces[_failure_indices(columns, jets)]

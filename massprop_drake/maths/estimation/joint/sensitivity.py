@@ -312,7 +312,7 @@ def propagate_update(columns: Array, innovation_change: Array, interval: Link) -
 
     Args:
         columns: errors before it, shape (size, h).
-        innovation_change: what they add to the innovation, shape (m, h).
+        innovation_change: by these errors, shape (m, h).
     """
     result: Array = columns - interval.gain @ innovation_change
     return result
@@ -327,7 +327,7 @@ def impulse_columns(changes: Array, interval: Link, places: Places) -> Array:
     """Computes state errors at an interval's end by changes of rate and velocity at its start, shape (size, n).
 
     Args:
-        changes: changes, rad/s and ft/s or m/s, shape (6, n).
+        changes: rad/s and ft/s or m/s, shape (6, n).
     """
     result = np.zeros((places.size, changes.shape[1]))
     result[RATE] = changes[:3]

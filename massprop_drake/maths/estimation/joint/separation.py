@@ -41,14 +41,13 @@ class Separation(NamedTuple):
 def find_separation(
     screen: Screen, interval: Link, onset: int, members: list[tuple[int, int, float]], level: float, params: JointParams
 ) -> Separation:
-    """Finds whether firing one jet or coasting separates the first jet from a group soonest; returns which.
+    """Finds the jet firing, or the coasting time, that separates the first jet from a group soonest.
 
     Args:
-        screen: at the present.
         interval: the newest cycle.
         onset: of the first member, one of the screen's.
         members: jet, sign and force of each, lbf or N; the likeliest first.
-        level: separation at which they are told apart.
+        level: separation that suffices.
     """
     jets = params.places.jets
     index = screen.onsets.index(onset)

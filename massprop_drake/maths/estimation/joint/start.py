@@ -89,10 +89,8 @@ def advance_start(
     """Stores a sample of the start, advances its smoothing; returns the start and the filter's state.
 
     Args:
-        start: before the cycle.
-        before: the filter's state before it.
-        after_and_report: its own state after it, and what it says.
-        latest: its sample.
+        before: the filter's state before the cycle.
+        after_and_report: the filter's state after it, and its report.
     """
     after, report = after_and_report
     if not start.under_way:
@@ -167,7 +165,7 @@ def _advance_pass(start: Start, smoothing: Pass, params: JointParams) -> tuple[P
 
 
 def is_pass_converged(state: JointState, origin: Array, places: Places, sigmas: float = _NEAR) -> bool:
-    """Tests whether a smoothing pass ends within some sigmas of the mass properties and lags it started at."""
+    """Tests whether a smoothing pass ends within some sigmas of the mass properties and lags of its origin."""
     which = np.concatenate((np.arange(N_PROPERTIES), np.arange(places.lag, places.lag + places.n_lag)))
     rows = state.root[which]
     return bool((np.abs(state.mean[which] - origin[which]) <= sigmas * np.sqrt(np.sum(rows * rows, axis=1))).all())

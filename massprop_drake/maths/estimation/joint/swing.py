@@ -339,8 +339,8 @@ def swing_modes(
 
     Args:
         mean: before it, shape (size,).
-        locked: without modes.
-        impulse: impulse, shape (3,).
+        locked: changes with the modes locked.
+        impulse: linear, shape (3,).
         scale_change: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
     """
     motion, scale, modes = _mode_course(mean, locked, scale_change, duration_s, params), scale_change[0], params.modes

@@ -24,11 +24,10 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def separate_scale(state: JointState, seconds: Array, params: JointParams) -> JointState:
-    """Returns the state with the thrusts' common scale as own variable s, once jets first fire.
+    """Returns the state with the thrusts' common scale error split off as a variable s, once jets first fire.
 
     Args:
-        state: before an interval.
-        seconds: seconds for which each jet fires in it, shape (n_jets,).
+        seconds: of each jet's firing in the interval, shape (n_jets,).
     """
     places, fires = params.places, seconds > 0.0
     if places.n_scale == 0 or not fires.any() or state.root[places.scale].any():
@@ -60,11 +59,7 @@ def parameters_with_scale(state: JointState, params: JointParams) -> tuple[Array
 
 
 def force_with_scale(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Returns a failed jet's force with the thrust scale applied, and its 1-sigma, lbf or N.
-
-    Args:
-        slot: of the force.
-    """
+    """Returns the force in a slot of failed jets with the thrust scale applied, and its 1-sigma, lbf or N."""
     row = params.places.force + slot
     force, root = float(state.mean[row]), state.root[row]
     if params.places.n_scale > 0:

@@ -105,7 +105,7 @@ class Timing(NamedTuple):
         jitter: variance of a stamp about its tick, s^2.
         numbers: k of the ticks at the beginning and at the end of the interval, and of those with which edges go at
             which jets open or close within a sample, shape (2 + any,).
-        edges: see `lagged_impulses.fire`, shape (n_pieces, 2 + any); none where not off.
+        edges: see `lagged_impulses.integrate_thrust`, shape (n_pieces, 2 + any); none where not off.
         beyond_s: by how much these ticks are later than where the pieces have them, in that shape.
         shares: of the derivative by each tick that belongs to this interval, likewise.
         spreads: variance of each tick that is not linear in it, s^2, likewise.
@@ -128,7 +128,7 @@ class Elapsed(NamedTuple):
     """An interval between two readings.
 
     Attributes:
-        durations_s, commands: its pieces, see `lagged_impulses.fire`, shapes (n_pieces,) and (n_pieces, n_jets).
+        durations_s, commands: its pieces, see `lagged_impulses.integrate_thrust`.
         timing: see `Timing`.
         anew: whether it tells nothing of how the vehicle moved.
     """
@@ -180,11 +180,7 @@ class Commanded(NamedTuple):
 
 
 def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """Returns the last row's command with unknown jets filled in where both neighbors agree, shape (n_jets,).
-
-    Args:
-        clock, stamp_s, commands, pace: see `measure_interval`.
-    """
+    """Returns the last row's command with unknown jets filled in where both neighbors agree, shape (n_jets,)."""
     command, next_command = commands
     if next_command is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
         return command
@@ -339,12 +335,7 @@ class Stamped(NamedTuple):
 
 @kernel
 def update_by_stamp(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
-    """Updates the state's tick offset and period by an interval's final stamp; returns it and the gain.
-
-    Args:
-        state: before.
-        timing: of the interval.
-    """
+    """Updates the state's tick offset and period by an interval's final stamp; returns state and gain."""
     places = params.places
     row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
     if not timing.off or places.n_ticks == 0:

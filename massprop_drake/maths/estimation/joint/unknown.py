@@ -62,7 +62,7 @@ def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Dire
 
 
 def is_untestable(firing: Firing, directions: Directions) -> bool:
-    """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test over an interval."""
+    """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test."""
     return bool(directions.number == directions.basis.shape[0] or firing.unknown.all())
 
 
@@ -75,11 +75,7 @@ def unknown_impulse_covariance(directions: Directions) -> Array:
 
 @kernel
 def remove_directions(rate_rows: Array, velocity_rows: Array, directions: Directions) -> tuple[Array, Array]:
-    """Removes components along unknown jets' directions from derivatives of rate and velocity, (3, size) each.
-
-    Args:
-        rate_rows, velocity_rows: of all, shape (3, size) each.
-    """
+    """Removes components along unknown jets' directions from derivatives of rate and velocity, (3, size) each."""
     if directions.number == 0.0:
         return rate_rows, velocity_rows
     rows = np.vstack((rate_rows, velocity_rows))

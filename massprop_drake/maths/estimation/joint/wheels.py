@@ -71,7 +71,7 @@ def interval_wheel_speeds(
     """Returns wheel speeds at both ends of an interval with their noise, and the last speeds read.
 
     Args:
-        previous: speeds that were read last, NaN where none has been, rad/s, shape (n,).
+        previous: last speeds read, NaN where none was, rad/s, shape (n,).
         reading: at the end of the interval, NaN where missing, rad/s, shape (n,).
     """
     missing = np.isnan(reading)
@@ -92,8 +92,7 @@ def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, whe
     """Returns wheel speeds with distrusted readings replaced by assumed speeds of larger noise.
 
     Args:
-        speeds: as they are read.
-        assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n,).
+        assumed: speed of each wheel, NaN where readings are trusted, rad/s, shape (n,).
     """
     if np.isnan(assumed).all():
         return speeds
@@ -156,7 +155,7 @@ def append_reading_errors(states: Wander, speeds: Spun, inverse: Array, rotation
     """Appends wheel speed reading errors, as slow states with decay and noise, to a disturbance.
 
     Args:
-        states: of the disturbance alone.
+        states: decay, effects and noise of the disturbance alone.
         inverse: J, in the scale of known impulses, shape (3, 3).
         rotation: integral of the rate over the interval, rad, shape (3,).
     """

@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, integrate_thrust, initial_level_decay
+from massprop_drake.maths.estimation.joint.lagged_impulses import (
+    LEAST_LAG,
+    Lingering,
+    initial_level_decay,
+    integrate_thrust,
+)
 from massprop_drake.maths.estimation.joint.layout import MASS
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
 from massprop_drake.maths.estimation.offline.record_kernels import add_decayed_sums
