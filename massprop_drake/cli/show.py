@@ -367,7 +367,7 @@ def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
     from massprop_drake.results.detections import in_words, onset_in_words, remarks  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {onset_in_words(entry)}"
-    what = in_words(entry, vehicle.unit_names, whole=True)
+    what = in_words(entry, vehicle.unit_names, detailed=True)
     return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 

@@ -192,7 +192,7 @@ def _failure_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[t
     """Yields whether each is good, and sentences on declared failures and injected ones that were not found."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     for entry in declared[:_WHOLE]:
-        yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_onset_text(entry, results)}."
+        yield False, f"Found: {detections.in_words(entry, units, detailed=True)}; {_onset_text(entry, results)}."
     if declared[_WHOLE:]:
         yield False, f"Found as well: {'; '.join(detections.in_words(entry, units) for entry in declared[_WHOLE:])}."
     if not declared:

@@ -227,7 +227,7 @@ class Recent(NamedTuple):
     @property
     def tally(self) -> Tally:
         """Tally of all innovations: older counts and newest samples together."""
-        return Tally.of(_add_counts(self.older, self.rows))
+        return Tally.from_counts(_add_counts(self.older, self.rows))
 
 
 def empty_recent(window: int) -> Recent:
@@ -245,6 +245,6 @@ def _innovations(rows: Array) -> Innovations:
 
 def _add_counts(older: Array, rows: Array) -> Array:
     """Returns counts, see `Tally.NUMBERS`, with the used samples of rows, shape (n, 5), added."""
-    tally = Tally.of(older)
+    tally = Tally.from_counts(older)
     tally.add_innovations(_innovations(rows))
     return tally.numbers
