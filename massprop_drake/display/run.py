@@ -110,7 +110,7 @@ class Run(RunContent):
             missing: parts that are known to be missing.
         """
         data, drawn = PartsMade(), PartsMade()
-        with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
+        with whole_folder(place, keep_old=lambda: bool(self.results.ended or data.missing)) as partial:
 
             def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
                 """Writes one file of the folder; notes an error of it, except OSError of data, which it raises."""

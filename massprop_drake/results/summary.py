@@ -246,7 +246,7 @@ class Summary:
     def above_bound(self) -> str:
         """Range of 1-sigma over the Cramér-Rao bound in words; "" where that is not known."""
         deviations = self.standard_deviations.tolist()
-        return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
+        return bound_in_words(deviations, self.identifiability, SYMBOLS, has_failed=self.has_failed)
 
     @property
     def impossible(self) -> str:
