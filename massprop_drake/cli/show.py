@@ -280,7 +280,7 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
     """
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    first, rest = table.parameter_sheets(results, vehicle.unit_names, truth=truth)
+    first, rest = table.parameter_sheets(results, vehicle.unit_names, with_truth=truth)
     rows: list[Sequence[Text | str] | None] = []
     for row in (*first.rows, None, *rest.rows):
         red = [console.words((cell, "bold red")) if cell == "no" else cell for cell in row or ()]

@@ -78,7 +78,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(run), *_arming_sentences(source, results)],
-        "parameters": table.parameter_sheets(results, units, truth=source.simulated),
+        "parameters": table.parameter_sheets(results, units, with_truth=source.simulated),
         "bound": results.above_bound,
         "intervals": results.intervals and results.intervals.in_words(),
         "allowed": results.intervals and results.intervals.guaranteed and table.interval_sheet(results, units),

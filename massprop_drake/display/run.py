@@ -47,7 +47,7 @@ class Run(RunContent):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
         joints = len(scenario.plant.joint_columns) if isinstance(scenario.plant, MultibodyBlock) else 0
         whole = results.ended is None and not results.missing
-        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, whole=whole)
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, is_complete=whole)
         state: dict[str, Any] = {}
         if exists(path / STATE_FILE):
             state = read_json(path / STATE_FILE)

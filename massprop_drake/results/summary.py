@@ -71,7 +71,7 @@ class NearZeroParameter(Parameter):
 
     @property
     def percent_deviation(self) -> float:
-        """NaN."""
+        """NaN: no percentage refers to an estimate of about zero."""
         return math.nan
 
 
@@ -228,10 +228,7 @@ class Summary:
 
     @cached_property
     def nearest_possible(self) -> Array | None:
-        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates can be.
-
-        None where the estimates are possible, or there is none; see `maths.possible_inertia.nearest_possible`.
-        """
+        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates are, or none is."""
         known = np.isfinite(self.estimates[:N_ROTATION]).all() and np.isfinite(self.covariance[:6, :6]).all()
         if self.derived.physically_possible or not known:
             return None
@@ -312,24 +309,26 @@ class Summary:
     def from_json(content: Any, source: str = "the summary") -> Summary:
         """Makes a summary from content of `summary.json`, of this or an earlier version.
 
-        What an earlier version did not write yet has its default; keys that are not known are left out.
+        Entries that an earlier version did not write have their default; unknown keys are left out.
 
         Args:
             content: as JSON has it.
-            source: what to call it in messages.
+            source: its name in messages.
 
         Raises:
             InputError: when it is no summary; the message names each field that is wrong.
         """
         read = validate_data(SummaryFile, content, source=source)
-        made: dict[str, Any] = {field.name: getattr(read, field.name) for field in fields(Summary)}
+        values: dict[str, Any] = {field.name: getattr(read, field.name) for field in fields(Summary)}
         for name in ("estimates", "standard_deviations", "truth", "percent_error"):
-            made[name] = parameters_from_names(made[name].model_dump())
-        found = read.derived
-        inertia, inertia_std = (None if one is None else np.array(one) for one in (found.inertia, found.inertia_std))
-        made["derived"] = Derived(found.mass, found.mass_std, inertia, inertia_std, found.physically_possible)
-        made["covariance"] = np.array(read.covariance, dtype=float)
-        return Summary(**made)
+            values[name] = parameters_from_names(values[name].model_dump())
+        derived = read.derived
+        inertia, inertia_std = (
+            None if matrix is None else np.array(matrix) for matrix in (derived.inertia, derived.inertia_std)
+        )
+        values["derived"] = Derived(derived.mass, derived.mass_std, inertia, inertia_std, derived.physically_possible)
+        values["covariance"] = np.array(read.covariance, dtype=float)
+        return Summary(**values)
 
 
 # --------------------------------------------------------------------------------- how it is stored
@@ -339,14 +338,18 @@ _Maybe3 = tuple[_Maybe, _Maybe, _Maybe]
 _Maybe10 = tuple[_Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe]
 
 
-def _drop_unknown_keys(kind: Any) -> BeforeValidator:
-    """Makes a validator that drops stored keys the named tuple has no field for."""
+def _drop_unknown_keys(record_type: Any) -> BeforeValidator:
+    """Makes a validator that drops stored keys for which a named tuple has no field."""
 
-    def known(content: Any) -> Any:
-        """Returns a dict without keys that are no fields of the named tuple; anything else as it is."""
-        return {key: content[key] for key in kind._fields if key in content} if isinstance(content, dict) else content
+    def keep_fields(content: Any) -> Any:
+        """Returns a dict without keys that are no fields of the named tuple; other content unchanged."""
+        return (
+            {key: content[key] for key in record_type._fields if key in content}
+            if isinstance(content, dict)
+            else content
+        )
 
-    return BeforeValidator(known)
+    return BeforeValidator(keep_fields)
 
 
 class _Stored(Model):
@@ -413,6 +416,7 @@ class SummaryFile(_Stored):
     @field_validator("data_quality")
     @classmethod
     def _require_text_lists(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Checks that the information and the warnings on data quality are lists of text."""
         for key in ("information", "warnings"):
             told = [] if value is None else value.get(key, [])
             if not (isinstance(told, list) and all(isinstance(text, str) for text in told)):

@@ -375,7 +375,7 @@ class _Estimation:
             deviation=last("standard_deviation"),
             covariance=covariance,
             truth=unknown,
-            found=found,
+            findings=found,
             consistency=parts.make(
                 "consistency", lambda: self._judge_consistency(found, analysis), Consistency(None, None, 0, TOO_LITTLE)
             ),
