@@ -62,7 +62,7 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
         data={"time": interactive.round_times(longest), **interactive.pack_figures(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=interactive.scripts(),
-        needs=interactive.NEEDS,
+        extra_policy=interactive.NEEDS,
     )
 
 

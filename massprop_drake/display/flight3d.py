@@ -88,7 +88,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
         data=data,
         styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
         scripts=[library, orders, (_HERE / "replay.js").read_text(encoding="utf-8")],
-        needs={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
+        extra_policy={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
     )
 
 

@@ -103,7 +103,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         data=plot_data,
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=interactive.scripts(),
-        needs=interactive.NEEDS,
+        extra_policy=interactive.NEEDS,
     )
 
 

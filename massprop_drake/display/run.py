@@ -102,18 +102,12 @@ class Run(RunContent):
         return place.shown
 
     def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder, and notes in its summary any file that fails; returns the first such error or None.
-
-        Args:
-            place: of the folder.
-            pages: whether figures, replay and report are wanted.
-            missing: parts that are known to be missing.
-        """
+        """Writes the run's folder with the wanted pages; notes missing files in its summary, and returns an error."""
         data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, keep_old=lambda: bool(self.results.ended or data.missing)) as partial:
 
             def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
-                """Writes one file of the folder; notes an error of it, except OSError of data, which it raises."""
+                """Writes one file of the folder, and notes its error; raises an OSError of data files."""
                 try:
                     write(partial / name)
                 except Exception as error:
@@ -145,15 +139,18 @@ class Run(RunContent):
         return data.error or drawn.error or lost.error
 
     def _write_figures(self, folder: Path) -> None:
+        """Writes every figure into a new folder."""
         folder.mkdir()
         self.plot.save(folder)
 
     def _write_replay(self, path: Path) -> None:
+        """Writes the replay as an HTML file."""
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
         _write_text(path, replay_html(self))
 
     def _write_report(self, path: Path) -> None:
+        """Writes the report as an HTML file, with a link to a replay beside it."""
         from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
 
         replay = path.with_name("replay.html")
@@ -187,14 +184,17 @@ class Run(RunContent):
 
 
 def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
+    """Returns content as JSON text that its schema accepts; notes numbers that are not finite."""
     return _text(reduce_to_storable(content, schema, parts))
 
 
 def _text(content: Any) -> str:
+    """Returns content as indented JSON text."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def _write_text(path: Path, text: str) -> None:
+    """Writes a text file in UTF-8, its line ends unchanged."""
     path.write_text(text, encoding="utf-8", newline="")
 
 
