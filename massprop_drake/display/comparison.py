@@ -52,9 +52,7 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
         "parameters": _parameter_rows(runs),
         "found": [_findings_text(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
-        "from_zero": any(
-            shifted.time_s[0] != run.time_s[0] for (_, shifted), (_, run) in zip(sources, shown, strict=True)
-        ),
+        "from_zero": any(one.time_s[0] != run.time_s[0] for (_, one), (_, run) in zip(sources, shown, strict=True)),
     }
     return templates.page(
         _HERE / "comparison.html",
@@ -86,35 +84,24 @@ def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, S
 def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
     """Makes one overlaid plot for each plot that all runs have, with one color per run; runs with their names."""
     available = [plots.available_plots(source) for _, source in runs]
-    names = [name for name in _OVERLAID if all(name in run_plots for run_plots in available)]
-    made = {
-        name: [run_plots[name](source) for run_plots, (_, source) in zip(available, runs, strict=True)]
-        for name in names
-    }
-    labels = [name for name, _ in runs]
-    return [
-        _overlay_plot(run_plots, labels)
-        for run_plots in made.values()
-        if len({len(plot.panels) for plot in run_plots}) == 1
-    ]
+    names = [name for name in _OVERLAID if all(name in each for each in available)]
+    made = {name: [each[name](source) for each, (_, source) in zip(available, runs, strict=True)] for name in names}
+    called = [name for name, _ in runs]
+    return [_overlay_plot(each, called) for each in made.values() if len({len(plot.panels) for plot in each}) == 1]
 
 
-def _overlay_plot(run_plots: Sequence[Plot], names: Sequence[str]) -> Plot:
+def _overlay_plot(plots: Sequence[Plot], names: Sequence[str]) -> Plot:
     """Merges the same plot of several runs into one plot, over the times of the longest run."""
-    longest = max(run_plots, key=lambda plot: float(plot.time_s[-1]))
+    longest = max(plots, key=lambda plot: float(plot.time_s[-1]))
     panels = []
-    for run_panels in zip(*(plot.panels for plot in run_plots), strict=True):
+    for parts in zip(*(plot.panels for plot in plots), strict=True):
         marks: list[Mark] = []
-        for number, (panel, name) in enumerate(zip(run_panels, names, strict=True)):
+        for number, (panel, name) in enumerate(zip(parts, names, strict=True)):
             color = COLORS[number % len(COLORS)]
             marks += [mark for mark in (_recolor_mark(mark, color, name) for mark in panel.marks) if mark is not None]
-        panels.append(
-            run_panels[0]._replace(
-                marks=tuple(marks), scale=_common_scale(run_panels), limits=_common_limits(run_panels)
-            )
-        )
-    windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in run_plots))
-    moments = tuple(dict.fromkeys(moment for plot in run_plots for moment in plot.moments))
+        panels.append(parts[0]._replace(marks=tuple(marks), scale=_common_scale(parts), limits=_common_limits(parts)))
+    windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in plots))
+    moments = tuple(dict.fromkeys(moment for plot in plots for moment in plot.moments))
     banded = any(isinstance(mark, Band) for panel in panels for mark in panel.marks)
     meaning = "3 sigma: shaded, or dashed where the scale is logarithmic" if banded else ""
     return longest._replace(panels=tuple(panels), windows=windows, moments=moments, meaning=meaning)

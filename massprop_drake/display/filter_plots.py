@@ -66,11 +66,9 @@ def _parameter_plot(run: Source, name: str, elements: tuple[int, ...], title: st
 def other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
     """Maps each of the user's own estimators to its estimates of a parameter, shape (n,), and its color."""
     names = [name for name in run.signals if is_user_signal(name) and name.endswith(".estimate")]
-    estimates = {
-        name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)
-    }
-    known = {name: values[:, element] for name, values in estimates.items() if np.isfinite(values[:, element]).any()}
-    return {name: (values, COLORS[3 + number % 3]) for number, (name, values) in enumerate(known.items())}
+    found = {name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)}
+    there = {name: values[:, element] for name, values in found.items() if np.isfinite(values[:, element]).any()}
+    return {name: (values, COLORS[3 + number % 3]) for number, (name, values) in enumerate(there.items())}
 
 
 def estimated_elements(run: Source, elements: tuple[int, ...]) -> list[int]:
@@ -254,14 +252,12 @@ def _nis_label(run: Source, filter_name: str, nis: Array) -> str:
     means = run.consistency
     if means is None:
         mean = float(nis.mean()) if nis.size else None
-        within, count = float(nis[nis <= _RARE_NIS].mean()) if (nis <= _RARE_NIS).any() else None, f"{nis.size}"
+        within, of = float(nis[nis <= _RARE_NIS].mean()) if (nis <= _RARE_NIS).any() else None, f"{nis.size}"
     else:
-        mean, within = (
-            means.get(f"{_TURNED_OR_MOVED[filter_name]}_nis_{statistic}") for statistic in ("mean", "within")
-        )
-        count = "all"
+        mean, within = (means.get(f"{_TURNED_OR_MOVED[filter_name]}_nis_{which}") for which in ("mean", "within"))
+        of = "all"
     if mean is None:
         return "NIS, no sample used"
     if within is None or not is_mean_dominated(mean, within):
-        return f"NIS, mean {mean:.2f} of {count} samples{'' if means is None else ' used'}"
+        return f"NIS, mean {mean:.2f} of {of} samples{'' if means is None else ' used'}"
     return f"NIS, mean {within:.2f} ({mean:.4g} with those beyond 99 %)"

@@ -154,16 +154,13 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     The page shows the last row at or before its time, and turns only the attitude between two rows.
     """
     scenario, time_s = run.scenario, np.asarray(run.time_s)
-    failure_marks, detection_marks = (
-        event_marks.failure_marks(scenario, float(time_s[-1])),
-        event_marks.detection_marks(run),
-    )
-    commanded = np.nan_to_num(np.asarray(run["command"])) > 0.0
+    failed, found = event_marks.failure_marks(scenario, float(time_s[-1])), event_marks.detection_marks(run)
+    asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
     levels = _thrust_levels(run)
     lists = {
-        **motion.classify_plumes(levels, commanded, truly_failing(time_s, scenario)),
-        "failed": _marked_jets(run, failure_marks),
-        "found": _marked_jets(run, detection_marks),
+        **motion.classify_plumes(levels, asked, truly_failing(time_s, scenario)),
+        "failed": _marked_jets(run, failed),
+        "found": _marked_jets(run, found),
     }
     estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
     columns = {
@@ -174,23 +171,23 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
         "deviation": deviation,
         **instruments.columns(run),
     }
-    data = scenario_page_data(scenario, stage, truth="truth" in run.signals)
-    if (positions := _positions(run)) is not None:
-        data["columns"].append(PLACE)
-        columns[PLACE] = positions
+    told = scenario_page_data(scenario, stage, truth="truth" in run.signals)
+    if (place := _positions(run)) is not None:
+        told["columns"].append(PLACE)
+        columns[PLACE] = place
     if stage.links:
         columns[LINKS] = np.array([stage.links.poses(row) for row in _joint_positions(run)])
     return {
-        **data,
+        **told,
         "live": False,
-        "rows": [list(row) for row in zip(*(_to_lists(columns[name]) for name in data["columns"]), strict=True)],
+        "rows": [list(row) for row in zip(*(_to_lists(columns[name]) for name in told["columns"]), strict=True)],
         "lists": {
             **{name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
             "sizes": [plume_sizes(scenario, *row) for row in zip(levels, lists["given"], lists["untold"], strict=True)],
         },
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
-        "moments": list_moments(scenario, float(time_s[0]), failure_marks, detection_marks),
-        "events": _slider_events(run, failure_marks, detection_marks),
+        "moments": list_moments(scenario, float(time_s[0]), failed, found),
+        "events": _slider_events(run, failed, found),
     }
 
 

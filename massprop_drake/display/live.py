@@ -115,12 +115,10 @@ class Live:
         """Computes the largest deviation of packages from their median in the last interval, 1-sigma; NaN at first."""
         if self._before is None:
             return float("nan")
-        moments = (self._before, moment)
+        both = (self._before, moment)
         names = self._scenario.vehicle_data.sensor_names()
-        signals = {name: np.stack([sample.readings[index] for sample in moments]) for index, name in enumerate(names)}
-        return float(
-            instruments.package_deviation(self._scenario, np.array([sample.time_s for sample in moments]), signals)[-1]
-        )
+        signals = {name: np.stack([one.readings[index] for one in both]) for index, name in enumerate(names)}
+        return float(instruments.package_deviation(self._scenario, np.array([one.time_s for one in both]), signals)[-1])
 
 
 def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:

@@ -93,24 +93,22 @@ def _phase_panel(
 ) -> Panel:
     """Makes the phase-plane panel of an axis: path, deg and deg/s, and switching lines of named deadbands, rad/s."""
     error, rate = error_and_rate
-    rate_in_hold = np.where(np.isnan(error), np.nan, rate)
-    error_limit = _symmetric_limit(error, 0.0)
-    rate_limit = _symmetric_limit(rate_in_hold, DEGREES * (law.hold_rate_limit + max(deadbands.values())))
-    corner = DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else error_limit
-    x = np.unique(np.clip([-error_limit, -corner, corner, error_limit], -error_limit, error_limit))
-    rate_commanded = np.array(
-        [DEGREES * commanded_rate(np.zeros(3), np.full(3, error_rad), law)[0] for error_rad in x / DEGREES]
-    )
+    held = np.where(np.isnan(error), np.nan, rate)
+    wide = _symmetric_limit(error, 0.0)
+    high = _symmetric_limit(held, DEGREES * (law.hold_rate_limit + max(deadbands.values())))
+    corner = DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else wide
+    x = np.unique(np.clip([-wide, -corner, corner, wide], -wide, wide))
+    wanted = np.array([DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / DEGREES])
     letter = AXES[axis]
     marks: list[Mark] = [
-        Line(error, rate_in_hold, COLORS[axis], "path" if labeled else "", width=THIN_LINE),
-        Line(x, rate_commanded, TRUTH_COLOR, "rate wanted" if labeled else ""),
+        Line(error, held, COLORS[axis], "path" if labeled else "", width=THIN_LINE),
+        Line(x, wanted, TRUTH_COLOR, "rate wanted" if labeled else ""),
     ]
     for (label, deadband), color in zip(deadbands.items(), (TRUTH_COLOR, BAND_COLOR), strict=False):
-        for sign, name in ((-1.0, ""), (1.0, label if labeled else "")):
-            marks.append(Line(x, rate_commanded + sign * DEGREES * deadband, color, name, dashed=True))
-    over = Over(f"attitude error {letter}", "deg", (-error_limit, error_limit))
-    return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-rate_limit, rate_limit), over=over)
+        for sign, said in ((-1.0, ""), (1.0, label if labeled else "")):
+            marks.append(Line(x, wanted + sign * DEGREES * deadband, color, said, dashed=True))
+    over = Over(f"attitude error {letter}", "deg", (-wide, wide))
+    return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
 
 
 def _symmetric_limit(values: Array, least: float) -> float:
@@ -171,10 +169,8 @@ def against_positions(run: Source) -> Plot:
 def against_attitudes(run: Source) -> Plot:
     """Plots the rotation from the simulated attitude to the measured one, of the first attitude sensor, deg."""
     name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
-    difference = DEGREES * rotation_differences(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
-    panels = [
-        Panel(AXES[axis], "deg", (Line(run.time_s, difference[:, axis], COLORS[axis]),)) for axis in run.rotation_axes
-    ]
+    left = DEGREES * rotation_differences(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
+    panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.rotation_axes]
     meaning = "from the attitude that the simulation has to the one that was read, body axes"
     title = "Attitude, beside a simulation of the same commands: difference"
     return plot(run, "against_attitudes", title, panels, meaning=meaning)

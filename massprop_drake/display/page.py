@@ -259,38 +259,27 @@ def _list_time_windows(run: RunContent) -> tuple[list[dict[str, Any]], dict[int,
 def _injected_row(run: RunContent, number: int, window_by_failure: Mapping[int, int]) -> dict[str, Any]:
     """Makes the table row of an injected failure or jump: true values, what was found, and outcome."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
-    failure = (results.injected or ())[number]
-    declared = (failure.declared_s, failure.magnitude)
-    entry = next(
-        (detection for detection in results.detections if (detection.time_s, detection.magnitude) == declared), None
-    )
-    if failure.jet is None:
-        before = sum(earlier.jet is None for earlier in (results.injected or ())[:number])
+    one = (results.injected or ())[number]
+    said = (one.declared_s, one.magnitude)
+    entry = next((each for each in results.detections if (each.time_s, each.magnitude) == said), None)
+    if one.jet is None:
+        before = sum(other.jet is None for other in (results.injected or ())[:number])
         jump = run.scenario.jumps[before]
         true = f"{-jump.mass if jump.kind == 'release' else jump.mass:+.4g} {units['mass']}"
         found = "" if entry is None or entry.kind != JUMP else size_in_words(entry, units)
     else:
-        true = "" if failure.force is None else f"{failure.force:+.2f} {units['force']}"
+        true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
         found = "" if entry is None else size_in_words(entry, units)
-    delay_s = (
-        None
-        if failure.declared_s is None or failure.first_acted_s is None
-        else failure.declared_s - failure.first_acted_s
-    )
+    delay_s = None if one.declared_s is None or one.first_acted_s is None else one.declared_s - one.first_acted_s
     before = delay_s is not None and delay_s <= 0.0  # its jet was known to have failed when it acted again
     return {
-        "what": failure.name,
-        "times": [
-            failure.start_s,
-            failure.first_acted_s,
-            failure.first_alarm_s,
-            None if before else failure.declared_s,
-        ],
+        "what": one.name,
+        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, None if before else one.declared_s],
         "delay": "-" if delay_s is None else "known before" if before else f"{delay_s:.2f} s",
         "true": true or "-",
         "found": found or "-",
-        "outcome": failure.outcome_text,
-        "good": failure.good,
+        "outcome": one.outcome_text,
+        "good": one.good,
         "jump": window_by_failure.get(number),
     }
 
@@ -304,11 +293,7 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
         return [{"good": False, "text": "The detector was never armed: no sample was tested."}]
     if from_s - float(source.time_s[0]) <= PROMPT_S:
         return []
-    before = [
-        failure
-        for failure in results.injected or ()
-        if failure.first_acted_s is not None and failure.first_acted_s < from_s
-    ]
+    before = [one for one in results.injected or () if one.first_acted_s is not None and one.first_acted_s < from_s]
     missed = f"; {counted(len(before), 'failure')} acted before" if before else ""
     return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
 

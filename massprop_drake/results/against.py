@@ -254,51 +254,47 @@ def _select_causes(
     is_possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
     """Selects one by one the unknowns that reduce the misfit most, beyond chance; arguments as `find_causes`."""
-    reference, labels = labeled_unknowns
-    names = {index: label for index, label in enumerate(labels) if label is not None}
-    diagonal = np.where([index in names for index in range(len(labels))], first.information.diagonal(), 0.0)
-    candidates = np.flatnonzero(diagonal > 0.0)
+    reference, called = labeled_unknowns
+    names = {place: one for place, one in enumerate(called) if one is not None}
+    diagonal = np.where([place in names for place in range(len(called))], first.information.diagonal(), 0.0)
+    there = np.flatnonzero(diagonal > 0.0)
     alone = np.zeros_like(diagonal)
-    alone[candidates] = first.score[candidates] ** 2 / diagonal[candidates]
+    alone[there] = first.score[there] ** 2 / diagonal[there]
     excess = max(first.misfit - first.readings, 1e-300)
-    limit = chi_square_limit(RATE / max(candidates.size, 1), 1)
-    selected: list[int] = []
+    limit = chi_square_limit(RATE / max(there.size, 1), 1)
+    taken: list[int] = []
     shares: list[float] = []
-    point, normal = reference, first
-    while len(selected) < _MOST:
-        gains = {
-            index: _misfit_gain(normal, [*selected, index]) for index in candidates.tolist() if index not in selected
-        }
-        best = max(gains, key=lambda index: gains[index], default=-1)
+    at, normal = reference, first
+    while len(taken) < _MOST:
+        gains = {place: _misfit_gain(normal, [*taken, place]) for place in there.tolist() if place not in taken}
+        best = max(gains, key=lambda place: gains[place], default=-1)
         if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
             break
-        new_point, fit = _fit_unknowns(make_equations, (point, normal), [*selected, best], is_possible)
+        after, fit = _fit_unknowns(make_equations, (at, normal), [*taken, best], is_possible)
         if fit.misfit >= normal.misfit:
             break
-        point, normal = new_point, fit
-        selected.append(best)
+        at, normal = after, fit
+        taken.append(best)
         shares.append(min((first.misfit - fit.misfit) / excess, 1.0))
-    if not selected:
+    if not taken:
         return ()
-    covariance = np.linalg.inv(normal.information[np.ix_(selected, selected)]) * max(
-        normal.misfit / normal.readings, 1.0
-    )
-    causes = []
-    for number, (index, deviation) in enumerate(zip(selected, np.sqrt(covariance.diagonal()), strict=True)):
-        what, unit, scale = names[index]
-        others = candidates[(alone[candidates] >= _ALIKE * alone[index]) & (candidates != index)] if number == 0 else ()
-        causes.append(
+    covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
+    found = []
+    for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
+        what, unit, scale = names[place]
+        others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
+        found.append(
             Explanation(
                 what,
-                float(scale * (point[index] - reference[index])),
+                float(scale * (at[place] - reference[place])),
                 float(scale * deviation),
                 unit,
-                min(float(alone[index]) / excess, 1.0),
+                min(float(alone[place]) / excess, 1.0),
                 shares[number],
                 tuple(names[other].what for other in others),
             )
         )
-    return tuple(causes)
+    return tuple(found)
 
 
 def _fit_unknowns(

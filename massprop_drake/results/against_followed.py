@@ -67,13 +67,11 @@ def rotation_differences(measured: Array, simulated: Array) -> Array:
     Args:
         measured, simulated: quaternions from body to fixed frame, the latter of unit length, NaN unread, shape (n, 4).
     """
-    rotation_vectors = np.full((len(measured), 3), np.nan)
+    found = np.full((len(measured), 3), np.nan)
     for row in np.flatnonzero(np.isfinite(measured).all(axis=1) & np.isfinite(simulated).all(axis=1)):
-        attitude_read = measured[row] / np.sqrt(measured[row] @ measured[row])
-        rotation_vectors[row] = attitude.to_rotation_vector(
-            attitude.multiply(attitude.conjugate(simulated[row]), attitude_read)
-        )
-    return rotation_vectors
+        one = measured[row] / np.sqrt(measured[row] @ measured[row])
+        found[row] = attitude.to_rotation_vector(attitude.multiply(attitude.conjugate(simulated[row]), one))
+    return found
 
 
 def explain_differences(
@@ -93,11 +91,9 @@ def explain_differences(
     movable = setting.movable_places(params.filter_setup(scenario), pose_params.parts)
     with np.errstate(all="ignore"):
         return against.find_causes(
-            lambda unknowns: pose_hindsight.record_equations(
-                record, vehicle._replace(at=unknowns), movable, pose_params
-            ),
+            lambda at: pose_hindsight.record_equations(record, vehicle._replace(at=at), movable, pose_params),
             (vehicle.at, _name_unknowns(scenario, pose_params, vehicle.at)),
-            lambda unknowns: pose_hindsight.is_physical(unknowns, pose_params.parts),
+            lambda at: pose_hindsight.is_physical(at, pose_params.parts),
         )
 
 
@@ -105,17 +101,15 @@ def _name_unknowns(scenario: Scenario, pose_params: PoseParams, state: Array) ->
     """Returns the label of each element of the pose filter's state, in its order; None where it is not fitted."""
     vehicle, parts = scenario.vehicle_data, pose_params.parts
     length = vehicle.unit_names["length"]
-    labels: list[UnknownLabel | None] = [None] * parts.size
+    found: list[UnknownLabel | None] = [None] * parts.size
     values = np.concatenate((state[parts.spin], state[parts.center], state[parts.common]))
     units = mass_property_units(vehicle.unit_names)
     places = [*range(*parts.spin.indices(parts.size)), *range(*parts.center.indices(parts.size)), parts.common.start]
     known = params.known_parameters(scenario)
-    for index, fixed, *entry in zip(places, known, SYMBOLS, units, values.tolist(), strict=True):
-        labels[index] = None if fixed else name_mass_property(*entry)
+    for place, fixed, *one in zip(places, known, SYMBOLS, units, values.tolist(), strict=True):
+        found[place] = None if fixed else name_mass_property(*one)
     kinds, poses = list(vehicle.jet_kinds), [pose.name for pose in vehicle.poses]
-    gyros, accelerometers = (
-        [entry.name for entry in packages(scenario)] for packages in (params.gyros, params.accelerometers)
-    )
+    gyros, accelerometers = ([one.name for one in few(scenario)] for few in (params.gyros, params.accelerometers))
     push, nobody, turn = parts.push.start, "that nobody commands", "angular acceleration"
     named: list[tuple[slice, list[str], str, float]] = [
         (parts.thrust, [f"thrust of {jet}" for jet in vehicle.designations], "%", 100.0),
@@ -136,5 +130,5 @@ def _name_unknowns(scenario: Scenario, pose_params: PoseParams, state: Array) ->
         ),
     ]
     for part, of_part, unit, scale in named:
-        labels[part] = [UnknownLabel(what, unit, scale) for what in of_part]
-    return labels
+        found[part] = [UnknownLabel(what, unit, scale) for what in of_part]
+    return found

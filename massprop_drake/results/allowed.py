@@ -94,9 +94,7 @@ def allowed_intervals(
         solve: solves a linear program, see `maths.estimation.offline.intervals`.
     """
     onsets = [
-        detection.onset_s if detection.earliest_s is None else detection.earliest_s
-        for detection in detections
-        if detection.withdrawn_s is None
+        one.onset_s if one.earliest_s is None else one.earliest_s for one in detections if one.withdrawn_s is None
     ]
     until_s = min(onsets, default=None)
     reason = _reason_unbounded(scenario)
@@ -104,28 +102,24 @@ def allowed_intervals(
         return _no_intervals(reason, until_s)
     model = make_model(scenario)
     last_s = math.inf if until_s is None else until_s - model.period_s
-    stretches, on_ticks = trusted_stretches(scenario, signals, last_s, events, model)
-    chosen = [
-        stretch for stretch in stretches if not np.isnan(stretch.readings[:, : model.gyros]).all(axis=(0, 1)).any()
-    ]
+    pieces, on_ticks = trusted_stretches(scenario, signals, last_s, events, model)
+    chosen = [piece for piece in pieces if not np.isnan(piece.readings[:, : model.gyros]).all(axis=(0, 1)).any()]
     chosen = chosen[:: max(-(-len(chosen) // _STRETCHES), 1)]
     if not chosen:
         return _no_intervals("there are too few readings", until_s)
     if not on_ticks:
         return _no_intervals("time stamps scatter about the ticks at which commands switch", until_s)
-    if any(
-        stretch.onsets_s is not None and has_pulse(stretch.commands[:-1], stretch.onsets_s[:-1]) for stretch in chosen
-    ):
+    if any(piece.onsets_s is not None and has_pulse(piece.commands[:-1], piece.onsets_s[:-1]) for piece in chosen):
         return _no_intervals("jets open and close within samples", until_s)
     cells = _reading_cells(scenario, model)
-    start = model.prior.copy()
+    begin = model.prior.copy()
     if flight_model.is_physical(estimate):  # NaN is not
-        start[:10] = estimate
+        begin[:10] = estimate
     with np.errstate(all="ignore"):
-        fit = regression.fit_flight(chosen, start, model)
-        point = fit.at if flight_model.is_physical(fit.at) else model.prior
+        fit = regression.fit_flight(chosen, begin, model)
+        about = fit.at if flight_model.is_physical(fit.at) else model.prior
         try:
-            limits = intervals.find_intervals(chosen, point, model, cells, solve)
+            limits = intervals.find_intervals(chosen, about, model, cells, solve)
         except ArithmeticError as error:
             return _no_intervals(str(error), until_s)
     return _make_intervals(limits, _list_assumptions(model, cells, chosen), until_s)

@@ -72,10 +72,8 @@ def analyze_run(
         events: declared besides; readings declared false are left out.
         resumed: whether it goes on from another run, which the signals do not show.
     """
-    analysis = _analyze_readings(scenario, signals, estimate, (detections, events), resumed=resumed)
-    return analysis._replace(
-        diagnoses=(*analysis.diagnoses, *_diagnose_disturbance(scenario, events, analysis.diagnoses))
-    )
+    back = _analyze_readings(scenario, signals, estimate, (detections, events), resumed=resumed)
+    return back._replace(diagnoses=(*back.diagnoses, *_diagnose_disturbance(scenario, events, back.diagnoses)))
 
 
 def _diagnose_disturbance(
@@ -102,48 +100,46 @@ def _analyze_readings(
 ) -> BatchAnalysis:
     """Runs the batch regression of `analyze_run`; `declared`: detections (failures and jumps), and events."""
     detections, events = declared
-    standing = [item for item in detections if item.withdrawn_s is None]
-    jumped = any(item.kind == JUMP for item in standing)
-    contradiction = None if resumed or jumped else prior.find_contradiction(scenario, signals, estimate)
+    standing = [one for one in detections if one.withdrawn_s is None]
+    jumped = any(one.kind == JUMP for one in standing)
+    apart = None if resumed or jumped else prior.find_contradiction(scenario, signals, estimate)
     if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
-        return BatchAnalysis(np.full(10, np.nan), () if contradiction is None else (contradiction,))
+        return BatchAnalysis(np.full(10, np.nan), () if apart is None else (apart,))
     model = make_model(scenario)
     unseen_s = model.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
-    until_s = min((item.onset_s - unseen_s for item in standing), default=math.inf)
+    until_s = min((one.onset_s - unseen_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        stretches = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
-        start = np.where(np.isnan(estimate) | jumped, model.prior[:10], estimate)  # that at the end is of after a jump
-        if until_s < math.inf and is_off_ticks(stretches, model):  # what was declared may be the clock's doing
-            all_pieces = select_short_pieces(stretches, math.inf, model)
-            if try_switching(all_pieces, regression.fit_flight(all_pieces, fit_start(start, model), model), model)[-1]:
+        pieces = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
+        begin = np.where(np.isnan(estimate) | jumped, model.prior[:10], estimate)  # that at the end is of after a jump
+        if until_s < math.inf and is_off_ticks(pieces, model):  # what was declared may be the clock's doing
+            every = select_short_pieces(pieces, math.inf, model)
+            if try_switching(every, regression.fit_flight(every, fit_start(begin, model), model), model)[-1]:
                 until_s = math.inf
         names = vehicle_names(scenario)
-        chosen = select_short_pieces(stretches, until_s, model)
-        diagnoses, fit = diagnose_readings(chosen, start, model, names)
+        chosen = select_short_pieces(pieces, until_s, model)
+        diagnoses, fit = diagnose_readings(chosen, begin, model, names)
         if until_s < math.inf and excess_misfit(fit) > 0.0:  # what was declared may be the doing of what moves inside
-            all_pieces = select_short_pieces(stretches, math.inf, model)
-            whole = regression.fit_flight(all_pieces, fit_start(start, model), model)
-            diagnoses = find_oscillation(all_pieces, whole, model, names) or diagnoses
+            every = select_short_pieces(pieces, math.inf, model)
+            whole = regression.fit_flight(every, fit_start(begin, model), model)
+            diagnoses = find_oscillation(every, whole, model, names) or diagnoses
         if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
-            of_whole, _ = diagnose_readings(select_short_pieces(stretches, math.inf, model), start, model, names)
-            diagnoses = of_whole if any(item.kind == "wheel" for item in of_whole) else diagnoses
-        if diagnoses or contradiction is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
-            scaled = find_common_factors(stretches, start, model, scenario)
+            whole_of_it, _ = diagnose_readings(select_short_pieces(pieces, math.inf, model), begin, model, names)
+            diagnoses = whole_of_it if any(one.kind == "wheel" for one in whole_of_it) else diagnoses
+        if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
+            scaled = find_common_factors(pieces, begin, model, scenario)
             if scaled is not None:
-                stretches, contradiction = scaled.parts, None
-                others, fit = diagnose_readings(
-                    select_short_pieces(stretches, until_s, model), scaled.begin, model, names
-                )
+                pieces, apart = scaled.pieces, None
+                others, fit = diagnose_readings(select_short_pieces(pieces, until_s, model), scaled.begin, model, names)
                 diagnoses = [*scaled.found, *others]
-        if contradiction is not None:
-            diagnoses = [contradiction, *diagnoses] if contradiction.kind == "factor" else [*diagnoses, contradiction]
+        if apart is not None:
+            diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
         tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
         if resumed or jumped or tracked or not flight_model.is_physical(fit.at):
             return BatchAnalysis(np.full(10, np.nan), tuple(diagnoses))
-        initial, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
-        all_of_it = sum(item.time_s.size for item in chosen) == sum(item.time_s.size for item in stretches)
+        start, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
+        all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in pieces)
         known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(model) else None
-        bound = flight_bound.least_deviation(stretches, fit.at, initial, drift, without_shifts(model), known)
+        bound = flight_bound.least_deviation(pieces, fit.at, start, drift, without_shifts(model), known)
     return BatchAnalysis(bound, tuple(diagnoses))
 
 

@@ -57,19 +57,19 @@ def find_common_factors(
     of_gyros, of_others = _candidate_factors(ratios, gyro, rates), _candidate_factors(ratios, ~gyro, velocities)
     known_factors = (None, *rates, *velocities)
     names = vehicle_names(scenario)
-    results: list[tuple[float, _Rescaled]] = []
+    tried: list[tuple[float, _Rescaled]] = []
     for pair in product((None, *of_gyros), (None, *of_others)):
         sizes, words = np.ones(ratios.size), []
-        for mask, factor, sensor_names in zip((gyro, ~gyro), pair, (names.gyros, names.accelerometers), strict=True):
+        for mask, factor, among in zip((gyro, ~gyro), pair, (names.gyros, names.accelerometers), strict=True):
             if factor is not None:
                 off = mask & ~_is_plausible(ratios)
                 sizes[off] = factor.size
-                sensors = [name for name, is_off in zip(sensor_names, off[mask], strict=True) if is_off]
+                sensors = [name for name, is_off in zip(among, off[mask], strict=True) if is_off]
                 words.append(f"{', '.join(sensors)}: readings are {factor}")
         if not words:
             continue
-        rescaled = [_scale_readings(stretch, 1.0 / sizes) for stretch in stretches]
-        chosen = select_short_pieces(rescaled, math.inf, model)
+        other = [_scale_readings(stretch, 1.0 / sizes) for stretch in stretches]
+        chosen = select_short_pieces(other, math.inf, model)
         after = regression.fit_flight(chosen, model.prior, model)
         if after.normal.readings < FEWEST or not after.normal.is_finite:
             continue
@@ -80,10 +80,10 @@ def find_common_factors(
         settled = excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
         if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
             continue
-        found = [Diagnosis("factor", item, before.normal.per_reading, after.normal.per_reading) for item in words]
-        exact = 1.0 if all(item in known_factors for item in pair) else SCATTER  # what was measured is not
-        results.append((exact * after.normal.per_reading, _Rescaled(rescaled, after.at[:10], found)))
-    return min(results, key=lambda item: item[0], default=(0.0, None))[1]
+        found = [Diagnosis("factor", one, before.normal.per_reading, after.normal.per_reading) for one in words]
+        exact = 1.0 if all(one in known_factors for one in pair) else SCATTER  # what was measured is not
+        tried.append((exact * after.normal.per_reading, _Rescaled(other, after.at[:10], found)))
+    return min(tried, key=lambda one: one[0], default=(0.0, None))[1]
 
 
 def _scale_readings(stretch: Stretch, scales: Array) -> Stretch:

@@ -319,24 +319,20 @@ def _exceeds_share(count: float, n_samples: int, allowed_share: float) -> bool:
 
 
 def judge_consistency(
-    rotation: Tally,
-    translation: Tally,
-    error_ratios: Array,
-    symbols: Sequence[str],
-    diagnoses: Sequence[Diagnosis] = (),
+    rotation: Tally, translation: Tally, errors: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
 ) -> Consistency:
     """Judges whether a run is consistent, with reasons if not, by NIS and by estimation errors if known.
 
     Args:
         rotation, translation: NIS of the two filters, or parts of one; without samples where there is none.
-        error_ratios: errors of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
+        errors: of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
         symbols: of the ten parameters.
         diagnoses: assumptions that the readings contradict.
     """
     reasons = [*(one.reason for one in diagnoses), *rotation.faults("rotation"), *translation.faults("translation")]
     reasons += [
         f"{symbol} is {abs(ratio):.3g} of its sigmas off"
-        for symbol, ratio in zip(symbols, error_ratios.tolist(), strict=True)
+        for symbol, ratio in zip(symbols, errors.tolist(), strict=True)
         if math.isfinite(ratio) and abs(ratio) > _FAR
     ]
     verdict = INCONSISTENT if reasons else CONSISTENT if rotation.n >= _FEWEST else TOO_LITTLE

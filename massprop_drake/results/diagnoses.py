@@ -101,34 +101,30 @@ def _find_explanations(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, names: Names
 ) -> Iterator[_Explanation]:
     """Yields model errors, such as wrong thrust or a delay, with which a new fit removes most of the misfit."""
-    suspects = [test for test in _test_assumptions(fit, model) if test.statistic > test.threshold]
+    suspects = [one for one in _test_assumptions(fit, model) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
-    for test in sorted(suspects, key=lambda test: -test.statistic / test.threshold)[:_TRIED]:
-        cause = _describe_cause(test, fit, model, names)
-        freed = model._replace(sigma=model.sigma.copy())
-        freed.sigma[cause.group] = cause.sigma
-        new_fit = regression.fit_flight(stretches, fit.at, freed)
-        if _explains(new_fit, fit):
-            reason = _describe_lags(cause, new_fit, model, names) if cause.kind == "lag" else cause.reason
-            diagnosis = Diagnosis(cause.kind, reason, test.statistic, test.threshold)
-            yield _Explanation(
-                diagnosis, fit_cost(new_fit, freed) + per_unknown * test.score.degrees, stretches, new_fit, freed
-            )
+    for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
+        cause = _describe_cause(one, fit, model, names)
+        wider = model._replace(sigma=model.sigma.copy())
+        wider.sigma[cause.group] = cause.sigma
+        after = regression.fit_flight(stretches, fit.at, wider)
+        if _explains(after, fit):
+            reason = _describe_lags(cause, after, model, names) if cause.kind == "lag" else cause.reason
+            found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
+            yield _Explanation(found, fit_cost(after, wider) + per_unknown * one.score.degrees, stretches, after, wider)
     for shift in (1, -1) if excess_misfit(fit) > 0.0 and not model.own_times else ():
-        shifted = [_shift_commands(stretch, shift) for stretch in stretches]
-        new_fit = regression.fit_flight(shifted, model.prior, model)
-        if not _explains(new_fit, fit):
+        moved = [_shift_commands(part, shift) for part in stretches]
+        after = regression.fit_flight(moved, model.prior, model)
+        if not _explains(after, fit):
             continue
-        same = regression.fit_flight(
-            [take_rows(stretch, _kept_rows(stretch, shift)) for stretch in stretches], fit.at, model
-        )
+        same = regression.fit_flight([take_rows(part, _kept_rows(part, shift)) for part in stretches], fit.at, model)
         if excess_misfit(same) > 0.0 and _explains(
-            new_fit, same
+            after, same
         ):  # else the row that is left out is all that contradicts
             words = f"delay wrong: commands act {1e3 * model.period_s:.3g} ms {'later' if shift > 0 else 'earlier'}"
             reason = f"{words} than they are logged, one sample period"
-            diagnosis = Diagnosis("delay", reason, fit.normal.per_reading, new_fit.normal.per_reading)
-            yield _Explanation(diagnosis, fit_cost(new_fit, model) + per_unknown, shifted, new_fit, model)
+            found = Diagnosis("delay", reason, fit.normal.per_reading, after.normal.per_reading)
+            yield _Explanation(found, fit_cost(after, model) + per_unknown, moved, after, model)
 
 
 def _explains(fit: FlightFit, earlier_fit: FlightFit) -> bool:
@@ -138,10 +134,10 @@ def _explains(fit: FlightFit, earlier_fit: FlightFit) -> bool:
 
 def _shift_commands(stretch: Stretch, shift: int) -> Stretch:
     """Returns a stretch whose commands act one row later (1) or earlier (-1) than logged, one row shorter."""
-    shorter, kept = take_rows(stretch, _kept_rows(stretch, shift)), slice(0, -1) if shift > 0 else slice(1, None)
-    opening = None if stretch.onsets_s is None else stretch.onsets_s[kept]
+    cut, told = take_rows(stretch, _kept_rows(stretch, shift)), slice(0, -1) if shift > 0 else slice(1, None)
+    opening = None if stretch.onsets_s is None else stretch.onsets_s[told]
     return prepend_rows(
-        shorter._replace(commands=stretch.commands[kept], onsets_s=opening), stretch, slice(0 if shift > 0 else 1)
+        cut._replace(commands=stretch.commands[told], onsets_s=opening), stretch, slice(0 if shift > 0 else 1)
     )
 
 
@@ -152,17 +148,15 @@ def _kept_rows(stretch: Stretch, shift: int) -> slice:
 
 def _describe_lags(cause: _Cause, fit: FlightFit, model: FlightModel, names: Names) -> str:
     """Describes the thrust time constant or delay of each kind of jet in a cause, as fitted, ms."""
-    slices, words = flight_model.columns(model), []
-    for index in cause.group.tolist():
-        kind, off = index - slices.lag.start, 1e3 * float(fit.at[index])
-        stated = 1e3 * float(model.time_constants_s[model.kinds == kind].max(initial=0.0))
-        if stated > 0.0:
-            words.append(
-                f"{names.kinds[kind]} jets build up with {max(stated + off, 0.0):.3g} ms, told {stated:.3g} ms"
-            )
+    places, words = flight_model.columns(model), []
+    for place in cause.group.tolist():
+        index, off = place - places.lag.start, 1e3 * float(fit.at[place])
+        told = 1e3 * float(model.time_constants_s[model.kinds == index].max(initial=0.0))
+        if told > 0.0:
+            words.append(f"{names.kinds[index]} jets build up with {max(told + off, 0.0):.3g} ms, told {told:.3g} ms")
         elif off != 0.0:
             when = "late" if off > 0.0 else "early"
-            words.append(f"{names.kinds[kind]} jets act {abs(off):.3g} ms {when}, told none")
+            words.append(f"{names.kinds[index]} jets act {abs(off):.3g} ms {when}, told none")
     return f"lag wrong: {'; '.join(words)}"
 
 
@@ -180,8 +174,8 @@ def find_oscillation(stretches: Sequence[Stretch], fit: FlightFit, model: Flight
         oscillation.misfit_of(stretches, fit, model) if stated else (fit.normal.misfit, fit.normal.readings)
     )
     mode = oscillation.strongest_mode(stretches, fit, model)
-    allowed = (1.0 - EXPLAINED) * max(misfit - SCATTER * readings, 0.0)
-    if mode is None or mode.misfit - SCATTER * mode.readings > allowed:
+    left = (1.0 - EXPLAINED) * max(misfit - SCATTER * readings, 0.0)
+    if mode is None or mode.misfit - SCATTER * mode.readings > left:
         if not stated:
             return []
         rate, velocity = oscillation.covering_walk(stretches, fit, model, np.zeros_like(fit.at))
@@ -249,13 +243,11 @@ def _try_gyro_signs(
         for axis in range(3):
             signs = np.ones((model.variances.shape[0], 3))
             signs[package, axis] = -1.0
-            reversed_stretches = [stretch._replace(readings=stretch.readings * signs) for stretch in stretches]
-            new_fit = regression.fit_flight(reversed_stretches, model.prior, model)
-            if new_fit.normal.per_reading < _HOPELESS and excess_misfit(new_fit) < (1.0 - EXPLAINED) * excess_misfit(
-                fit
-            ):
+            turned = [part._replace(readings=part.readings * signs) for part in stretches]
+            after = regression.fit_flight(turned, model.prior, model)
+            if after.normal.per_reading < _HOPELESS and excess_misfit(after) < (1.0 - EXPLAINED) * excess_misfit(fit):
                 reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
-                return new_fit, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
+                return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
     return fit, []
 
 

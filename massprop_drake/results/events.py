@@ -187,33 +187,31 @@ def _make_hypothesis_events(
 ) -> Iterator[EventRecord]:
     """Yields the events that the detector by hypotheses declared at a sample, from its status and its report."""
     status, report = status_and_report
-    common: dict[str, Any] = {"statistic": status["suspected_likelihood"], "alarms": int(status["alarms"])}
+    how: dict[str, Any] = {"statistic": status["suspected_likelihood"], "alarms": int(status["alarms"])}
     for jets in jets_by_declaration(report["verdict_group"], report["verdict_place"]):
-        event = _make_jet_event(vehicle, time_s, jets, report)._replace(**common)
+        event = _make_jet_event(vehicle, time_s, jets, report)._replace(**how)
         yield event._replace(pattern=_classify_pattern(earlier, event)) if event.kind == "erratic" else event
     if not np.isnan(report["jump_measured"][0]):
-        onsets = [event_before.onset_s for event_before in earlier if event_before.kind == "jump"]
-        has_mass, has_position = np.isfinite(report["jump_mass"][0]), np.isfinite(report["jump_position"]).all()
+        onsets = [one.onset_s for one in earlier if one.kind == "jump"]
+        known, there = np.isfinite(report["jump_mass"][0]), np.isfinite(report["jump_position"]).all()
         yield EventRecord(
             time_s,
             "jump_measured" if report["jump_measured"][0] else "jump",
             onsets[-1] if report["jump_measured"][0] and onsets else status["onset"],
-            mass=float(report["jump_mass"][0]) if has_mass else None,
-            mass_std=float(report["jump_mass_std"][0]) if has_mass else None,
-            position=_to_triple(report["jump_position"]) if has_position else None,
-            position_std=_to_triple(report["jump_position_std"]) if has_position else None,
-            **common,
+            mass=float(report["jump_mass"][0]) if known else None,
+            mass_std=float(report["jump_mass_std"][0]) if known else None,
+            position=_to_triple(report["jump_position"]) if there else None,
+            position_std=_to_triple(report["jump_position_std"]) if there else None,
+            **how,
         )
     if not np.isnan(report["lying_component"][0]):
         sensor, axis = locate_reading(int(report["lying_component"][0]), sensors, vehicle)
-        yield EventRecord(
-            time_s, sensor_event_kind(sensor, vehicle), status["onset"], sensor=sensor, axis=axis, **common
-        )
+        yield EventRecord(time_s, sensor_event_kind(sensor, vehicle), status["onset"], sensor=sensor, axis=axis, **how)
     if not np.isnan(report["unexplained_since"][0]):
-        yield EventRecord(time_s, "unexplained", float(report["unexplained_since"][0]), **common)
+        yield EventRecord(time_s, "unexplained", float(report["unexplained_since"][0]), **how)
     if not np.isnan(report["disturbed_since"][0]):
         torque, force = (float(report[f"disturbance_{of}"][0]) for of in ("torque", "force"))
-        event = EventRecord(time_s, "disturbance", float(report["disturbed_since"][0]), **common)
+        event = EventRecord(time_s, "disturbance", float(report["disturbed_since"][0]), **how)
         yield event._replace(torque_std=torque, force_std=force)
 
 
@@ -237,10 +235,8 @@ def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], report: Ma
 
 def _classify_pattern(earlier: Sequence[EventRecord], event: EventRecord) -> Literal["intermittent", "drifting"]:
     """Returns "drifting" if a jet's declared forces always change in one direction, else "intermittent"."""
-    of_jet = [
-        record for record in (*earlier, event) if record.jet_index == event.jet_index and record.magnitude is not None
-    ]
-    changes = np.diff([record.magnitude for record in of_jet if record.magnitude is not None])
+    of_it = [one for one in (*earlier, event) if one.jet_index == event.jet_index and one.magnitude is not None]
+    changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
 
 

@@ -66,11 +66,7 @@ class FaultProbabilities(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """Returns the entry `fault_probability` of `summary.json`: by jet, and "none" and "unknown"."""
-        return {
-            **{jet: entry._asdict() for jet, entry in self.jets.items()},
-            "none": self.none,
-            "unknown": self.unknown,
-        }
+        return {**{jet: one._asdict() for jet, one in self.jets.items()}, "none": self.none, "unknown": self.unknown}
 
     def in_words(self, units: Mapping[str, str]) -> str:
         """Describes jets whose probability of failure is above 1 %, at most five; "" where there is none."""

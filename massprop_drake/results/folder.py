@@ -73,18 +73,14 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
         with stage(path.parent):  # can be made
             pass
         with lock_folder(path.parent):  # nobody exchanges it while it is looked at
-            folder_manifest = manifest.read(path)
-            is_kept_run = (
-                force and folder_manifest is not None and not _foreign_in_words(path, folder_manifest)
-            )  # a run that is flown again
-            _require_replaceable(
-                target, path, [source for source in reads if not (is_kept_run and _resolve_path(source) == path)]
-            )
+            found = manifest.read(path)
+            may_stay = force and found is not None and not _foreign_in_words(path, found)  # a run that is flown again
+            _require_replaceable(target, path, [one for one in reads if not (may_stay and _resolve_path(one) == path)])
             if force:
                 _require_apart(target, path, _inner_work_folders(path))
             elif path.exists():
-                _require_only_ours(target, path, folder_manifest)
-        return Place(path, target, force, None if folder_manifest is None else folder_manifest.id)
+                _require_only_ours(target, path, found)
+        return Place(path, target, force, None if found is None else found.id)
 
 
 @contextlib.contextmanager

@@ -100,36 +100,32 @@ def classify_parameters(
     vehicle = scenario.vehicle_data
     least = np.full(10, math.nan) if bound is None else bound
     limits, known = params.convergence_limits(scenario), params.known_parameters(scenario)
-    measures_mass = params.mass_is_observable(scenario)
+    weighs = params.mass_is_observable(scenario)
     deviation = np.sqrt(covariance.diagonal())
-    is_converged = bool(mass_properties.are_converged(deviation[None], estimate[None], limits, known)[0])
-    scaling = estimate if is_converged else vehicle.nominal.vector()  # what is not known yet scales nothing
+    good = bool(mass_properties.are_converged(deviation[None], estimate[None], limits, known)[0])
+    scaling = estimate if good else vehicle.nominal.vector()  # what is not known yet scales nothing
     limit = identifiability.requested_deviation(scaling, limits)
     start = np.sqrt(params.initial_covariance(scenario).diagonal())
-    hidden = unobservable_combinations(vehicle, accelerometer=measures_mass, known=known)
-    flags = identifiability.classify_parameters(start, deviation, limit, (hidden != 0.0).any(axis=0))
-    flags = [Flag.FIXED if fixed else flag for fixed, flag in zip(known, flags, strict=True)]
+    hidden = unobservable_combinations(vehicle, accelerometer=weighs, known=known)
+    found = identifiability.classify_parameters(start, deviation, limit, (hidden != 0.0).any(axis=0))
+    found = [Flag.FIXED if fixed else flag for fixed, flag in zip(known, found, strict=True)]
 
-    jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=measures_mass)
+    jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
     jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
     noise = increments_noise(scenario)
-    best, shares_left = identifiability.predict_best_firing(covariance, jacobian, noise)
+    best, left_by = identifiability.predict_best_firing(covariance, jacobian, noise)
 
     entries = []
-    for element, (name, flag) in enumerate(zip(mass_properties.NAMES, flags, strict=True)):
-        useful = flag != Flag.NOT_OBSERVABLE and shares_left[element] < _WORTH
+    for element, (name, flag) in enumerate(zip(mass_properties.NAMES, found, strict=True)):
+        useful = flag != Flag.NOT_OBSERVABLE and left_by[element] < _WORTH
         jet = vehicle.jets[int(best[element])].designation if useful else None
         share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
-        share_left = float(shares_left[element]) if useful else None
-        least_deviation = (
-            None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
-        )
+        left = float(left_by[element]) if useful else None
+        possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
         ratios = float(deviation[element] / limit[element]), float(least[element] / limit[element])
-        reason = _explain_flag(flag, share, ratios, jet, share_left)
+        reason = _explain_flag(flag, share, ratios, jet, left)
         entries.append(
-            Identifiability(
-                name, str(flag), reason, share if math.isfinite(share) else None, jet, share_left, least_deviation
-            )
+            Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left, possible)
         )
     return tuple(entries)
 
@@ -141,18 +137,16 @@ def increments_noise(scenario: Scenario) -> Array:
     """
     vehicle, period_s = scenario.vehicle_data, scenario.vehicle_data.sample_period_s
     gyros, accelerometers = params.gyros(scenario), params.accelerometers(scenario)
-    attitude_stds = [pose.attitude_std for pose in vehicle.poses if pose.attitude_std is not None]
-    position_stds = [pose.position_std for pose in vehicle.poses if pose.position_std is not None]
-    rates = [gyro.variance for gyro in gyros[:1]] + [3.0 * (std / period_s) ** 2 for std in attitude_stds]
-    speeds = [package.variance for package in accelerometers[:1]] + [
-        3.0 * (std / period_s) ** 2 for std in position_stds
-    ]
+    turning = [pose.attitude_std for pose in vehicle.poses if pose.attitude_std is not None]
+    moving = [pose.position_std for pose in vehicle.poses if pose.position_std is not None]
+    rates = [gyro.variance for gyro in gyros[:1]] + [3.0 * (std / period_s) ** 2 for std in turning]
+    speeds = [package.variance for package in accelerometers[:1]] + [3.0 * (std / period_s) ** 2 for std in moving]
     speeds += [sensor.noise_std**2 for sensor in vehicle.velocities]
     noise = increment_noise(min(rates))
     if not params.mass_is_observable(scenario):
         return noise
-    zeros = np.zeros((3, 3))
-    return np.block([[noise, zeros], [zeros, increment_noise(min(speeds, default=_UNMEASURED))]])
+    nothing = np.zeros((3, 3))
+    return np.block([[noise, nothing], [nothing, increment_noise(min(speeds, default=_UNMEASURED))]])
 
 
 def _explain_flag(
@@ -180,14 +174,10 @@ def _explain_flag(
 
 def in_words(entries: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
     """Lists (parameter and flag, reason) in words for parameters that are not identified; fixed ones together."""
-    listed = [(entry, symbol) for entry, symbol in zip(entries, symbols, strict=False) if entry.flag != Flag.IDENTIFIED]
-    described = [
-        (f"{symbol} {entry.flag.replace('_', ' ')}", entry.reason)
-        for entry, symbol in listed
-        if entry.flag != Flag.FIXED
-    ]
-    fixed = [(entry.reason, symbol) for entry, symbol in listed if entry.flag == Flag.FIXED]
-    return described + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
+    told = [(one, symbol) for one, symbol in zip(entries, symbols, strict=False) if one.flag != Flag.IDENTIFIED]
+    said = [(f"{symbol} {one.flag.replace('_', ' ')}", one.reason) for one, symbol in told if one.flag != Flag.FIXED]
+    fixed = [(one.reason, symbol) for one, symbol in told if one.flag == Flag.FIXED]
+    return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
 
 
 def bound_in_words(
@@ -202,8 +192,8 @@ def bound_in_words(
         entries, symbols: of each.
         has_failed: whether jets were declared failed; the bound is of healthy ones.
     """
-    rows = zip(deviations, entries, symbols, strict=False)
-    ratios = [(deviation / entry.bound, symbol) for deviation, entry, symbol in rows if entry.bound]
+    each = zip(deviations, entries, symbols, strict=False)
+    ratios = [(deviation / one.bound, symbol) for deviation, one, symbol in each if one.bound]
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)

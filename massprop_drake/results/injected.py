@@ -195,11 +195,9 @@ def _is_match(vehicle: Vehicle, event: InjectedRecord, detection: DetectionRecor
     return detection.cluster == vehicle.jets[vehicle.designations.index(event.jet)].cluster
 
 
-def _with_declaration(record: InjectedRecord, detection: DetectionRecord) -> InjectedRecord:
+def _with_declaration(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
     """Returns the record with time and force of a declaration."""
-    return record._replace(
-        declared_s=detection.time_s, magnitude=detection.magnitude, magnitude_std=detection.magnitude_std
-    )
+    return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
 
 
 def _drop_late_alarm(record: InjectedRecord) -> InjectedRecord:

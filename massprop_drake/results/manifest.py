@@ -64,11 +64,9 @@ class Manifest(_Model):
         candidates = (listed for listed in (*self.files, *self.pending, NAME) if listed.casefold() == name.casefold())
         return any(listed == name or _is_same_file(folder / listed, path) for listed in candidates)
 
-    def holds(self, subfolder: str) -> bool:
+    def holds(self, folder: str) -> bool:
         """Tests whether the manifest lists a subfolder, by relative path, or files in it."""
-        return subfolder in self.folders or any(
-            name.startswith(f"{subfolder}/") for name in (*self.files, *self.pending)
-        )
+        return folder in self.folders or any(name.startswith(f"{folder}/") for name in (*self.files, *self.pending))
 
     def lists(self, name: str, path: Path) -> bool:
         """Tests whether the manifest lists a name, and a path is a regular file with that size and digest."""

@@ -134,7 +134,7 @@ class FlightMonitor:
 
     def _filter_result(self, filter_name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
         """Returns use (1 or 0), NIS and its expectation of a filter at one sample, from the reports by port."""
-        used, nis = (self._value(f"{filter_name}_{quantity}", reports) for quantity in ("used", "nis"))
+        used, nis = (self._value(f"{filter_name}_{what}", reports) for what in ("used", "nis"))
         return (
             used,
             nis,

@@ -245,9 +245,9 @@ def cut_at(stretch: Stretch, time_s: float) -> Stretch:
 
 def take_rows(stretch: Stretch, rows: slice) -> Stretch:
     """Returns some rows of a stretch, with the commands before them, whose thrust still lags."""
-    by_row = {name: value for name, value in stretch._asdict().items() if name not in _BEFORE and value is not None}
+    own = {name: value for name, value in stretch._asdict().items() if name not in _BEFORE and value is not None}
     return prepend_rows(
-        stretch._replace(**{name: value[rows] for name, value in by_row.items()}), stretch, slice(rows.start)
+        stretch._replace(**{name: value[rows] for name, value in own.items()}), stretch, slice(rows.start)
     )
 
 

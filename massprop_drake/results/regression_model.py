@@ -143,18 +143,16 @@ def _random_walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     return rate, velocity
 
 
-def motion_sigma(impulse_noise: Array, body: MassProperties) -> Array:
+def motion_sigma(impulses: Array, body: MassProperties) -> Array:
     """Computes 1-sigma of a body's rate and velocity changes by independent impulses, largest axis, shape (2,).
 
     Args:
-        impulse_noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
+        impulses: about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
         body: its mass properties.
     """
-    moments = impulse_noise[:, :3] + np.cross(impulse_noise[:, 3:], body.center_of_mass)
+    moments = impulses[:, :3] + np.cross(impulses[:, 3:], body.center_of_mass)
     rates = np.linalg.solve(np.asarray(body.inertia), moments.T).T
-    return np.array(
-        [math.sqrt((changes**2).sum(axis=0).max()) for changes in (rates, impulse_noise[:, 3:] / body.mass)]
-    )
+    return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, impulses[:, 3:] / body.mass)])
 
 
 def without_shifts(model: FlightModel) -> FlightModel:

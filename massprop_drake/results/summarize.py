@@ -139,16 +139,14 @@ def summarize_last_estimates(scenario: Scenario, signals: Spool, timing: RunTimi
 def add_batch_analysis(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
     """Returns the summary with batch diagnoses in its consistency verdict, and with identifiability."""
     estimate, covariance = results.estimates, results.covariance
-    analysis = analyze_run(scenario, signals, estimate, results.detections, results.events)
+    back = analyze_run(scenario, signals, estimate, results.detections, results.events)
     verdict = results.consistency
-    if analysis.diagnoses:
+    if back.diagnoses:
         verdict = _judge_run(
-            signals, estimate, results.standard_deviations, results.truth, results.detections, analysis.diagnoses
+            signals, estimate, results.standard_deviations, results.truth, results.detections, back.diagnoses
         )
     return replace(
-        results,
-        consistency=verdict,
-        identifiability=classify_parameters(scenario, estimate, covariance, analysis.bound),
+        results, consistency=verdict, identifiability=classify_parameters(scenario, estimate, covariance, back.bound)
     )
 
 

@@ -319,16 +319,14 @@ class Summary:
             InputError: when it is no summary; the message names each field that is wrong.
         """
         read = validate_data(SummaryFile, content, source=source)
-        values: dict[str, Any] = {field.name: getattr(read, field.name) for field in fields(Summary)}
+        made: dict[str, Any] = {field.name: getattr(read, field.name) for field in fields(Summary)}
         for name in ("estimates", "standard_deviations", "truth", "percent_error"):
-            values[name] = parameters_from_names(values[name].model_dump())
-        derived = read.derived
-        inertia, inertia_std = (
-            None if matrix is None else np.array(matrix) for matrix in (derived.inertia, derived.inertia_std)
-        )
-        values["derived"] = Derived(derived.mass, derived.mass_std, inertia, inertia_std, derived.physically_possible)
-        values["covariance"] = np.array(read.covariance, dtype=float)
-        return Summary(**values)
+            made[name] = parameters_from_names(made[name].model_dump())
+        found = read.derived
+        inertia, inertia_std = (None if one is None else np.array(one) for one in (found.inertia, found.inertia_std))
+        made["derived"] = Derived(found.mass, found.mass_std, inertia, inertia_std, found.physically_possible)
+        made["covariance"] = np.array(read.covariance, dtype=float)
+        return Summary(**made)
 
 
 # --------------------------------------------------------------------------------- how it is stored

@@ -143,10 +143,10 @@ def property_rows(
     results: Summary, units: Mapping[str, str], *, with_truth: bool = True
 ) -> tuple[list[Row], list[Row]]:
     """Returns the rows of mass, center of mass and inertia, and those of inverse inertia and 1/m."""
-    parameters, (mass, *inertia) = parameter_rows(results, units, with_truth=with_truth), derived_rows(results, units)
-    elements, reciprocal = parameters[INVERSE_INERTIA], parameters[MASS_RECIPROCAL]
+    ten, (mass, *inertia) = parameter_rows(results, units, with_truth=with_truth), derived_rows(results, units)
+    elements, reciprocal = ten[INVERSE_INERTIA], ten[MASS_RECIPROCAL]
     unsure = [row.flag for row in elements if row.flag != Flag.IDENTIFIED] or [row.flag for row in elements]
-    first = [mass._replace(inside=reciprocal.inside, flag=reciprocal.flag), *parameters[CENTER_OF_MASS]]
+    first = [mass._replace(inside=reciprocal.inside, flag=reciprocal.flag), *ten[CENTER_OF_MASS]]
     return [*first, *(row._replace(flag=unsure[0]) for row in inertia)], [*elements, reciprocal]
 
 
@@ -181,16 +181,13 @@ def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
 def residual_sheet(comparison: Against) -> Sheet:
     """Makes the table of readings minus simulated ones, by signal: RMS, largest value, its time, and noise."""
     rows: list[tuple[str, ...]] = []
-    for residual in comparison.residuals:
-        power = _power_of_ten(
-            residual.rms if residual.rms and residual.rms > _NOTHING * residual.noise else residual.noise
-        )
+    for one in comparison.residuals:
+        power = _power_of_ten(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
         size, largest, noise = (
-            "-" if value is None else f"{value / 10.0**power:.4g}"
-            for value in (residual.rms, residual.largest, residual.noise)
+            "-" if value is None else f"{value / 10.0**power:.4g}" for value in (one.rms, one.largest, one.noise)
         )
-        when = "-" if residual.largest_s is None else f"{residual.largest_s:.2f} s"
-        rows.append((residual.signal, _unit_with_power(residual.unit, power), size, largest, when, noise))
+        when = "-" if one.largest_s is None else f"{one.largest_s:.2f} s"
+        rows.append((one.signal, _unit_with_power(one.unit, power), size, largest, when, noise))
     headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
     return Sheet(headings, rows, ("signal", "unit"))
 

@@ -182,19 +182,13 @@ class Suspicions:
             assert isinstance(block, CglrBlock)
             jets = np.flatnonzero(likelihood > likelihood.max() - block.margin)
         alarm = int(signals["alarm"][row, 0] > 0.0)
-        for index, suspicion in enumerate(self._gathered):
-            if np.isin(jets, suspicion.jets).any():
-                sums = (
-                    np.maximum(suspicion.sums, likelihood)
-                    if isinstance(block, CusumBlock)
-                    else suspicion.sums + likelihood
-                )
-                samples = suspicion.samples + 1
-                limit = 0.5 * block.threshold if isinstance(block, CusumBlock) else sums.max() - block.margin * samples
-                alike = np.flatnonzero(sums > limit)
-                self._gathered[index] = _Suspicion(
-                    suspicion.time_s, time_s, sums, alike, samples, suspicion.alarms + alarm
-                )
+        for index, one in enumerate(self._gathered):
+            if np.isin(jets, one.jets).any():
+                sums = np.maximum(one.sums, likelihood) if isinstance(block, CusumBlock) else one.sums + likelihood
+                samples = one.samples + 1
+                least = 0.5 * block.threshold if isinstance(block, CusumBlock) else sums.max() - block.margin * samples
+                alike = np.flatnonzero(sums > least)
+                self._gathered[index] = _Suspicion(one.time_s, time_s, sums, alike, samples, one.alarms + alarm)
                 return
         self._gathered.append(_Suspicion(time_s, time_s, likelihood, jets, 1, alarm))
 
@@ -244,13 +238,10 @@ class Suspicions:
             leads = np.nan_to_num(signals["likelihood"][row], nan=-np.inf)
             race = self._race
             if np.isfinite(leads).any() or race is None:
-                lead, least_lead = (
-                    0.0,
-                    np.inf,
-                )  # by hypotheses of the joint filter nothing leads: they have probabilities
+                lead, least = 0.0, np.inf  # by hypotheses of the joint filter nothing leads: they have probabilities
                 if isinstance(block, ThrustFactorsBlock):
-                    lead, least_lead = block.lead, block.lead_nothing
-                jets = np.flatnonzero((leads > leads.max() - lead) & (leads > least_lead))
+                    lead, least = block.lead, block.lead_nothing
+                jets = np.flatnonzero((leads > leads.max() - lead) & (leads > least))
                 began_s, samples = (time_s, 1) if race is None else (race.time_s, race.samples + 1)
                 self._race = _Suspicion(began_s, time_s, leads, jets, samples, 0)
             else:
@@ -284,11 +275,9 @@ class Suspicions:
                 jets = {index for index, jet in enumerate(self._vehicle.jets) if jet.cluster == event.cluster}
             self._declared = self._declared - jets if event.kind == "withdrawn" else self._declared | jets
             if event.kind == "failed" or len(jets) <= _SMALL_GROUP:
-                self._gathered = [
-                    suspicion for suspicion in self._gathered if not np.isin(suspicion.jets, list(jets)).any()
-                ]
+                self._gathered = [one for one in self._gathered if not np.isin(one.jets, list(jets)).any()]
                 names = {self._vehicle.designations[jet] for jet in jets}
-                self._earlier = [suspicion for suspicion in self._earlier if not names & set(suspicion.jets)]
+                self._earlier = [one for one in self._earlier if not names & set(one.jets)]
 
     def list_records(self) -> tuple[UnconfirmedRecord, ...]:
         """Lists records of suspicions never declared, by time; the largest 50 if there are more."""

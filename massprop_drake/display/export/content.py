@@ -286,7 +286,7 @@ class Content:
         """Converts times of the run, s, to nanoseconds since the epoch."""
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
-    def _make_block(self, time_s: Array, signals: Mapping[str, Array], due_messages: Sequence[LogEntry]) -> SampleBlock:
+    def _make_block(self, time_s: Array, signals: Mapping[str, Array], messages: Sequence[LogEntry]) -> SampleBlock:
         """Makes a sample block from signals: with poses of the frames, changes of the scene, and due messages."""
         time_ns = self._to_ns(time_s)
         scene: dict[str, list[tuple[int, Arrows | Balls]]] = {
@@ -296,12 +296,8 @@ class Content:
         }
         if self._scenario.jumps and self._simulated:
             scene["payloads"] = self._changed_parts("payloads", self._payload_balls(time_s))
-        times = np.clip(
-            self._to_ns(np.array([message.time_s for message in due_messages])), self.outline.start_ns, None
-        ).tolist()
-        return SampleBlock(
-            time_ns, signals, self._frame_poses(signals), scene, list(zip(times, due_messages, strict=True))
-        )
+        times = np.clip(self._to_ns(np.array([one.time_s for one in messages])), self.outline.start_ns, None).tolist()
+        return SampleBlock(time_ns, signals, self._frame_poses(signals), scene, list(zip(times, messages, strict=True)))
 
     def _frame_poses(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Maps each moving frame to its origins, shape (n, 3), ft or m, and quaternions, shape (n, 4)."""
@@ -443,14 +439,11 @@ def _messages(run: RunContent, notes: Sequence[str]) -> list[LogEntry]:
 
 def _verdict(run: RunContent) -> tuple[Literal["info", "warning"], str, str]:
     """Returns severity, source and text of the message that closes a run: its consistency and declarations."""
-    consistency, standing = (
-        run.results.consistency,
-        [detection for detection in run.results.detections if detection.withdrawn_s is None],
-    )
-    reasons = f": {'; '.join(consistency.reasons)}" if consistency.reasons else ""
+    judged, standing = run.results.consistency, [one for one in run.results.detections if one.withdrawn_s is None]
+    reasons = f": {'; '.join(judged.reasons)}" if judged.reasons else ""
     what = counted(len(standing), "declaration") if standing else "no failure found"
-    level: Literal["info", "warning"] = "warning" if consistency.verdict == "inconsistent" else "info"
-    return level, "run", f"verdict: {consistency.verdict or 'not judged'}{reasons}; {what}"
+    level: Literal["info", "warning"] = "warning" if judged.verdict == "inconsistent" else "info"
+    return level, "run", f"verdict: {judged.verdict or 'not judged'}{reasons}; {what}"
 
 
 def _are_equal(one: Arrows | Balls, other: Arrows | Balls) -> bool:

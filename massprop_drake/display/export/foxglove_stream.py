@@ -93,8 +93,8 @@ class FoxgloveStream:
             "vehicle", time_ns, SceneEntity(**_vehicle_entity_fields(timestamp, "vehicle"), triangles=surfaces)
         )
         jets = [
-            _make_transform(timestamp, VEHICLE, f"jet_{name}", position, quaternion)
-            for name, (position, quaternion) in self._outline.jets.items()
+            _make_transform(timestamp, VEHICLE, f"jet_{name}", place, quaternion)
+            for name, (place, quaternion) in self._outline.jets.items()
         ]
         self._jets.log(FrameTransforms(transforms=jets), log_time=time_ns)
 

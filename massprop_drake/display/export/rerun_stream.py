@@ -98,10 +98,9 @@ class RerunStream:
             self._send_columns(f"{_frame_path(VEHICLE)}/{name}", times, _draw_parts([part for _, part in changes]))
         if block.messages:
             times = np.array([time_ns for time_ns, _ in block.messages])
-            messages = [message for _, message in block.messages]
+            said = [message for _, message in block.messages]
             texts = rr.TextLog.columns(
-                text=[f"{entry.source}: {entry.text}" for entry in messages],
-                level=[_LEVELS[entry.level] for entry in messages],
+                text=[f"{one.source}: {one.text}" for one in said], level=[_LEVELS[one.level] for one in said]
             )
             self._send_columns(_EVENTS, times, texts)
 
