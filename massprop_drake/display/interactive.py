@@ -193,22 +193,22 @@ def _key_height(panel: Panel) -> int:
     return _KEY * math.ceil(len(widths) / max(1, _NARROW // max(widths)))
 
 
-def _horizontal_axis(over: Over, suffix: str) -> Json:
+def _horizontal_axis(quantity: Over, suffix: str) -> Json:
     """Returns plotly's horizontal axis of a panel over a quantity other than time."""
     return {
-        "title": {"text": escape_text(over.axis_label), "font": {"size": 10}},
-        "range": list(over.limits),
+        "title": {"text": escape_text(quantity.axis_label), "font": {"size": 10}},
+        "range": list(quantity.limits),
         "anchor": f"y{suffix}",
         "exponentformat": "power",
     }
 
 
-def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
+def _set_quantity_axis(traces: Sequence[Json], panel: Panel, quantity: Over, suffix: str) -> None:
     """Moves a panel's traces from the time axis to that of a quantity; only the first, the path, keeps readings."""
     for trace in traces:
         trace["xaxis"] = f"x{suffix}"
         trace.pop("meta", None)
-    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
+    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [quantity.label, quantity.unit]}
 
 
 def _axis_label(panel: Panel, number: int) -> Json:

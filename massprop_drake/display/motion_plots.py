@@ -111,9 +111,9 @@ def _phase_panel(
     return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
 
 
-def _symmetric_limit(values: Array, least: float) -> float:
-    """Computes the half width of a range around zero that holds all values, with 10 % margin."""
-    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
+def _symmetric_limit(values: Array, minimum: float) -> float:
+    """Computes the half width of a range around zero that holds all values, at least a minimum, with 10 % margin."""
+    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), minimum) or 1.0
 
 
 def rates_estimated(run: Source) -> Plot:

@@ -257,7 +257,7 @@ def _list_time_windows(run: RunContent) -> tuple[list[dict[str, Any]], dict[int,
 
 
 def _injected_row(run: RunContent, number: int, window_by_failure: Mapping[int, int]) -> dict[str, Any]:
-    """Makes the table row of an injected failure or jump: true values, what was found, and outcome."""
+    """Makes the table row of an injected failure or jump: times, true and detected size, and outcome."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
     said = (one.declared_s, one.magnitude)

@@ -106,15 +106,15 @@ class Run(RunContent):
         data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, keep_old=lambda: bool(self.results.ended or data.missing)) as partial:
 
-            def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
+            def write_part(name: str, write: Callable[[Path], object], parts_made: PartsMade) -> None:
                 """Writes one file of the folder, and notes its error; raises an OSError of data files."""
                 try:
                     write(partial / name)
                 except Exception as error:
-                    if parts is data and isinstance(error, OSError):
+                    if parts_made is data and isinstance(error, OSError):
                         raise
                     _remove_unfinished(partial / name)
-                    parts.note(name, error)
+                    parts_made.note(name, error)
 
             write_part("scenario.yaml", lambda path: _write_text(path, yaml_text(self.scenario) + _END), data)
             write_part("telemetry.csv", self.write_telemetry, data)
@@ -183,9 +183,9 @@ class Run(RunContent):
         return summary_html(self)
 
 
-def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
+def _json(content: Any, schema: type[BaseModel], parts_made: PartsMade) -> str:
     """Returns content as JSON text that its schema accepts; notes numbers that are not finite."""
-    return _text(reduce_to_storable(content, schema, parts))
+    return _text(reduce_to_storable(content, schema, parts_made))
 
 
 def _text(content: Any) -> str:

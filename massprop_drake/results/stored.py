@@ -68,16 +68,16 @@ def _parse_finite(text: str) -> float:
     return value
 
 
-def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
+def reduce_to_storable(content: Any, schema: type[BaseModel], parts_made: PartsMade) -> Any:
     """Replaces NaN and infinity in JSON content by None, and drops records in lists that then fail the schema.
 
     Args:
         content: to store.
         schema: of the file.
-        parts: notes the key of each such number.
+        parts_made: notes the key of each such number.
     """
-    kept = _replace_infinite(content, (), parts)
-    if not parts.missing:
+    kept = _replace_infinite(content, (), parts_made)
+    if not parts_made.missing:
         return kept
     try:
         schema.model_validate(kept)
@@ -88,14 +88,14 @@ def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) 
     return kept
 
 
-def _replace_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
+def _replace_infinite(content: Any, path: tuple[str | int, ...], parts_made: PartsMade) -> Any:
     """Replaces NaN and infinity by None at any depth; notes the key of each as a missing part."""
     if isinstance(content, Mapping):
-        return {key: _replace_infinite(value, (*path, key), parts) for key, value in content.items()}
+        return {key: _replace_infinite(value, (*path, key), parts_made) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [_replace_infinite(value, (*path, index), parts) for index, value in enumerate(content)]
+        return [_replace_infinite(value, (*path, index), parts_made) for index, value in enumerate(content)]
     if isinstance(content, float) and not math.isfinite(content):
-        parts.note(dotted(path), ArithmeticError("is no finite number"))
+        parts_made.note(dotted(path), ArithmeticError("is no finite number"))
         return None
     return content
 

@@ -52,7 +52,7 @@ def summarize(
     findings: Findings,
     covariance: Array,
     timing: RunTiming,
-    parts: PartsMade,
+    parts_made: PartsMade,
 ) -> Summary:
     """Makes a simulated run's summary, without the batch analysis, which `add_batch_analysis` adds.
 
@@ -62,7 +62,7 @@ def summarize(
         findings: of the detector.
         covariance: of the ten estimates at the end, shape (10, 10).
         timing: of the run.
-        parts: makes the parts that may fail.
+        parts_made: makes the parts that may fail.
     """
     estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
     truth = _final_truth(scenario, signals)
@@ -74,15 +74,15 @@ def summarize(
         covariance=covariance,
         truth=truth,
         findings=findings,
-        consistency=parts.make(
+        consistency=parts_made.make(
             "consistency",
             lambda: _judge_run(signals, estimate, deviation, truth, findings.detections),
             Consistency(None, None, 0, TOO_LITTLE),
         ),
         bound=None,
-        autopilot=parts.make("autopilot", lambda: _autopilot_summary(scenario, signals), AutopilotSummary(0, 0.0)),
+        autopilot=parts_made.make("autopilot", lambda: _autopilot_summary(scenario, signals), AutopilotSummary(0, 0.0)),
         timing=timing,
-        injected=parts.make("injected", lambda: injected_outcomes(scenario, signals, findings.detections), None)
+        injected=parts_made.make("injected", lambda: injected_outcomes(scenario, signals, findings.detections), None)
         if "thrust" in signals
         else None,
     )

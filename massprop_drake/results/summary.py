@@ -55,7 +55,7 @@ class Parameter(NamedTuple):
 
     @property
     def percent_deviation(self) -> float:
-        """The 1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
+        """1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
         if not self.estimate or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
             return math.nan
         return 100.0 * self.standard_deviation / abs(self.estimate)
@@ -80,7 +80,7 @@ class Findings(NamedTuple):
 
     Attributes:
         detections: failures and jumps in the order they were declared.
-        events: all that it said, in the order it was said.
+        events: all events, in the order they were declared.
         unconfirmed: what it suspected and never declared.
         untested: jets of which nothing could have shown that they do not fire.
         fault_probability: of each jet at the end; None of a detector that gives none.

@@ -252,16 +252,16 @@ def _make_signal_channel(series: Series, context: foxglove.Context) -> foxglove.
     )
 
 
-def _make_entity(name: str, part: Arrows | Balls, timestamp: Timestamp) -> SceneEntity:
+def _make_entity(name: str, element: Arrows | Balls, timestamp: Timestamp) -> SceneEntity:
     """Makes a scene entity of spheres or arrows that moves with the vehicle."""
-    if isinstance(part, Balls):
+    if isinstance(element, Balls):
         spheres = [
             SpherePrimitive(pose=Pose(position=_vector(center)), size=_vector(2.0 * half), color=_paint(color))
-            for center, half, color in zip(*part, strict=True)
+            for center, half, color in zip(*element, strict=True)
         ]
         return SceneEntity(**_vehicle_entity_fields(timestamp, name), spheres=spheres)
     arrows = []
-    for origin, vector, color in zip(*part, strict=True):
+    for origin, vector, color in zip(*element, strict=True):
         length = float(np.linalg.norm(vector))
         arrows.append(
             ArrowPrimitive(

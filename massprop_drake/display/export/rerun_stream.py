@@ -221,12 +221,12 @@ def _make_mesh(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
     )
 
 
-def _draw_parts(parts: Sequence[Arrows | Balls]) -> Any:
+def _draw_parts(elements: Sequence[Arrows | Balls]) -> Any:
     """Converts arrows or balls to Rerun's columns, one set per row."""
-    lengths = [len(part.colors) for part in parts]
-    colors = [color for part in parts for color in part.colors]
-    first, second = (np.vstack([part[index] for part in parts] or [np.empty((0, 3))]) for index in (0, 1))
-    if parts and isinstance(parts[0], Arrows):
+    lengths = [len(element.colors) for element in elements]
+    colors = [color for element in elements for color in element.colors]
+    first, second = (np.vstack([element[index] for element in elements] or [np.empty((0, 3))]) for index in (0, 1))
+    if elements and isinstance(elements[0], Arrows):
         return rr.Arrows3D.columns(origins=first, vectors=second, colors=colors).partition(lengths)
     return rr.Ellipsoids3D.columns(centers=first, half_sizes=second, colors=colors).partition(lengths)
 
