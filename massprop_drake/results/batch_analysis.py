@@ -128,7 +128,7 @@ def _analyze_readings(
         if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
             scaled = find_common_factors(pieces, begin, model, scenario)
             if scaled is not None:
-                pieces, apart = scaled.pieces, None
+                pieces, apart = scaled.parts, None
                 others, fit = diagnose_readings(select_short_pieces(pieces, until_s, model), scaled.begin, model, names)
                 diagnoses = [*scaled.found, *others]
         if apart is not None:
