@@ -82,7 +82,7 @@ def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[
     if alone:
         write_file(target, put, chosen.name, force=asked.force, reads=[folder])
     else:
-        write_files(folder, {name: put}, force=asked.force, found=None if before is None else before.id)
+        write_files(folder, {name: put}, force=asked.force, manifest_id=None if before is None else before.id)
     return WrittenExport(
         str(target), target.stat().st_size, run.time_s.size, list(content.outline.series), list(content.outline.notes)
     )

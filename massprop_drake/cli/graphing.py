@@ -26,7 +26,7 @@ def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict
     """
     case = None if like is None else load_recovered_scenario(like, [])
     found: dict[str, Callable[[], Any]] = {}
-    for name in dict.fromkeys(names or graphs.names_for(case)):
+    for name in dict.fromkeys(names or graphs.diagram_names(case)):
         own = ":" in name
         if not own and name not in graphs.DIAGRAMS:
             if name.endswith(".py"):

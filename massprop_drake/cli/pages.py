@@ -59,7 +59,7 @@ def write(
     pages = {name: _page_html(name, shown, folder).encode()}
     if name == REPLAY and (force or is_ours(folder, REPORT)):
         pages[REPORT] = _page_html(REPORT, shown, None, replay=REPLAY).encode()
-    write_files(folder, pages, force=force, found=None if written is None else written.id)
+    write_files(folder, pages, force=force, manifest_id=None if written is None else written.id)
     return target
 
 

@@ -280,7 +280,7 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
     """
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    first, rest = table.parameter_sheets(results, vehicle.unit_names, truth=truth)
+    first, rest = table.parameter_sheets(results, vehicle.unit_names, with_truth=truth)
     rows: list[Sequence[Text | str] | None] = []
     for row in (*first.rows, None, *rest.rows):
         red = [console.words((cell, "bold red")) if cell == "no" else cell for cell in row or ()]
@@ -367,7 +367,7 @@ def _detection_text(entry: DetectionRecord, vehicle: Vehicle) -> str:
     from massprop_drake.results.detections import in_words, onset_in_words, remarks  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {onset_in_words(entry)}"
-    what = in_words(entry, vehicle.unit_names, whole=True)
+    what = in_words(entry, vehicle.unit_names, detailed=True)
     return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 

@@ -60,14 +60,14 @@ def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
         data={"time": interactive.round_times(longest), **interactive.pack_figures(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=interactive.scripts(),
-        needs=interactive.NEEDS,
+        extra_policy=interactive.NEEDS,
     )
 
 
 def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
     """Returns the runs' sources by name, adapted for overlaid plots: common signals, and times that overlap.
 
-    Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
+    Beside a record, whose truth is unknown, a simulated run shows its estimates, too, not their errors. Runs that
     have no time in common all begin at zero.
     """
     sources = [source for _, source in runs]
@@ -82,11 +82,7 @@ def _comparable_sources(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, S
 
 
 def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
-    """Makes one overlaid plot for each plot that all runs have, with one color per run.
-
-    Args:
-        runs: each with a name.
-    """
+    """Makes one overlaid plot for each plot that all runs have, with one color per run; runs with their names."""
     available = [plots.available_plots(source) for _, source in runs]
     names = [name for name in _OVERLAID if all(name in each for each in available)]
     made = {name: [each[name](source) for each, (_, source) in zip(available, runs, strict=True)] for name in names}
@@ -94,18 +90,18 @@ def overlay_plots(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
     return [_overlay_plot(each, called) for each in made.values() if len({len(plot.panels) for plot in each}) == 1]
 
 
-def _overlay_plot(same: Sequence[Plot], names: Sequence[str]) -> Plot:
+def _overlay_plot(plots: Sequence[Plot], names: Sequence[str]) -> Plot:
     """Merges the same plot of several runs into one plot, over the times of the longest run."""
-    longest = max(same, key=lambda plot: float(plot.time_s[-1]))
+    longest = max(plots, key=lambda plot: float(plot.time_s[-1]))
     panels = []
-    for parts in zip(*(plot.panels for plot in same), strict=True):
+    for parts in zip(*(plot.panels for plot in plots), strict=True):
         marks: list[Mark] = []
         for number, (panel, name) in enumerate(zip(parts, names, strict=True)):
             color = COLORS[number % len(COLORS)]
             marks += [mark for mark in (_recolor_mark(mark, color, name) for mark in panel.marks) if mark is not None]
         panels.append(parts[0]._replace(marks=tuple(marks), scale=_common_scale(parts), limits=_common_limits(parts)))
-    windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in same))
-    moments = tuple(dict.fromkeys(moment for plot in same for moment in plot.moments))
+    windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in plots))
+    moments = tuple(dict.fromkeys(moment for plot in plots for moment in plot.moments))
     banded = any(isinstance(mark, Band) for panel in panels for mark in panel.marks)
     meaning = "3 sigma: shaded, or dashed where the scale is logarithmic" if banded else ""
     return longest._replace(panels=tuple(panels), windows=windows, moments=moments, meaning=meaning)
@@ -122,23 +118,23 @@ def _recolor_mark(mark: Mark, color: str, name: str) -> Mark | None:
             return None
 
 
-def _common_scale(parts: Sequence[Panel]) -> Any:
+def _common_scale(panels: Sequence[Panel]) -> Any:
     """Returns the vertical scale of overlaid panels; symmetric logarithmic, over the widest range, only if all are."""
-    scales = [panel.scale for panel in parts]
+    scales = [panel.scale for panel in panels]
     symmetric = [scale for scale in scales if isinstance(scale, SymmetricLog)]
     if len(symmetric) < len(scales):
         return scales[0]
     return SymmetricLog(min(scale.small for scale in symmetric), max(scale.large for scale in symmetric))
 
 
-def _common_limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
+def _common_limits(panels: Sequence[Panel]) -> tuple[float, float] | None:
     """Returns the least and the greatest vertical limit of the panels; None if any panel has no limits."""
-    given = [panel.limits for panel in parts if panel.limits is not None]
-    return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
+    limits = [panel.limits for panel in panels if panel.limits is not None]
+    return (min(low for low, _ in limits), max(high for _, high in limits)) if len(limits) == len(panels) else None
 
 
 def _findings_text(run: RunContent) -> tuple[str, str, str]:
-    """Formats three texts on a run: its duration, its consistency verdict and its declared failures."""
+    """Formats a run's duration, consistency verdict and declared failures as three texts."""
     results = run.results
     declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
@@ -154,16 +150,16 @@ def _parameter_rows(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, An
     return rows
 
 
-def _parameter_cells(one: Parameter, unit: str) -> tuple[str, str, str]:
+def _parameter_cells(parameter: Parameter, unit: str) -> tuple[str, str, str]:
     """Formats estimate, error and 1-sigma of a mass property; the last two in percent, or in its unit near zero."""
-    if math.isnan(one.estimate):
+    if math.isnan(parameter.estimate):
         return "not observable", "", ""
-    if math.isnan(one.standard_deviation):
-        return f"{one.estimate:.6g}", "fixed", ""
-    error = "" if math.isnan(one.truth) else f"{one.estimate - one.truth:+.3g} {unit}"
-    if not math.isnan(one.percent_error):
-        error = f"{one.percent_error:+.4f} %"
-    sigma = f"{one.standard_deviation:.2g} {unit}"
-    if not math.isnan(one.percent_deviation):
-        sigma = f"{one.percent_deviation:.4f} %"
-    return f"{one.estimate:.6g}", error, sigma
+    if math.isnan(parameter.standard_deviation):
+        return f"{parameter.estimate:.6g}", "fixed", ""
+    error = "" if math.isnan(parameter.truth) else f"{parameter.estimate - parameter.truth:+.3g} {unit}"
+    if not math.isnan(parameter.percent_error):
+        error = f"{parameter.percent_error:+.4f} %"
+    sigma = f"{parameter.standard_deviation:.2g} {unit}"
+    if not math.isnan(parameter.percent_deviation):
+        sigma = f"{parameter.percent_deviation:.4f} %"
+    return f"{parameter.estimate:.6g}", error, sigma

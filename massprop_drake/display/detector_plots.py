@@ -33,7 +33,7 @@ _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
 def likelihoods(run: Source) -> Plot:
     """Plots likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25).
 
-    The detector by thrust factors has the lead of each jet's failure over no failure in their place.
+    Of the detector by thrust factors it plots the log-odds of each jet's failure over no failure.
     """
     tested = run.nonzero_rows("tested")
     of_jets = run.signals["likelihood"][tested]
@@ -56,7 +56,7 @@ def likelihoods(run: Source) -> Plot:
 
 
 def _highest_panel(
-    time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]
+    time_s: Array, values: Array, names: Sequence[str], label: str, is_declared: NDArray[np.bool_]
 ) -> Panel:
     """Makes a panel of test statistics: declared and highest candidates by name, the others as a gray range."""
     shown = np.maximum(values, _FLOOR)
@@ -64,22 +64,22 @@ def _highest_panel(
     if not time_s.size:
         return Panel(label, "", (), scale="log", limits=limits)
     most = np.fmax.reduce(shown, axis=0, initial=_FLOOR)  # of what there is: a detector need not judge all at all times
-    order, reaching = np.lexsort((-most, ~declared)), int((most > _FLOOR).sum())
+    order, reaching = np.lexsort((-most, ~is_declared)), int((most > _FLOOR).sum())
     top, rest = np.split(order, [min(_NAMED, max(1, reaching))])
-    top = top[np.argsort(declared[top], kind="stable")]
+    top = top[np.argsort(is_declared[top], kind="stable")]
     marks: list[Mark] = []
     if rest.size:
         low, high = (reduced(shown[:, rest], axis=1) for reduced in (np.fmin.reduce, np.fmax.reduce))
         marks.append(Whiskers(time_s, low, high, BAND_COLOR, "range of the others"))
     marks += [Points(time_s, shown[:, column], BAND_COLOR, names[column], drawn=False, group=label) for column in rest]
     for column, color in zip(top, COLORS, strict=False):
-        size = POINT_SIZE if declared[column] else 0.7 * POINT_SIZE
+        size = POINT_SIZE if is_declared[column] else 0.7 * POINT_SIZE
         marks.append(Points(time_s, shown[:, column], color, names[column], size=size, group=label))
     return Panel(label, "", tuple(marks), scale="log", limits=limits)
 
 
 def fault_probabilities(run: Source) -> Plot:
-    """Plots posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
+    """Plots posterior probabilities: of failure of each jet that reaches 1 %, of no fault, and of an unknown one."""
     of_jets, names = run.signals["fault_probability"], run.vehicle.designations
     most = np.fmax.reduce(of_jets, axis=0, initial=0.0)
     order = [jet for jet in np.argsort(-most, kind="stable").tolist() if most[jet] > LEAST_SHOWN]

@@ -83,6 +83,7 @@ class Drawing(Figure):
     """Figure that shows itself in a notebook, with no magic and no pyplot."""
 
     def _repr_png_(self) -> bytes:
+        """Returns the figure as PNG for a notebook."""
         picture = io.BytesIO()
         self.savefig(picture, format="png")
         return picture.getvalue()
@@ -110,6 +111,7 @@ def _make_plot_method(describe: Callable[[Source], Plot]) -> Callable[[Plots], F
 
     @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
     def draw(self: Plots) -> Figure:
+        """Draws the plot of the run; its docstring is that of the function."""
         return draw_plot(describe(self.source))
 
     return draw
@@ -310,6 +312,7 @@ _SYMBOLS = {"dot": ".", "tick": "|", "up": "^", "down": "v"}
 
 
 def _line_style(dashed: bool) -> Literal["--", "-"]:
+    """Returns matplotlib's style of a dashed or solid line."""
     return "--" if dashed else "-"
 
 
@@ -357,13 +360,7 @@ def _label_window(axes: Axes, window: ShadedWindow, level: int) -> None:
 
 
 def set_symmetric_log(axes: Axes, small: float, large: float) -> None:
-    """Makes a vertical axis linear up to a small value and logarithmic beyond, with few ticks.
-
-    Args:
-        axes: to change.
-        small: the axis is linear up to the next power of ten, such as the final band of an estimate.
-        large: the largest magnitude to mark.
-    """
+    """Makes a vertical axis linear up to a small value and logarithmic up to a large one, with few ticks."""
     first = math.ceil(math.log10(max(small, 1e-300)))
     last = max(math.floor(math.log10(max(large, 1e-300))), first)
     step = max(1, round((last - first) / 3))
@@ -400,6 +397,7 @@ def _key_width(marks: Sequence[Mark]) -> float:
 
 
 def _entry_width(mark: Mark) -> float:
+    """Estimates the width of a mark's legend entry, inches."""
     return 0.0 if isinstance(mark, Bars) else _HANDLE + 0.22 + _LETTER * len(mark.label)
 
 

@@ -57,7 +57,7 @@ def mass_reciprocal(run: Source) -> Plot:
 def _parameter_plot(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
     """Plots errors of some parameters with their 3-sigma band; estimates with theirs where no truth is known.
 
-    Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
+    The estimates of the user's own systems, outputs `estimate` of ten numbers, are drawn beside.
     """
     panel, what = (_error_panel, "estimation error") if run.simulated else (_estimate_panel, "estimate")
     return plot(run, name, f"{title}: {what}", [panel(run, element) for element in estimated_elements(run, elements)])
@@ -197,11 +197,11 @@ def mass_innovations(run: Source) -> Plot:
 _TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a filter's signals begin
 
 
-def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
+def _innovations(run: Source, name: str, filter_name: str, scale: float, unit: str) -> Plot:
     """Plots the innovations of a filter at the samples used, a panel per axis."""
-    used = run.nonzero_rows(f"{filtered}_used")
-    time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
-    bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
+    used = run.nonzero_rows(f"{filter_name}_used")
+    time_s, values = run.time_s[used], scale * run.signals[f"{filter_name}_innovation"][used]
+    bands = 3.0 * scale * run.signals.get(f"{filter_name}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
     panels = []
     for axis, letter in enumerate(AXES):
         value, band = values[:, axis], bands[:, axis]
@@ -213,7 +213,7 @@ def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str)
         marks += _edge_triangles(time_s, value, limit, COLORS[axis])
         limits = (-limit, limit) if limit > 0.0 else None
         panels.append(Panel(letter, unit, tuple(marks), limits=limits, most=True))
-    return plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filtered]} at the samples used", panels)
+    return plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filter_name]} at the samples used", panels)
 
 
 _NORMAL = 4.45  # 3 sigma of a normal distribution over the median of its magnitudes
@@ -222,10 +222,9 @@ _EDGE, _EDGE_SIZE = 0.94, 5.0  # where a value beyond the limits stands, of them
 
 
 def _innovation_range(values: Array, band: Array) -> float:
-    """Computes a panel's half range from medians: the usual band, and 3 sigma of the values; 0: no values.
+    """Computes a panel's half range from medians: of the band, and of 3 sigma of the values; 0 without values.
 
-    Half of the values may be anywhere beyond. A median is a value that is there, the lower one of two, so that a page
-    finds the same for a part of them.
+    A median is the lower of two values, so that a page finds the same for a part of them.
     """
     found = [
         times * float(np.quantile(np.abs(part[np.isfinite(part)]), 0.5, method="lower"))
@@ -239,23 +238,23 @@ def _edge_triangles(time_s: Array, values: Array, limit: float, color: str) -> l
     """Makes triangles at a panel's edges for the values beyond its limits, of either sign."""
     high, low = values > limit, values < -limit
     count = int(high.sum() + low.sum())
-    said = f"{count} beyond the axis" if count else ""
-    places: tuple[tuple[NDArray[np.bool_], float, Literal["up", "down"], str], ...]
-    places = ((high, _EDGE, "up", said), (low, -_EDGE, "down", ""))
+    note = f"{count} beyond the axis" if count else ""
+    sides: tuple[tuple[NDArray[np.bool_], float, Literal["up", "down"], str], ...]
+    sides = ((high, _EDGE, "up", note), (low, -_EDGE, "down", ""))
     return [
-        Points(time_s[there], np.full(int(there.sum()), share * limit), color, label, _EDGE_SIZE, symbol)
-        for there, share, symbol, label in places
+        Points(time_s[beyond], np.full(int(beyond.sum()), share * limit), color, label, _EDGE_SIZE, symbol)
+        for beyond, share, symbol, label in sides
     ]
 
 
-def _nis_label(run: Source, name: str, nis: Array) -> str:
+def _nis_label(run: Source, filter_name: str, nis: Array) -> str:
     """Labels a NIS curve with its mean, or the mean within the 99 % point where few samples dominate it."""
     means = run.consistency
     if means is None:
         mean = float(nis.mean()) if nis.size else None
         within, of = float(nis[nis <= _RARE_NIS].mean()) if (nis <= _RARE_NIS).any() else None, f"{nis.size}"
     else:
-        mean, within = (means.get(f"{_TURNED_OR_MOVED[name]}_nis_{which}") for which in ("mean", "within"))
+        mean, within = (means.get(f"{_TURNED_OR_MOVED[filter_name]}_nis_{which}") for which in ("mean", "within"))
         of = "all"
     if mean is None:
         return "NIS, no sample used"

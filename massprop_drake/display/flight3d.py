@@ -77,7 +77,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
     Args:
         scenario: that is flown.
         scene_page: Meshcat's page with the vehicle.
-        data: as `scenario_page_data` begins it.
+        data: see `scenario_page_data`.
         live: whether the rows come from the server of the page.
     """
     library, orders = re.findall(r"<script[^>]*>(.+?)</script>", scene_page, re.DOTALL)  # Meshcat's, and the scene
@@ -88,7 +88,7 @@ def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, li
         data=data,
         styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
         scripts=[library, orders, (_HERE / "replay.js").read_text(encoding="utf-8")],
-        needs={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
+        extra_policy={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
     )
 
 
@@ -151,8 +151,7 @@ def scenario_page_data(scenario: Scenario, stage: MeshcatStage, *, truth: bool) 
 def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     """Collects the replay data of a finished run: rows by sample, jets by plume kind, texts and events.
 
-    Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
-    attitude is turned on between two rows.
+    The page shows the last row at or before its time, and turns only the attitude between two rows.
     """
     scenario, time_s = run.scenario, np.asarray(run.time_s)
     failed, found = event_marks.failure_marks(scenario, float(time_s[-1])), event_marks.detection_marks(run)
@@ -187,37 +186,39 @@ def _flight_data(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
             "sizes": [plume_sizes(scenario, *row) for row in zip(levels, lists["given"], lists["untold"], strict=True)],
         },
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
-        "moments": narration(scenario, float(time_s[0]), failed, found),
+        "moments": list_moments(scenario, float(time_s[0]), failed, found),
         "events": _slider_events(run, failed, found),
     }
 
 
-def plume_sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
+def plume_sizes(
+    scenario: Scenario, levels: Array, regular: NDArray[np.bool_], uncommanded: NDArray[np.bool_]
+) -> list[float]:
     """Lists plume lengths over full-thrust lengths: of jets firing regularly, then of jets firing uncommanded.
 
     Args:
         scenario: of the vehicle.
         levels: thrust over full thrust, shape (n_jets,).
-        given, untold: see `motion.classify_plumes`, shape (n_jets,).
+        regular, uncommanded: masks of `motion.classify_plumes`, "given" and "untold", shape (n_jets,).
     """
     scales = solids.plume_scales(scenario.vehicle_data, levels)
-    return [round(scale, 3) for scale in (*scales[given].tolist(), *scales[untold].tolist())]
+    return [round(scale, 3) for scale in (*scales[regular].tolist(), *scales[uncommanded].tolist())]
 
 
 def _positions(run: RunContent) -> Array | None:
     """Returns the positions of the center of mass in the fixed frame, true or estimated, shape (n, 3); None: not known.
 
-    One that is not known yet is where the first that is known lies; later ones stay where they were.
+    An unknown position is replaced by the last known one, or else by the first.
     """
     name = next((name for name in ("position", "position_estimate") if name in run.signals), None)
     if name is None:
         return None
-    places = np.asarray(run[name])
-    known = np.isfinite(places).all(axis=1)
+    positions = np.asarray(run[name])
+    known = np.isfinite(positions).all(axis=1)
     if not known.any():
         return None
-    rows = np.maximum.accumulate(np.where(known, np.arange(len(places)), int(np.argmax(known))))
-    return np.asarray(places[rows])
+    rows = np.maximum.accumulate(np.where(known, np.arange(len(positions)), int(np.argmax(known))))
+    return np.asarray(positions[rows])
 
 
 def _joint_positions(run: RunContent) -> Array:
@@ -243,36 +244,40 @@ def _marked_jets(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[
     return marked
 
 
-def narration(
-    scenario: Scenario, start_s: float, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
+def list_moments(
+    scenario: Scenario,
+    start_s: float,
+    failure_marks: Sequence[event_marks.Mark],
+    detection_marks: Sequence[event_marks.Mark],
 ) -> list[dict[str, object]]:
-    """Lists times, s, at which the replay's texts change, each with command, failures and declarations."""
+    """Lists the times, s, at which the replay's texts change, each with command, failures and declarations."""
     edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}
-    for mark in (*failed, *found):
+    for mark in (*failure_marks, *detection_marks):
         edges |= {mark.start_s, mark.end_s} - {math.inf}
 
-    def texts(marks: Sequence[event_marks.Mark], edge: float) -> list[str]:
+    def active_texts(marks: Sequence[event_marks.Mark], edge: float) -> list[str]:
+        """Lists the texts of the marks whose interval covers a time, s."""
         return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s or edge == mark.start_s]
 
     return [
         {
             "at": edge,
             "command": event_marks.describe_command(scenario, edge),
-            "failed": texts(failed, edge),
-            "found": texts(found, edge),
+            "failed": active_texts(failure_marks, edge),
+            "found": active_texts(detection_marks, edge),
         }
         for edge in sorted(edges)
     ]
 
 
 def _slider_events(
-    run: RunContent, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
+    run: RunContent, failure_marks: Sequence[event_marks.Mark], detection_marks: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
     """Lists events for the time slider: injected failures and mass-property jumps, and declarations."""
     end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
-    ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
+    ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failure_marks]
     ticks += [
         {"at": jump.time_s, "kind": "payload", "text": f"payload: {jump.kind}"}
         for jump in run.scenario.jumps

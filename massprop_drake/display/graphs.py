@@ -24,12 +24,12 @@ class GalleryDiagram(NamedTuple):
     Attributes:
         module: that builds it.
         scenario: bundled, for which it is drawn.
-        said: what it is, where the module's documentation does not say it.
+        description: in words, where the module's documentation does not say it.
     """
 
     module: str
     scenario: str
-    said: str = ""
+    description: str = ""
 
 
 DIAGRAMS = {
@@ -50,47 +50,42 @@ DIAGRAMS = {
 
 
 def build(name: str, scenario: Scenario | None = None) -> Diagram:
-    """Builds a Drake diagram of the gallery, by its name, for a scenario.
-
-    Args:
-        name: of it.
-        scenario: to build it for; None: the one that it is drawn for.
-    """
-    drawn = DIAGRAMS[name]
-    module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
-    diagram: Diagram = module.build(scenario or load_scenario(drawn.scenario))
+    """Builds a Drake diagram of the gallery, by its name, for a scenario; None: the bundled one."""
+    entry = DIAGRAMS[name]
+    module = importlib.import_module(f"massprop_drake.diagrams.{entry.module}")
+    diagram: Diagram = module.build(scenario or load_scenario(entry.scenario))
     return diagram
 
 
-def as_diagram(made: Any, source: str) -> Diagram:
-    """Returns a Drake diagram of what a user's function returns: a diagram, a builder, or one system.
+def as_diagram(result: Any, source: str) -> Diagram:
+    """Converts the result of a user's function, a diagram, a builder, or one system, to a Drake diagram.
 
     Args:
-        made: by the function.
+        result: of the function.
         source: its name, for messages.
 
     Raises:
         InputError: when it is anything else.
         RuntimeError: when the builder cannot build.
     """
-    if isinstance(made, Diagram):
-        return made
-    if isinstance(made, DiagramBuilder):
-        return made.Build()
-    if not isinstance(made, System):
+    if isinstance(result, Diagram):
+        return result
+    if isinstance(result, DiagramBuilder):
+        return result.Build()
+    if not isinstance(result, System):
         raise InputError(
-            f"{source}: returned {type(made).__name__}; it must return a Diagram, a DiagramBuilder or a System"
+            f"{source}: returned {type(result).__name__}; it must return a Diagram, a DiagramBuilder or a System"
         )
     builder = DiagramBuilder()
-    builder.AddSystem(made)
-    for index in range(made.num_input_ports()):
-        builder.ExportInput(made.get_input_port(InputPortIndex(index)), made.get_input_port(index).get_name())
-    for index in range(made.num_output_ports()):
-        builder.ExportOutput(made.get_output_port(OutputPortIndex(index)), made.get_output_port(index).get_name())
+    builder.AddSystem(result)
+    for index in range(result.num_input_ports()):
+        builder.ExportInput(result.get_input_port(InputPortIndex(index)), result.get_input_port(index).get_name())
+    for index in range(result.num_output_ports()):
+        builder.ExportOutput(result.get_output_port(OutputPortIndex(index)), result.get_output_port(index).get_name())
     return builder.Build()
 
 
-def names_for(scenario: Scenario | None) -> list[str]:
+def diagram_names(scenario: Scenario | None) -> list[str]:
     """Returns names of the Drake diagrams that a scenario uses, those that fly it last; None: the whole gallery."""
     if scenario is None:
         return list(DIAGRAMS)
@@ -100,9 +95,9 @@ def names_for(scenario: Scenario | None) -> list[str]:
 
 def describe(name: str) -> str:
     """Returns one line of description of a Drake diagram of the gallery, by its name."""
-    drawn = DIAGRAMS[name]
-    module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
-    return drawn.said or (module.__doc__ or "").strip().splitlines()[0]
+    entry = DIAGRAMS[name]
+    module = importlib.import_module(f"massprop_drake.diagrams.{entry.module}")
+    return entry.description or (module.__doc__ or "").strip().splitlines()[0]
 
 
 # letters of 0.6 of their size in width, in whichever font of its kind a viewer has: Graphviz makes boxes by that width
@@ -110,7 +105,7 @@ _FONT = "".join(f'{what} [fontname="Courier"]; ' for what in ("graph", "node", "
 
 
 def dot_text(diagram: Diagram, depth: int) -> str:
-    """Returns a Drake diagram in Graphviz's DOT, with the same names whatever else the process has built.
+    """Returns a Drake diagram in Graphviz's DOT, with numbers that do not depend on other diagrams built.
 
     Args:
         diagram: the one to draw.
@@ -120,12 +115,13 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     # Drake numbers systems as they are made in a process: number them as they appear instead
     numbers: dict[str, int] = {}
 
-    def renumbered(match: re.Match[str]) -> str:
+    def renumber(match: re.Match[str]) -> str:
+        """Replaces the number of a matched system by its order of appearance."""
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
     text = re.sub(r"(?<=<B>)[\w.]+\.(?=\w+</B>)", "", text)  # of a class its name, not where it is from
     text = text.replace("rankdir=LR\n", f"rankdir=LR\n{_FONT}\n", 1)
-    text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
+    text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumber, text)
     # and Drake lists the connections of a diagram in no fixed order
     lines: list[str] = []
     for connections, group in itertools.groupby(text.splitlines(), key=lambda line: " -> " in line):
@@ -149,8 +145,8 @@ def overview_text(diagram: Diagram) -> str:
     for (to, to_port), (source, port) in diagram.connection_map().items():
         ends = names[id(source)], names[id(to)]
         name = source.get_output_port(port).get_name()
-        own = to.get_input_port(to_port).get_name()
-        carried.setdefault(ends, []).append(own if name in _SAY_NOTHING else name)
+        input_name = to.get_input_port(to_port).get_name()
+        carried.setdefault(ends, []).append(input_name if name in _SAY_NOTHING else name)
     lines = [
         f"digraph {_quote(diagram.get_name())} {{",
         f"rankdir=LR; nodesep=0.35; ranksep=0.5; {_FONT}",
@@ -159,14 +155,14 @@ def overview_text(diagram: Diagram) -> str:
     ]
     for system in systems:
         kind = type(system).__name__
-        what = "" if kind == "Diagram" else f'<BR/><FONT POINT-SIZE="12">{kind}</FONT>'
+        kind_label = "" if kind == "Diagram" else f'<BR/><FONT POINT-SIZE="12">{kind}</FONT>'
         name = system.get_name()
-        lines.append(f"{_quote(name)} [label=<<B>{html.escape(name)}</B>{what}>];")
+        lines.append(f"{_quote(name)} [label=<<B>{html.escape(name)}</B>{kind_label}>];")
     for (source, to), signals in sorted(carried.items()):
         shown = sorted(set(signals))
         more = len(shown) - _SIGNALS
-        said = shown if more <= 0 else [*shown[: _SIGNALS - 1], f"and {more + 1} more"]
-        lines.append(f"{_quote(source)} -> {_quote(to)} [label={_quote(_BREAK.join(said))}];")
+        labels = shown if more <= 0 else [*shown[: _SIGNALS - 1], f"and {more + 1} more"]
+        lines.append(f"{_quote(source)} -> {_quote(to)} [label={_quote(_BREAK.join(labels))}];")
     return "\n".join([*lines, "}"]) + "\n"
 
 
@@ -219,25 +215,25 @@ def widen_frames(svg: str, dot: str) -> str:
         svg: the graph as drawn.
         dot: the same in Graphviz's language.
     """
-    around = _diagrams_around(dot)
+    frames_around = _diagrams_around(dot)
     sheet = _SHEET.search(svg)
     if sheet is None:
         return svg
     wires: dict[str, list[tuple[float, float]]] = {}
     for source, to, path in _WIRE.findall(svg):
-        for diagram in set(around.get(source, ())) & set(around.get(to, ())):
+        for diagram in set(frames_around.get(source, ())) & set(frames_around.get(to, ())):
             wires.setdefault(diagram, []).extend(_parse_points(path))
-    most = _box(_parse_points(sheet[1]), -_MARGIN)
+    limits = _box(_parse_points(sheet[1]), -_MARGIN)
 
-    def widened(match: re.Match[str]) -> str:
+    def widen(match: re.Match[str]) -> str:
         """Returns the SVG of a matched frame with its corners moved outward to hold its wires."""
-        own = _box(_parse_points(match[3]), 0.0)
-        reach = _box(wires[match[2]], _MARGIN) if match[2] in wires else own
-        left, low = (max(min(own[k], reach[k]), most[k]) for k in (0, 1))
-        right, high = (min(max(own[k], reach[k]), most[k]) for k in (2, 3))
+        frame = _box(_parse_points(match[3]), 0.0)
+        wire_box = _box(wires[match[2]], _MARGIN) if match[2] in wires else frame
+        left, low = (max(min(frame[k], wire_box[k]), limits[k]) for k in (0, 1))
+        right, high = (min(max(frame[k], wire_box[k]), limits[k]) for k in (2, 3))
         return f"{match[1]}{left:g},{high:g} {left:g},{low:g} {right:g},{low:g} {right:g},{high:g} {left:g},{high:g}"
 
-    return _FRAME.sub(widened, svg)
+    return _FRAME.sub(widen, svg)
 
 
 def _diagrams_around(dot: str) -> dict[str, list[str]]:

@@ -137,22 +137,17 @@ class _Lists:
         self.found: list[list[float | None]] = []
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
-    def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Stores a list once; returns its number, or that of a stored list with `minus` or `abs` to apply to it.
-
-        Args:
-            values: the list.
-            mirrored: whether one with these magnitudes, or with the other sign, may be kept in its place.
-        """
+    def store(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
+        """Stores a list once; returns its number or, if mirrored, that of a stored list to negate or take `abs` of."""
         key = tuple(values)
         if key not in self._places:
             number = len(self.found)
             self.found.append(values)
             self._places[key] = number
             if mirrored:
-                for what, made in (("minus", operator.neg), ("abs", abs)):
-                    there = tuple(None if value is None else made(value) for value in values)
-                    self._places.setdefault(there, [number, what])
+                for operation, change in (("minus", operator.neg), ("abs", abs)):
+                    changed = tuple(None if value is None else change(value) for value in values)
+                    self._places.setdefault(changed, [number, operation])
         return self._places[key]
 
 
@@ -170,15 +165,15 @@ def pack_figures(figures: Sequence[Json]) -> Json:
     for figure in figures:
         for trace in figure["traces"]:
             for key in {"x", "y"} & set(trace):
-                trace[key] = lists.place(trace[key], mirrored=key == "y" and bool(figure["views"]))
+                trace[key] = lists.store(trace[key], mirrored=key == "y" and bool(figure["views"]))
         layout = figure["layout"]
         layout["shapes"] = [shapes.setdefault(json.dumps(shape), len(shapes)) for shape in layout["shapes"]]
     return {"lists": lists.found, "shapes": [json.loads(shape) for shape in shapes], "plots": list(figures)}
 
 
-def round_times(plot_time_s: Array) -> list[float]:
+def round_times(time_s: Array) -> list[float]:
     """Rounds sample times, s, to nine digits."""
-    return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
+    return [float(f"{value:.9g}") for value in time_s.tolist()]
 
 
 def _panel_height(panel: Panel, *, alone: bool) -> int:
@@ -198,22 +193,22 @@ def _key_height(panel: Panel) -> int:
     return _KEY * math.ceil(len(widths) / max(1, _NARROW // max(widths)))
 
 
-def _horizontal_axis(over: Over, suffix: str) -> Json:
+def _horizontal_axis(quantity: Over, suffix: str) -> Json:
     """Returns plotly's horizontal axis of a panel over a quantity other than time."""
     return {
-        "title": {"text": escape_text(over.axis_label), "font": {"size": 10}},
-        "range": list(over.limits),
+        "title": {"text": escape_text(quantity.axis_label), "font": {"size": 10}},
+        "range": list(quantity.limits),
         "anchor": f"y{suffix}",
         "exponentformat": "power",
     }
 
 
-def _set_quantity_axis(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
-    """Moves a panel's traces to the axis of its quantity, not of time; only the first, the path, has readings."""
+def _set_quantity_axis(traces: Sequence[Json], panel: Panel, quantity: Over, suffix: str) -> None:
+    """Moves a panel's traces from the time axis to that of a quantity; only the first, the path, keeps readings."""
     for trace in traces:
         trace["xaxis"] = f"x{suffix}"
         trace.pop("meta", None)
-    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
+    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [quantity.label, quantity.unit]}
 
 
 def _axis_label(panel: Panel, number: int) -> Json:
@@ -246,24 +241,24 @@ def _vertical_axis(panel: Panel) -> Json:
 
 def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
     """Converts the marks of a panel to plotly traces, except those that span all times, which are shapes."""
-    found = []
+    traces = []
     for mark in marks:
         match mark:
             case Line():
-                found.append(_line_trace(plot, mark))
+                traces.append(_line_trace(plot, mark))
             case Points():
-                found.append(_points_trace(mark))
+                traces.append(_points_trace(mark))
             case Whiskers():
-                found.append(_whiskers_trace(mark))
+                traces.append(_whiskers_trace(mark))
             case Band():
-                found += _band_traces(plot, mark)
+                traces += _band_traces(plot, mark)
             case Bars():
-                found.append(_bars_trace(mark, panel.rows))
-    return found
+                traces.append(_bars_trace(mark, panel.rows))
+    return traces
 
 
 def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
-    """Makes linear traces and logarithmic ones of magnitudes, as plotly has no symmetric logarithmic axis."""
+    """Makes linear traces, and logarithmic ones of magnitudes, as plotly has no symmetric logarithmic axis."""
     linear, log = [], []
     for mark in marks:
         match mark:
@@ -279,6 +274,7 @@ def _log_axis_views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
 
 
 def _line_trace(plot: Plot, mark: Line) -> Json:
+    """Converts a line to a plotly trace."""
     style = {
         "color": mark.color,
         "width": mark.width * _PIXELS_PER_POINT,
@@ -353,6 +349,7 @@ def _bars_trace(mark: Bars, rows: Sequence[str]) -> Json:
 
 
 def _trace(label: str, content: Json) -> Json:
+    """Makes a plotly trace of a label, which the legend shows unless it is empty, and other entries."""
     base: Json = {"type": "scatter", "hoverinfo": "x+y+name", "name": escape_text(label), "showlegend": bool(label)}
     return {**base, **content}
 
@@ -368,6 +365,7 @@ def _trace_times(plot: Plot, x: Array) -> Json:
 
 
 def _line_shape(steps: bool) -> str:
+    """Returns plotly's shape of a line: with steps, or straight between values."""
     return "hv" if steps else "linear"
 
 
@@ -377,6 +375,7 @@ def rounded_numbers(values: Array, *, digits: int = _DIGITS) -> list[float | Non
 
 
 def _round_number(value: float, digits: int = _DIGITS) -> float:
+    """Rounds a number to some significant digits."""
     return float(f"{value:.{digits}g}")
 
 
@@ -387,27 +386,28 @@ def _spanning_shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
     """Makes plotly shapes that span a panel: time windows and events in height, levels and zones in width."""
     over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
-    found: list[Json] = []
+    shapes: list[Json] = []
     for window in plot.windows:
         color = WINDOW_COLOR if window.armed else UNARMED_COLOR
         face = {"fillcolor": color, "opacity": WINDOW_OPACITY, "line": {"width": 0}, "layer": "below"}
-        found.append({"type": "rect", **over_values, "x0": window.start_s, "x1": window.end_s, **face})
+        shapes.append({"type": "rect", **over_values, "x0": window.start_s, "x1": window.end_s, **face})
     for moment in plot.moments:
         color, dash = (DECLARED_COLOR, "solid") if moment.declared else (TRUTH_COLOR, "dot")
         line = {"color": color, "width": 1, "dash": dash}
-        found.append({"type": "line", **over_values, "x0": moment.time_s, "x1": moment.time_s, "line": line})
+        shapes.append({"type": "line", **over_values, "x0": moment.time_s, "x1": moment.time_s, "line": line})
     for mark in panel.marks:
         match mark:
             case Zone():
                 face = {"fillcolor": mark.color, "opacity": mark.opacity, "line": {"width": 0}, "layer": "below"}
                 zone = {"type": "rect", **over_times, "y0": mark.low, "y1": mark.high, **face}
-                found.append({**zone, **_legend_entry(mark.label, suffix)})
+                shapes.append({**zone, **_legend_entry(mark.label, suffix)})
             case Level():
                 line = {"color": mark.color, "width": 1, "dash": "dash"}
                 level = {"type": "line", **over_times, "y0": mark.y, "y1": mark.y, "line": line}
-                found.append({**level, **_legend_entry(mark.label, suffix)})
-    return found
+                shapes.append({**level, **_legend_entry(mark.label, suffix)})
+    return shapes
 
 
 def _legend_entry(label: str, suffix: str) -> Json:
+    """Returns the entries of a plotly shape that name it in a panel's legend; {} without a label."""
     return {"name": escape_text(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}

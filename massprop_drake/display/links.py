@@ -81,5 +81,6 @@ class Links:
 
 
 def _color(inspector: Any, geometry: Any) -> Rgba:
+    """Returns the color of a geometry in Drake's scene graph; gray where its file gives none."""
     properties = inspector.GetIllustrationProperties(geometry)
     return _PLAIN if properties is None else properties.GetPropertyOrDefault("phong", "diffuse", _PLAIN)

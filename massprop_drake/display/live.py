@@ -50,7 +50,7 @@ class Live:
             "rows": [],
             "lists": {name: [] for name in (*flight3d.LISTS, "sizes")},
             "gaps": [],
-            "moments": flight3d.narration(scenario, 0.0, failed, ()),
+            "moments": flight3d.list_moments(scenario, 0.0, failed, ()),
             "events": [],
         }
         html = flight3d.flight_page(scenario, page, data, live=True).encode()
@@ -76,26 +76,26 @@ class Live:
             self._lines.append(line)
             self._news.notify_all()
 
-    def wait_for_rows(self, after: int) -> list[str]:
-        """Returns the samples from a number on as JSON texts; waits up to a second where there are none."""
+    def wait_for_rows(self, first_row: int) -> list[str]:
+        """Returns the samples from a row on as JSON texts; waits up to a second where there are none."""
         with self._news:
-            if len(self._lines) <= after:
+            if len(self._lines) <= first_row:
                 self._news.wait(_WAIT_S)
-            return self._lines[after:]
+            return self._lines[first_row:]
 
     def _make_row(self, moment: Moment) -> dict[str, Any]:
         """Makes the page's data of a sample: its values, and lists of the jets by plume kind and failure."""
-        now = np.array([moment.time_s])
-        failing = truly_failing(now, self._scenario)[0]
-        asked = np.nan_to_num(moment.command) > 0.0
+        time_s = np.array([moment.time_s])
+        failing = truly_failing(time_s, self._scenario)[0]
+        commanded = np.nan_to_num(moment.command) > 0.0
         level = moment.thrust / self._full
         lists = {
-            **motion.classify_plumes(level, asked, failing),
+            **motion.classify_plumes(level, commanded, failing),
             "failed": failing,
             "found": moment.removed,
         }
         values = (
-            now,
+            time_s,
             moment.attitude,
             moment.center_of_mass,
             moment.estimate[CENTER_OF_MASS],
@@ -106,10 +106,10 @@ class Live:
             *([self._links.poses(moment.joint_positions)] if self._links else []),
         )
         listed = (interactive.rounded_numbers(value, digits=flight3d.DIGITS) for value in values)
-        row = [one[0] if len(one) == 1 else one for one in listed]
-        told: dict[str, Any] = {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}
-        told["sizes"] = flight3d.plume_sizes(self._scenario, level, lists["given"], lists["untold"])
-        return {"row": row, "lists": told}
+        row = [numbers[0] if len(numbers) == 1 else numbers for numbers in listed]
+        jet_lists: dict[str, Any] = {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}
+        jet_lists["sizes"] = flight3d.plume_sizes(self._scenario, level, lists["given"], lists["untold"])
+        return {"row": row, "lists": jet_lists}
 
     def _package_deviation(self, moment: Moment) -> float:
         """Computes the largest deviation of packages from their median in the last interval, 1-sigma; NaN at first."""
@@ -125,6 +125,8 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
     """Makes an HTTP handler class that serves the page, and streams the samples as server-sent events."""
 
     class Handler(BaseHTTPRequestHandler):
+        """Handler of the page and of its samples."""
+
         def do_GET(self) -> None:
             """Sends the page for "/", or streams the samples for "/rows"."""
             if self.path == "/":
@@ -132,12 +134,12 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
                 self.wfile.write(page)
             elif self.path == "/rows":
                 self._send_headers("text/event-stream", None)
-                told = 0
+                n_sent = 0
                 try:
                     while True:
-                        news = live.wait_for_rows(told)
-                        told += len(news)
-                        self.wfile.write(("".join(f"data: {line}\n\n" for line in news) or ": waiting\n\n").encode())
+                        rows = live.wait_for_rows(n_sent)
+                        n_sent += len(rows)
+                        self.wfile.write(("".join(f"data: {line}\n\n" for line in rows) or ": waiting\n\n").encode())
                         self.wfile.flush()
                 except OSError:  # the reader has left
                     return
@@ -145,6 +147,7 @@ def _make_handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
                 self.send_error(404)
 
         def _send_headers(self, kind: str, length: int | None) -> None:
+            """Sends status 200 with the content type, and the length in bytes if it is known."""
             self.send_response(200)
             self.send_header("Content-Type", kind)
             if length is not None:

@@ -32,17 +32,19 @@ def onboard_rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
     return np.asarray(signals[packages[0].name if packages else "rate_estimate"])
 
 
-def classify_plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+def classify_plumes(
+    level: Array, commanded: NDArray[np.bool_], failing: NDArray[np.bool_]
+) -> dict[str, NDArray[np.bool_]]:
     """Returns masks by kind of plume: given (regular), untold (uncommanded, failed jet), withheld (missing).
 
     Args:
         level: thrust over full thrust, of any shape.
-        asked: whether the jet is commanded.
-        fails: whether it truly fails; such a jet is shown to fire if it only leaks.
+        commanded: whether the jet is commanded.
+        failing: whether it truly fails; then it is shown to fire even if it only leaks.
     """
-    given = level > SHOWN
+    fires = level > SHOWN
     return {
-        "given": given & (asked | ~fails),
-        "untold": (level > LEAKS) & ~asked & fails,
-        "withheld": asked & ~given & fails,
+        "given": fires & (commanded | ~failing),
+        "untold": (level > LEAKS) & ~commanded & failing,
+        "withheld": commanded & ~fires & failing,
     }

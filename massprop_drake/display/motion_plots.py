@@ -31,19 +31,19 @@ Array = NDArray[np.float64]
 
 def rates(run: Source) -> Plot:
     """Plots the angular velocity (figure 5-2)."""
-    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=DEGREES, axes=run.rotation_axes)
+    return _plot_vector(run, "rates", "rate", "Angular rate", "deg/s", scale=DEGREES, axes=run.rotation_axes)
 
 
 def velocities(run: Source) -> Plot:
     """Plots the velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
     title = "Velocity of the center of mass, relative to the start, inertial axes"
-    return _vector(run, "velocities", "velocity", title, axes=run.translation_axes)
+    return _plot_vector(run, "velocities", "velocity", title, axes=run.translation_axes)
 
 
 def attitude_error(run: Source) -> Plot:
     """Plots the attitude error in hold."""
     title = "Attitude error in hold"
-    return _vector(run, "attitude_error", "attitude_error", title, "deg", scale=DEGREES, axes=run.rotation_axes)
+    return _plot_vector(run, "attitude_error", "attitude_error", title, "deg", scale=DEGREES, axes=run.rotation_axes)
 
 
 def positions(run: Source) -> Plot:
@@ -68,7 +68,7 @@ def positions(run: Source) -> Plot:
 def phase_plane(run: Source) -> Plot:
     """Plots the rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts.
 
-    Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
+    Both are as the autopilot measures them. An axis that does not hold its attitude has no path.
     """
     law = pilot_params.phase_space_params(run.scenario)
     error = DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
@@ -76,7 +76,7 @@ def phase_plane(run: Source) -> Plot:
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
     deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
     panels = [
-        _phase_panel(axis, (error[:, axis], rate[:, axis]), law, deadbands, key=axis == run.rotation_axes[0])
+        _phase_panel(axis, (error[:, axis], rate[:, axis]), law, deadbands, labeled=axis == run.rotation_axes[0])
         for axis in run.rotation_axes
     ]
     meaning = "an axis beyond the dashed lines asks for a correction of all three"
@@ -84,10 +84,15 @@ def phase_plane(run: Source) -> Plot:
 
 
 def _phase_panel(
-    axis: int, path: tuple[Array, Array], law: PhaseSpaceParams, deadbands: Mapping[str, float], *, key: bool
+    axis: int,
+    error_and_rate: tuple[Array, Array],
+    law: PhaseSpaceParams,
+    deadbands: Mapping[str, float],
+    *,
+    labeled: bool,
 ) -> Panel:
-    """Makes an axis's phase-plane panel, deg and deg/s: path and switching lines, for named deadbands, rad/s."""
-    error, rate = path
+    """Makes the phase-plane panel of an axis: path, deg and deg/s, and switching lines of named deadbands, rad/s."""
+    error, rate = error_and_rate
     held = np.where(np.isnan(error), np.nan, rate)
     wide = _symmetric_limit(error, 0.0)
     high = _symmetric_limit(held, DEGREES * (law.hold_rate_limit + max(deadbands.values())))
@@ -96,50 +101,50 @@ def _phase_panel(
     wanted = np.array([DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / DEGREES])
     letter = AXES[axis]
     marks: list[Mark] = [
-        Line(error, held, COLORS[axis], "path" if key else "", width=THIN_LINE),
-        Line(x, wanted, TRUTH_COLOR, "rate wanted" if key else ""),
+        Line(error, held, COLORS[axis], "path" if labeled else "", width=THIN_LINE),
+        Line(x, wanted, TRUTH_COLOR, "rate wanted" if labeled else ""),
     ]
     for (label, deadband), color in zip(deadbands.items(), (TRUTH_COLOR, BAND_COLOR), strict=False):
-        for sign, said in ((-1.0, ""), (1.0, label if key else "")):
+        for sign, said in ((-1.0, ""), (1.0, label if labeled else "")):
             marks.append(Line(x, wanted + sign * DEGREES * deadband, color, said, dashed=True))
     over = Over(f"attitude error {letter}", "deg", (-wide, wide))
     return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
 
 
-def _symmetric_limit(values: Array, least: float) -> float:
-    """Computes the half width of a range around zero that holds all values, with 10 % margin."""
-    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
+def _symmetric_limit(values: Array, minimum: float) -> float:
+    """Computes the half width of a range around zero that holds all values, at least a minimum, with 10 % margin."""
+    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), minimum) or 1.0
 
 
 def rates_estimated(run: Source) -> Plot:
     """Plots the angular rate that the filter estimates, of a vehicle without gyro."""
     title = "Angular rate, estimated"
-    return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=DEGREES, axes=run.rotation_axes)
+    return _plot_vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=DEGREES, axes=run.rotation_axes)
 
 
 def torques(run: Source) -> Plot:
     """Plots the applied torque about the center of mass (figure 5-4)."""
-    return _vector(
+    return _plot_vector(
         run, "torques", "torque", "Applied torque about the center of mass", steps=True, axes=run.rotation_axes
     )
 
 
 def forces(run: Source) -> Plot:
     """Plots the applied force (figure 5-5)."""
-    return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.translation_axes)
+    return _plot_vector(run, "forces", "force", "Applied force", steps=True, axes=run.translation_axes)
 
 
 def gyro_readings(run: Source) -> Plot:
     """Plots the angular rate as each gyro package read it."""
     names = [gyro.name for gyro in run.vehicle.gyros]
-    return _readings(run, "gyro_readings", names, "Angular rate, as read", "deg/s", DEGREES)
+    return _plot_readings(run, "gyro_readings", names, "Angular rate, as read", "deg/s", DEGREES)
 
 
 def accelerometer_velocities(run: Source) -> Plot:
     """Plots the integrated specific force as each accelerometer package read it."""
     names = [package.name for package in run.vehicle.accelerometers]
     unit = f"{run.vehicle.unit_names['length']}/s"
-    return _readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
+    return _plot_readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
 
 
 def against_rates(run: Source) -> Plot:
@@ -173,17 +178,17 @@ def against_attitudes(run: Source) -> Plot:
 
 def _plot_against_simulation(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
     """Plots a package's readings and simulated readings, and their difference, for each axis that moves."""
-    read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
+    measured, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
     turns = any(gyro.name == package for gyro in run.vehicle.gyros)
     for axis in run.rotation_axes if turns else run.translation_axes:
         letter = AXES[axis]
         lines = (
-            Line(run.time_s, read[:, axis], COLORS[axis], f"{package}, as read"),
+            Line(run.time_s, measured[:, axis], COLORS[axis], f"{package}, as read"),
             Line(run.time_s, simulated[:, axis], TRUTH_COLOR, "simulated", dashed=True),
         )
-        left = Line(run.time_s, (read - simulated)[:, axis], COLORS[axis])
-        panels += [Panel(letter, unit, lines), Panel(f"{letter}, difference", unit, (left,))]
+        difference = Line(run.time_s, (measured - simulated)[:, axis], COLORS[axis])
+        panels += [Panel(letter, unit, lines), Panel(f"{letter}, difference", unit, (difference,))]
     meaning = "difference: what was read less what the simulation reads"
     return plot(run, name, f"{title}, beside a simulation of the same commands", panels, meaning=meaning)
 
@@ -194,11 +199,11 @@ def jets(run: Source) -> Plot:
     order = sorted(range(len(every)), key=lambda index: (every[index].cluster, index))
     if not run.clustered:
         rows = [_Row(every[index].designation, every[index].cluster, (index,)) for index in order]
-        return _firings(run, "jets", "Jets", "", rows)
+        return _plot_firings(run, "jets", "Jets", "", rows)
     rows = [
         _Row(f"{every[index].designation} ({every[index].cluster})", every[index].cluster, (index,)) for index in order
     ]
-    return _firings(run, "jets", "Jets, one by one", "jet (cluster)", rows)._replace(folded=True)
+    return _plot_firings(run, "jets", "Jets, one by one", "jet (cluster)", rows)._replace(folded=True)
 
 
 def clusters(run: Source) -> Plot:
@@ -215,7 +220,7 @@ def clusters(run: Source) -> Plot:
     for cluster in sorted({jet.cluster for jet in every}):
         members = tuple(index for index, jet in enumerate(every) if jet.cluster == cluster)
         rows.append(_Row(f"cluster {cluster}", cluster, members))
-    return _firings(run, "clusters", "Jets by cluster", "", rows)
+    return _plot_firings(run, "clusters", "Jets by cluster", "", rows)
 
 
 class _Row(NamedTuple):
@@ -226,7 +231,7 @@ class _Row(NamedTuple):
     jets: tuple[int, ...]
 
 
-def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row]) -> Plot:
+def _plot_firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row]) -> Plot:
     """Plots rows of bars: commands, below them true thrust where known, uncommanded thrust in another color."""
     command = np.nan_to_num(run.signals["command"]) > 0.0
     marks = [
@@ -235,29 +240,29 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
     meaning = ""
     if "thrust" in run.signals:
         level = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1)
-        seen = motion.classify_plumes(level, command, failing_jets(run.time_s, run.scenario))
-        marks.append(_bars(run, rows, seen["given"], 0.2, TRUTH_COLOR, "thrust"))
-        marks.append(_bars(run, rows, seen["untold"], 0.2, FAILED_COLOR, "thrust untold"))
+        plumes = motion.classify_plumes(level, command, failing_jets(run.time_s, run.scenario))
+        marks.append(_bars(run, rows, plumes["given"], 0.2, TRUTH_COLOR, "thrust"))
+        marks.append(_bars(run, rows, plumes["untold"], 0.2, FAILED_COLOR, "thrust untold"))
         meaning = "upper bar: commanded; lower bar: true thrust, orange: of a failed jet, untold"
-    every = tuple(mark for part in marks for mark in part)
-    return plot(run, name, title, [Panel(label, "", every, rows=tuple(row.name for row in rows))], meaning=meaning)
+    bars = tuple(mark for part in marks for mark in part)
+    return plot(run, name, title, [Panel(label, "", bars, rows=tuple(row.name for row in rows))], meaning=meaning)
 
 
 def _bars(
-    run: Source, rows: Sequence[_Row], on: NDArray[np.bool_], offset: float, color: str | None, label: str
+    run: Source, rows: Sequence[_Row], is_on: NDArray[np.bool_], offset: float, color: str | None, label: str
 ) -> list[Bars]:
     """Makes bars of the intervals in which any jet of a row is on, by color; None: the color of each cluster."""
     by_color: dict[str, list[Array]] = {}  # rows of begin, end and row
     for number, row in enumerate(rows):
-        begin, end = _intervals(run.time_s, np.asarray(on[:, list(row.jets)].any(axis=1)))
+        begin, end = _intervals(run.time_s, np.asarray(is_on[:, list(row.jets)].any(axis=1)))
         bars = np.column_stack([begin, end, np.full(begin.shape, number + offset)])
         by_color.setdefault(color or COLORS[row.cluster % (len(COLORS) - 1)], []).append(bars)
     height = 0.4 if offset else 0.84
-    made = []
-    for each, parts in by_color.items():
-        begin, end, place = np.vstack(parts).T
-        made.append(Bars(begin, end, place, each, height, label))
-    return made
+    marks = []
+    for shade, parts in by_color.items():
+        begin, end, position = np.vstack(parts).T
+        marks.append(Bars(begin, end, position, shade, height, label))
+    return marks
 
 
 def propellant(run: Source) -> Plot:
@@ -270,16 +275,16 @@ def propellant(run: Source) -> Plot:
     return plot(run, "propellant", "Propellant used", [Panel("used", run.vehicle.unit_names["mass"], (line,))])
 
 
-def _intervals(time_s: Array, on: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _intervals(time_s: Array, is_on: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Returns beginnings and ends of the intervals in which a mask is set, s, shape (k,) each.
 
-    What a row commands lasts until the next row, also where rows are left out; the last row commands nothing.
+    A command lasts until the next row, also where rows are left out; the last row commands nothing.
     """
-    change = np.flatnonzero(np.diff(on[:-1], prepend=False, append=False))
+    change = np.flatnonzero(np.diff(is_on[:-1], prepend=False, append=False))
     return time_s[change[::2]], time_s[change[1::2]]
 
 
-def _vector(
+def _plot_vector(
     run: Source,
     name: str,
     signal: str,
@@ -297,7 +302,7 @@ def _vector(
     return plot(run, name, title, panels)
 
 
-def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit: str, scale: float) -> Plot:
+def _plot_readings(run: Source, name: str, packages: Sequence[str], title: str, unit: str, scale: float) -> Plot:
     """Plots readings of sensor packages of one kind, with a panel per axis and a color per package."""
     panels = []
     for axis, letter in enumerate(AXES):

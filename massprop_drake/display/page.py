@@ -61,9 +61,9 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
     run = run.thin_for_plots()
     results, scenario = run.results, run.scenario
     source = plots.source(run)
-    jumps, shown_by = _times_to_visit(run)
+    jumps, window_by_failure = _list_time_windows(run)
     by_hypotheses = scenario.detector.kind == "hypotheses"
-    described = {
+    plot_data = {
         "time": interactive.round_times(run.time_s),
         **interactive.pack_figures(
             [interactive.plotly_figure(plot(source)) for plot in plots.available_plots(source).values()]
@@ -78,20 +78,20 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(run), *_arming_sentences(source, results)],
-        "parameters": table.parameter_sheets(results, units, truth=source.simulated),
+        "parameters": table.parameter_sheets(results, units, with_truth=source.simulated),
         "bound": results.above_bound,
         "intervals": results.intervals and results.intervals.in_words(),
         "allowed": results.intervals and results.intervals.guaranteed and table.interval_sheet(results, units),
         "contradicted": results.intervals is not None and results.intervals.contradicted,
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
-        "injected": [_injected_row(run, number, shown_by) for number in range(len(results.injected or ()))],
+        "injected": [_injected_row(run, number, window_by_failure) for number in range(len(results.injected or ()))],
         "detections": [_format_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "probable": results.fault_probability and results.fault_probability.in_words(units),
         "against": results.against and _comparison_data(results.against),
-        "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
-        "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
+        "unconfirmed": [unconfirmed.in_words(record) for record in results.unconfirmed],
+        "untested": [f"{', '.join(record.jets)}: {record.reason}" for record in results.untested],
         "autopilot": _autopilot_sentences(run),
         "quality": _quality_rows(results),
         "scenario": yaml_text(scenario),
@@ -100,10 +100,10 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
     return templates.page(
         _HERE / "report.html",
         content,
-        data=described,
+        data=plot_data,
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=interactive.scripts(),
-        needs=interactive.NEEDS,
+        extra_policy=interactive.NEEDS,
     )
 
 
@@ -116,18 +116,21 @@ def _missing_sentences(results: Summary) -> Iterator[str]:
 
 
 def _verdict(run: RunContent) -> list[dict[str, Any]]:
-    """Returns the verdict on a run as sentences, each with `good`: True, False, or None for no judgment."""
+    """Returns the verdict on a run as sentences, each with `is_good`: True, False, or None for no judgment."""
     results = run.results
     sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _missing_sentences(results)]
 
-    def say(good: bool | None, text: str) -> None:
-        sentences.append({"good": good, "text": text})
+    def say(is_good: bool | None, text: str) -> None:
+        """Appends a sentence, good, bad, or without judgment (None)."""
+        sentences.append({"good": is_good, "text": text})
 
-    for good, text in _consistency_sentences(results.consistency):
-        say(good, text)
-    known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.standard_deviation)]
+    for is_good, text in _consistency_sentences(results.consistency):
+        say(is_good, text)
+    known = [
+        item for item in results.parameters if math.isfinite(item.truth) and math.isfinite(item.standard_deviation)
+    ]
     if known:
-        inside = sum(one.within_three_sigma for one in known)
+        inside = sum(item.within_three_sigma for item in known)
         say(inside == len(known), f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.")
     else:
         say(None, "The truth is unknown: the table gives what was learned, and how surely.")
@@ -135,17 +138,17 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
         ("not_excited", "the start still tells more than the flight"),
         ("weak", "less is known than is asked"),
     ):
-        of_it = [symbol for symbol, one in zip(SYMBOLS, results.identifiability, strict=False) if one.flag == flag]
-        if of_it:
-            say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
+        flagged = [symbol for symbol, item in zip(SYMBOLS, results.identifiability, strict=False) if item.flag == flag]
+        if flagged:
+            say(False, f"{', '.join(flagged)}: {words}; the reasons stand below the table.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
-    for good, text in _failure_sentences(results, run.scenario.vehicle_data.unit_names):
-        say(good, text)
+    for is_good, text in _failure_sentences(results, run.scenario.vehicle_data.unit_names):
+        say(is_good, text)
     for text in _other_sentences(results, run.scenario.vehicle_data.unit_names):
         say(False, text)
     if results.unconfirmed:
-        least = max(results.unconfirmed, key=lambda one: one.statistic)
+        least = max(results.unconfirmed, key=lambda item: item.statistic)
         jets = f", above all {' or '.join(least.jets)}" if least.jets else ""
         say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
     if results.impossible:
@@ -155,28 +158,28 @@ def _verdict(run: RunContent) -> list[dict[str, Any]]:
     return sentences
 
 
-def _consistency_sentences(judged: Consistency) -> Iterator[tuple[bool | None, str]]:
+def _consistency_sentences(consistency: Consistency) -> Iterator[tuple[bool | None, str]]:
     """Yields the sentence of the verdict on the innovations; none where the verdict is empty."""
-    if judged.verdict == INCONSISTENT:
-        more = f" and {len(judged.reasons) - 1} more, below" if len(judged.reasons) > 1 else ""
-        yield False, f"Inconsistent, so that a 1-sigma may say too little: {judged.reasons[0]}{more}."
-    elif judged.verdict == CONSISTENT:
+    if consistency.verdict == INCONSISTENT:
+        more = f" and {len(consistency.reasons) - 1} more, below" if len(consistency.reasons) > 1 else ""
+        yield False, f"Inconsistent, so that a 1-sigma may say too little: {consistency.reasons[0]}{more}."
+    elif consistency.verdict == CONSISTENT:
         yield True, "Consistent: the readings contradict none of the stated uncertainties."
-    elif judged.verdict == TOO_LITTLE:
+    elif consistency.verdict == TOO_LITTLE:
         yield None, "Too few samples to judge whether the readings fit the stated uncertainties."
 
 
 def _other_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
     """Yields verdict sentences on false readings, engines, disturbances and unexplained events."""
-    false = [one for one in results.events if one.kind == "false_reading"]
-    lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
-    if lying:
-        yield f"Read falsely: {', '.join(lying)}."
-    for one in results.events:
-        if one.kind in ("engine_failed", "disturbance"):
-            text = said.in_words(one, units)
+    false = [event for event in results.events if event.kind == "false_reading"]
+    components = list(dict.fromkeys("_".join(filter(None, (event.sensor, event.axis))) for event in false))
+    if components:
+        yield f"Read falsely: {', '.join(components)}."
+    for event in results.events:
+        if event.kind in ("engine_failed", "disturbance"):
+            text = said.in_words(event, units)
             yield f"{text[0].upper()}{text[1:]}."
-    if any(one.kind == "unexplained" for one in results.events):
+    if any(event.kind == "unexplained" for event in results.events):
         yield "Something happened that no failed jet, no jump and no false reading explains."
 
 
@@ -189,27 +192,27 @@ def _record_sentences(results: Summary) -> Iterator[str]:
 
 
 def _failure_sentences(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
-    """Yields whether each is good, and sentences on declared failures and injected ones that were not found."""
+    """Yields (is good, sentence) on declared failures, and on injected ones that were not found."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     for entry in declared[:_WHOLE]:
-        yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_onset_text(entry, results)}."
+        yield False, f"Found: {detections.in_words(entry, units, detailed=True)}; {_onset_text(entry, results)}."
     if declared[_WHOLE:]:
         yield False, f"Found as well: {'; '.join(detections.in_words(entry, units) for entry in declared[_WHOLE:])}."
     if not declared:
         yield True, "No failed jet and no jump of the mass properties was found."
-    lost = [one.name for one in results.injected or () if one.good is False]
-    if lost:
-        yield False, f"Not found as what it is: {', '.join(lost)}; see below."
+    not_found = [event.name for event in results.injected or () if event.good is False]
+    if not_found:
+        yield False, f"Not found as what it is: {', '.join(not_found)}; see below."
 
 
 def _onset_text(entry: DetectionRecord, results: Summary) -> str:
     """Formats onset and declaration time of a declaration, and its fault probability at the end."""
     since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
     of_jets = {} if results.fault_probability is None else results.fault_probability.jets
-    sure = of_jets.get(entry.jet or "")
-    if sure is None:
+    posterior = of_jets.get(entry.jet or "")
+    if posterior is None:
         return since
-    words = format_probability(sure.probability)
+    words = format_probability(posterior.probability)
     return f"{since}, with a probability {words if words.startswith('above') else f'of {words}'}"
 
 
@@ -223,38 +226,38 @@ def _failure_plot_name(source: Source) -> str | None:
     return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
 
 
-def _times_to_visit(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
+def _list_time_windows(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
     """Lists time windows for the page's buttons, each from before a failure or jump to after its declaration.
 
     Returns:
-        The windows as JSON has them, and the place in that list by the number of each injected failure.
+        The windows as JSON has them, and the index of its window by the number of each injected failure.
     """
     results, (first, last) = run.results, (float(run.time_s[0]), float(run.time_s[-1]))
-    places: list[tuple[float, float, str]] = []  # from when, until when, and of what
-    of_injected: dict[int, int] = {}
-    for number, one in enumerate(results.injected or ()):
-        if first <= one.start_s <= last:
-            begun = one.start_s if one.first_acted_s is None else one.first_acted_s
-            of_injected[number] = len(places)
-            places.append((begun, begun if one.declared_s is None else one.declared_s, one.name))
-    told, units = {until for _, until, _ in places}, run.scenario.vehicle_data.unit_names
-    places += [
+    spans: list[tuple[float, float, str]] = []  # from when, until when, and of what
+    window_by_failure: dict[int, int] = {}
+    for number, failure in enumerate(results.injected or ()):
+        if first <= failure.start_s <= last:
+            begun = failure.start_s if failure.first_acted_s is None else failure.first_acted_s
+            window_by_failure[number] = len(spans)
+            spans.append((begun, begun if failure.declared_s is None else failure.declared_s, failure.name))
+    shown_until, units = {until for _, until, _ in spans}, run.scenario.vehicle_data.unit_names
+    spans += [
         (entry.onset_s, entry.time_s, f"declared: {detections.in_words(entry, units)}")
         for entry in results.detections
-        if entry.time_s not in told
+        if entry.time_s not in shown_until
     ]
     jumps: list[dict[str, Any]] = []
     counts = {"failure": 0, "jump": 0, "declared": 0}
-    for begun, until, what in places:
+    for begun, until, what in spans:
         kind = "declared" if what.startswith("declared") else "jump" if what.startswith("payload") else "failure"
         counts[kind] += 1
         window = {"start": max(first, begun - _BEFORE_S), "end": min(last, until + _AFTER_S), "at": until}
         jumps.append({"text": f"{kind} {counts[kind]}", "title": what, **window})
-    return jumps, of_injected
+    return jumps, window_by_failure
 
 
-def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
-    """Makes the table row of an injected failure or jump: true values, what was found, and outcome."""
+def _injected_row(run: RunContent, number: int, window_by_failure: Mapping[int, int]) -> dict[str, Any]:
+    """Makes the table row of an injected failure or jump: times, true and detected size, and outcome."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
     said = (one.declared_s, one.magnitude)
@@ -277,7 +280,7 @@ def _injected_row(run: RunContent, number: int, shown_by: Mapping[int, int]) -> 
         "found": found or "-",
         "outcome": one.outcome_text,
         "good": one.good,
-        "jump": shown_by.get(number),
+        "jump": window_by_failure.get(number),
     }
 
 
@@ -296,12 +299,12 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
 
 
 def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
-    """Makes the table row of a declaration: what failed, when, by how much, and its certainty.
+    """Makes the table row of a declaration: failure, times, size and certainty.
 
     Args:
-        entry: what was declared.
+        entry: the declaration.
         units: names of units by quantity.
-        by_hypotheses: whether hypotheses were compared over several samples; else alarms of single ones led to it.
+        by_hypotheses: whether hypotheses were compared over several samples; else single samples raised alarms.
     """
     after = f"after {counted(entry.alarms, 'sample' if by_hypotheses else 'alarm')}"
     after = "at once" if by_hypotheses and not entry.alarms else after
@@ -318,25 +321,25 @@ def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypot
 
 def _autopilot_sentences(run: RunContent) -> list[str]:
     """Returns sentences on the autopilot: firings, propellant, jets out of use, and infeasible requests."""
-    found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
-    lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
-    if found.jets_out_of_use:
-        lines.append(f"Took out of use: {', '.join(found.jets_out_of_use)}.")
-    if found.jets_left_in:
-        lines.append(f"Left in use though in question, since control needs them: {', '.join(found.jets_left_in)}.")
-    if found.lp_infeasible:
-        lines.append(f"{found.lp_infeasible} of {found.lp_solves} requests were beyond the jets' reach.")
+    summary, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
+    lines = [f"{summary.firings} firings, {summary.propellant_mass:.3g} {units['mass']} of propellant."]
+    if summary.jets_out_of_use:
+        lines.append(f"Took out of use: {', '.join(summary.jets_out_of_use)}.")
+    if summary.jets_left_in:
+        lines.append(f"Left in use though in question, since control needs them: {', '.join(summary.jets_left_in)}.")
+    if summary.lp_infeasible:
+        lines.append(f"{summary.lp_infeasible} of {summary.lp_solves} requests were beyond the jets' reach.")
     return lines
 
 
-def _comparison_data(found: Against) -> dict[str, Any]:
+def _comparison_data(comparison: Against) -> dict[str, Any]:
     """Returns page data of a record beside a simulation: residuals by signal, and possible causes."""
     return {
-        "run": found.run,
-        "words": found.in_words(),
-        "residuals": table.residual_sheet(found),
-        "causes": table.cause_sheet(found),
-        "alike": found.causes[0].alike if found.causes else (),
+        "run": comparison.run,
+        "words": comparison.in_words(),
+        "residuals": table.residual_sheet(comparison),
+        "causes": table.cause_sheet(comparison),
+        "alike": comparison.causes[0].alike if comparison.causes else (),
     }
 
 
@@ -345,7 +348,7 @@ def _quality_rows(results: Summary) -> list[tuple[str, str]]:
     if results.data_quality is None:
         return []
     rows: list[tuple[str, str]] = [
-        (results.completeness, one) for one in results.completeness_detail or ("all of the record was read",)
+        (results.completeness, sentence) for sentence in results.completeness_detail or ("all of the record was read",)
     ]
     for key, value in results.data_quality.items():
         heading = key.replace("_", " ")

@@ -27,5 +27,5 @@ def page(template: Path, content: Mapping[str, Any]) -> str:
         data={"plots": content["plots"]},
         styles=[path.read_text(encoding="utf-8") for path in _STYLES],
         scripts=[path.read_text(encoding="utf-8") for path in _SCRIPTS],
-        needs=interactive.NEEDS,
+        extra_policy=interactive.NEEDS,
     )

@@ -47,7 +47,7 @@ class Run(RunContent):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
         joints = len(scenario.plant.joint_columns) if isinstance(scenario.plant, MultibodyBlock) else 0
         whole = results.ended is None and not results.missing
-        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, whole=whole)
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, is_complete=whole)
         state: dict[str, Any] = {}
         if exists(path / STATE_FILE):
             state = read_json(path / STATE_FILE)
@@ -102,25 +102,19 @@ class Run(RunContent):
         return place.shown
 
     def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder, and notes in its summary any file that fails; returns the first such error or None.
-
-        Args:
-            place: of the folder.
-            pages: whether figures, replay and report are wanted.
-            missing: parts that are known to be missing.
-        """
+        """Writes the run's folder with the wanted pages; notes missing files in its summary, and returns an error."""
         data, drawn = PartsMade(), PartsMade()
-        with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
+        with whole_folder(place, keep_old=lambda: bool(self.results.ended or data.missing)) as partial:
 
-            def write_part(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
-                """Writes one file of the folder; notes an error of it, except OSError of data, which it raises."""
+            def write_part(name: str, write: Callable[[Path], object], parts_made: PartsMade) -> None:
+                """Writes one file of the folder, and notes its error; raises an OSError of data files."""
                 try:
                     write(partial / name)
                 except Exception as error:
-                    if parts is data and isinstance(error, OSError):
+                    if parts_made is data and isinstance(error, OSError):
                         raise
                     _remove_unfinished(partial / name)
-                    parts.note(name, error)
+                    parts_made.note(name, error)
 
             write_part("scenario.yaml", lambda path: _write_text(path, yaml_text(self.scenario) + _END), data)
             write_part("telemetry.csv", self.write_telemetry, data)
@@ -145,15 +139,18 @@ class Run(RunContent):
         return data.error or drawn.error or lost.error
 
     def _write_figures(self, folder: Path) -> None:
+        """Writes every figure into a new folder."""
         folder.mkdir()
         self.plot.save(folder)
 
     def _write_replay(self, path: Path) -> None:
+        """Writes the replay as an HTML file."""
         from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
         _write_text(path, replay_html(self))
 
     def _write_report(self, path: Path) -> None:
+        """Writes the report as an HTML file, with a link to a replay beside it."""
         from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
 
         replay = path.with_name("replay.html")
@@ -186,15 +183,18 @@ class Run(RunContent):
         return summary_html(self)
 
 
-def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
-    return _text(reduce_to_storable(content, schema, parts))
+def _json(content: Any, schema: type[BaseModel], parts_made: PartsMade) -> str:
+    """Returns content as JSON text that its schema accepts; notes numbers that are not finite."""
+    return _text(reduce_to_storable(content, schema, parts_made))
 
 
 def _text(content: Any) -> str:
+    """Returns content as indented JSON text."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def _write_text(path: Path, text: str) -> None:
+    """Writes a text file in UTF-8, its line ends unchanged."""
     path.write_text(text, encoding="utf-8", newline="")
 
 

@@ -59,12 +59,7 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def plume_scales(vehicle: Vehicle, levels: Array) -> Array:
-    """Returns drawn lengths of plumes relative to full thrust, shape (..., n_jets).
-
-    Args:
-        vehicle: whose jets they are of.
-        levels: thrust over full thrust, shape (..., n_jets).
-    """
+    """Returns drawn plume lengths over those of full thrust; levels: thrust over full thrust, (..., n_jets) each."""
     full = np.array([jet.thrust for jet in vehicle.jets])
     return plume_lengths(vehicle, np.maximum(levels, 0.0) * full) / plume_lengths(vehicle, full)
 
@@ -76,12 +71,7 @@ def round_length(length: float) -> float:
 
 
 def mark_radius(vehicle: Vehicle, kind: str) -> float:
-    """Returns the radius of the ball that marks a jet, ft or m.
-
-    Args:
-        vehicle: for its size.
-        kind: "failed" or "found".
-    """
+    """Returns the radius of the ball that marks a jet as "failed" or "found", ft or m."""
     return _MARKS[kind] * extent(vehicle)
 
 
@@ -162,6 +152,7 @@ def cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[
 
 
 def _circle(count: int) -> Array:
+    """Returns evenly spaced points of the unit circle, shape (count, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     return np.column_stack([np.cos(angle), np.sin(angle)])
 

@@ -103,6 +103,7 @@ class MeshcatStage:
         self.meshcat.SetCameraPose(scale * away, np.zeros(3))
 
     def _draw_body(self) -> None:
+        """Draws the links of the multibody model, or else the vehicle's solids."""
         if self.links is not None:
             self.links.draw(self.meshcat, f"{_STRUCTURE}/links")
             return
@@ -110,6 +111,7 @@ class MeshcatStage:
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 
     def _draw_axes(self) -> None:
+        """Draws the axes of the vehicle frame in red, green and blue."""
         length, radius = self.axis, 0.003 * self._extent
         for axis, color in enumerate(((0.8, 0.2, 0.2), (0.2, 0.6, 0.2), (0.2, 0.3, 0.8))):
             direction = np.eye(3)[axis]
@@ -172,6 +174,7 @@ def _start_quiet_meshcat() -> Meshcat:
 
 
 def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
+    """Draws a solid at its place in the vehicle frame, below a Meshcat path."""
     place = RigidTransform(RotationMatrix(solids.rotation(solid)), np.array(solid.position))
     color = _rgba(solid.color, _OPACITY)
     match solid:
@@ -203,5 +206,6 @@ def _rotation_from_z(direction: Array) -> RotationMatrix:
 
 
 def _rgba(color: str, opacity: float) -> Rgba:
+    """Converts a color "#rrggbb" and an opacity from 0 to 1 to Drake's color."""
     red, green, blue = (int(color[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
     return Rgba(red, green, blue, opacity)

@@ -33,7 +33,7 @@ def page(
     data: Any = None,
     styles: Sequence[str] = (),
     scripts: Sequence[str] = (),
-    needs: Mapping[str, str] | None = None,
+    extra_policy: Mapping[str, str] | None = None,
 ) -> str:
     """Fills a template with content, data, styles and scripts; returns one HTML text with its security policy.
 
@@ -43,7 +43,7 @@ def page(
         data: of the page's block `data`, as `json.dumps` takes it; None: it has no block.
         styles: style sheets.
         scripts: to be run in this order when the rest of the page is there.
-        needs: sources that libraries among the scripts use, by directive of the policy, beyond what every page may.
+        extra_policy: sources that libraries among the scripts need besides, by directive of the policy.
 
     Raises:
         ValueError: when data hold NaN or infinity, or a style or script would end its element.
@@ -52,7 +52,7 @@ def page(
         **_POLICY,
         "script-src": _digests(scripts, "script"),
         "style-src": _digests(styles, "style"),
-        **(needs or {}),
+        **(extra_policy or {}),
     }
     filled: str = (
         environment(template.parent)
@@ -78,9 +78,9 @@ def fragment(template: Path, content: Mapping[str, Any]) -> str:
 def environment(folder: Path) -> jinja2.Environment:
     """Returns the Jinja environment of a folder's templates and the common ones, cached."""
     loader = jinja2.FileSystemLoader([folder, _HERE])
-    made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    return made
+    jinja = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    jinja.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    return jinja
 
 
 def _digests(texts: Sequence[str], element: str) -> str:

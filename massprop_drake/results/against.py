@@ -107,11 +107,11 @@ class Against(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """Returns the comparison as `summary.json` has it."""
-        residuals, causes = ([one._asdict() for one in part] for part in (self.residuals, self.causes))
+        residuals, causes = ([entry._asdict() for entry in entries] for entries in (self.residuals, self.causes))
         return {**self._asdict(), "residuals": residuals, "causes": causes}
 
     def in_words(self) -> str:
-        """Returns a sentence: by how many times the stated variance readings differ, and before which failure."""
+        """Formats the misfit over the stated variance as a sentence, with the time up to which readings count."""
         if self.misfit is None:
             return "too few readings to say what would explain the difference"
         if not self.causes:
@@ -121,22 +121,22 @@ class Against(NamedTuple):
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Computes the RMS and the largest difference of each sensor component, readings minus simulated readings.
+    """Computes the RMS and the largest residual of each sensor component, readings minus simulated readings.
 
     Args:
         scenario: of the record.
-        signals: with readings, and what a simulation reads under `AGAINST`.
+        signals: with readings, and simulated readings under `AGAINST`.
     """
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     variances = make_model(scenario).variances
-    found: list[Residual] = []
+    results: list[Residual] = []
     for number, package in enumerate(packages):
         unit = fill_unit_template("rad/s" if package in vehicle.gyros else "{length}/s", vehicle.unit_names)
-        noise = math.sqrt(float(variances[number]))
-        named = [f"{package.name}_{letter}" for letter in AXES]
-        found += summarize_residuals(named, unit, noise, differences(signals, package.name))
-    return tuple(found)
+        noise_std = math.sqrt(float(variances[number]))
+        columns = [f"{package.name}_{letter}" for letter in AXES]
+        results += summarize_residuals(columns, unit, noise_std, differences(signals, package.name))
+    return tuple(results)
 
 
 def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
@@ -146,68 +146,67 @@ def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
 
 
 def summarize_residuals(
-    named: Sequence[str], unit: str, noise: float, left: Iterable[tuple[Array, Array]]
+    columns: Sequence[str], unit: str, noise_std: float, residual_blocks: Iterable[tuple[Array, Array]]
 ) -> Iterator[Residual]:
     """Yields the RMS, the largest value and its time of the residuals of each component of a sensor.
 
     Args:
-        named: the components' columns, n of them.
+        columns: the components' columns, n of them.
         unit: of the numbers.
-        noise: 1-sigma of a reading.
-        left: times, s, and what is left, NaN where nothing was read, shapes (m,) and (m, n), block by block.
+        noise_std: 1-sigma of a reading.
+        residual_blocks: times, s, and residuals, NaN where nothing was read, shapes (m,) and (m, n), block by block.
     """
-    sums, counts = np.zeros(len(named)), np.zeros(len(named))
-    largest, when = np.zeros(len(named)), np.full(len(named), np.nan)
-    for time_s, off in left:
-        sums += np.nansum(off**2, axis=0)
-        counts += np.isfinite(off).sum(axis=0)
-        for axis, column in enumerate(np.nan_to_num(off).T):
-            row = int(np.argmax(np.abs(column)))
-            if abs(column[row]) > abs(largest[axis]):
-                largest[axis], when[axis] = column[row], time_s[row]
-    for axis, name in enumerate(named):
-        there = counts[axis] > 0
+    sums, counts = np.zeros(len(columns)), np.zeros(len(columns))
+    largest, when = np.zeros(len(columns)), np.full(len(columns), np.nan)
+    for time_s, values in residual_blocks:
+        sums += np.nansum(values**2, axis=0)
+        counts += np.isfinite(values).sum(axis=0)
+        for axis, component in enumerate(np.nan_to_num(values).T):
+            row = int(np.argmax(np.abs(component)))
+            if abs(component[row]) > abs(largest[axis]):
+                largest[axis], when[axis] = component[row], time_s[row]
+    for axis, name in enumerate(columns):
+        has_readings = counts[axis] > 0
         yield Residual(
             name,
             unit,
-            math.sqrt(sums[axis] / counts[axis]) if there else None,
-            float(largest[axis]) if there else None,
+            math.sqrt(sums[axis] / counts[axis]) if has_readings else None,
+            float(largest[axis]) if has_readings else None,
             None if np.isnan(when[axis]) else float(when[axis]),
-            noise,
+            noise_std,
         )
 
 
 def explain_differences(
     scenario: Scenario, signals: Spool, reference: SimulatedSide, until_s: float
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds the unknowns of the flight model, such as thrusts, that explain readings off a simulation.
+    """Finds parameters of the flight model, such as thrusts, that explain how readings differ from a simulation.
 
-    The unknown that explains most by itself is taken and fitted, and then the one that explains most besides, as long
-    as that is more than chance; all others stay as the simulation has them. What happens in the midst of a record is
-    no such unknown: readings after the first failure that was declared are left out.
+    The unknown that explains most is fitted, then the one that explains most besides, as long as that is more than
+    chance; all others stay as the simulation has them.
 
     Args:
         scenario: of the record.
         signals: with `time_s`, commands and readings.
-        reference: what the simulation has.
-        until_s: up to when, s.
+        reference: parameters of the simulation.
+        until_s: time of the first declared failure, s; later readings are left out.
 
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    made = without_shifts(make_model(scenario))._replace(time_constants_s=reference.time_constants_s)
-    places = columns(made)
-    at = np.zeros_like(made.prior)
-    at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
+    model = without_shifts(make_model(scenario))._replace(time_constants_s=reference.time_constants_s)
+    slices = columns(model)
+    unknowns = np.zeros_like(model.prior)
+    unknowns[slices.properties], unknowns[slices.thrust] = reference.properties, reference.thrust - 1.0
     with np.errstate(all="ignore"):
-        parts = regression_pieces(scenario, signals, until_s, made)
-        called = _name_unknowns(scenario, made, at)
+        stretches = regression_pieces(scenario, signals, until_s, model)
+        labels = _name_unknowns(scenario, model, unknowns)
 
-        def about(there: Array) -> NormalEquations:
-            """Returns the normal equations of all readings, linearized about these unknowns."""
-            return sum_equations([stretch_equations(part, there, made) for part in parts], made)
+        def make_equations(point: Array) -> NormalEquations:
+            """Makes the normal equations of all readings, linearized about a point, shape (n,)."""
+            return sum_equations([stretch_equations(stretch, point, model) for stretch in stretches], model)
 
-        return find_causes(about, (at, called), is_physical, chance=_CHANCE)
+        return find_causes(make_equations, (unknowns, labels), is_physical, misfit_limit=_CHANCE)
 
 
 Equations = NormalEquations | PoseEquations  # of readings by unknowns, about a point
@@ -222,40 +221,40 @@ class UnknownLabel(NamedTuple):
 
 
 def find_causes(
-    about: Callable[[Array], Equations],
-    of: tuple[Array, Sequence[UnknownLabel | None]],
-    possible: Callable[[Array], bool],
+    make_equations: Callable[[Array], Equations],
+    labeled_unknowns: tuple[Array, Sequence[UnknownLabel | None]],
+    is_possible: Callable[[Array], bool],
     *,
-    chance: float = 0.0,
+    misfit_limit: float = 0.0,
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Returns mean-square misfit over stated variance, None without readings, and what explains it, best first.
+    """Finds the unknowns that explain a misfit; returns it (mean square over stated variance) and the causes.
 
     Args:
-        about: the equations about a point.
-        of: the unknowns as the simulation has them, shape (n,), and what each is called; None: it is none.
-        possible: whether a vehicle can have such unknowns.
-        chance: misfit for each reading up to which nothing is to be explained.
+        make_equations: makes the equations linearized about a point.
+        labeled_unknowns: the unknowns as simulated, shape (n,), and their labels, None for those not fitted.
+        is_possible: tests whether a vehicle can have such unknowns.
+        misfit_limit: misfit for each reading up to which nothing is to be explained.
 
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    first = about(of[0])
-    if first.readings < 1.0:
+    equations = make_equations(labeled_unknowns[0])
+    if equations.readings < 1.0:
         return None, ()
-    misfit = first.misfit / first.readings
-    if misfit <= chance:
+    misfit = equations.misfit / equations.readings
+    if misfit <= misfit_limit:
         return misfit, ()
-    return misfit, _select_causes(first, about, of, possible)
+    return misfit, _select_causes(equations, make_equations, labeled_unknowns, is_possible)
 
 
 def _select_causes(
     first: Equations,
-    about: Callable[[Array], Equations],
-    of: tuple[Array, Sequence[UnknownLabel | None]],
-    possible: Callable[[Array], bool],
+    make_equations: Callable[[Array], Equations],
+    labeled_unknowns: tuple[Array, Sequence[UnknownLabel | None]],
+    is_possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
-    """Selects unknowns one by one that reduce the misfit most, until no more than chance; as `find_causes`."""
-    reference, called = of
+    """Selects one by one the unknowns that reduce the misfit most, beyond chance; arguments as `find_causes`."""
+    reference, called = labeled_unknowns
     names = {place: one for place, one in enumerate(called) if one is not None}
     diagonal = np.where([place in names for place in range(len(called))], first.information.diagonal(), 0.0)
     there = np.flatnonzero(diagonal > 0.0)
@@ -271,7 +270,7 @@ def _select_causes(
         best = max(gains, key=lambda place: gains[place], default=-1)
         if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
             break
-        after, fit = _fit_unknowns(about, (at, normal), [*taken, best], possible)
+        after, fit = _fit_unknowns(make_equations, (at, normal), [*taken, best], is_possible)
         if fit.misfit >= normal.misfit:
             break
         at, normal = after, fit
@@ -299,36 +298,36 @@ def _select_causes(
 
 
 def _fit_unknowns(
-    about: Callable[[Array], Equations],
-    begin: tuple[Array, Equations],
-    places: list[int],
-    possible: Callable[[Array], bool],
+    make_equations: Callable[[Array], Equations],
+    start: tuple[Array, Equations],
+    indices: list[int],
+    is_possible: Callable[[Array], bool],
 ) -> tuple[Array, Equations]:
-    """Fits some unknowns by Gauss-Newton iterations, the others held; returns the point and the equations about it."""
-    at, normal = begin
+    """Fits the unknowns at some indices by Gauss-Newton iterations; returns the point and the equations about it."""
+    point, normal = start
     for _ in range(_PASSES):
-        move = np.zeros_like(at)
-        move[places] = np.linalg.solve(normal.information[np.ix_(places, places)], normal.score[places])
+        move = np.zeros_like(point)
+        move[indices] = np.linalg.solve(normal.information[np.ix_(indices, indices)], normal.score[indices])
         if float(move @ normal.score) < _SETTLED:
             break
-        while not possible(at + move):
+        while not is_possible(point + move):
             move *= 0.5
-        after = about(at + move)
-        if not after.misfit < normal.misfit:
+        moved = make_equations(point + move)
+        if not moved.misfit < normal.misfit:
             break
-        at, normal = at + move, after
-    return at, normal
+        point, normal = point + move, moved
+    return point, normal
 
 
-def _misfit_gain(normal: Equations, places: list[int]) -> float:
-    """Returns by how much freeing these unknowns reduces the misfit, squared sigmas; 0 if not separable."""
-    chosen = np.array(places)
-    information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
+def _misfit_gain(equations: Equations, indices: list[int]) -> float:
+    """Computes the misfit reduction by freeing the unknowns at some indices, squared sigmas; 0 if not separable."""
+    chosen = np.array(indices)
+    information, score = equations.information[np.ix_(chosen, chosen)], equations.score[chosen]
     scale = np.sqrt(information.diagonal())
-    unit = information / np.outer(scale, scale)
-    if np.linalg.cond(unit) > _TELLABLE:
+    correlation = information / np.outer(scale, scale)
+    if np.linalg.cond(correlation) > _TELLABLE:
         return 0.0
-    return float((score / scale) @ np.linalg.solve(unit, score / scale))
+    return float((score / scale) @ np.linalg.solve(correlation, score / scale))
 
 
 _TELLABLE = 1e8  # condition of unknowns beyond which they are one
@@ -336,29 +335,29 @@ _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 def name_mass_property(symbol: str, unit: str, value: float) -> UnknownLabel:
     """Labels a mass property: diagonal inverse inertia and 1/m in percent of the value, others in their unit."""
-    of_itself = symbol in _IN_PERCENT and value != 0.0
-    return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if of_itself else UnknownLabel(symbol, unit, 1.0)
+    in_percent = symbol in _IN_PERCENT and value != 0.0
+    return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if in_percent else UnknownLabel(symbol, unit, 1.0)
 
 
-def _name_unknowns(scenario: Scenario, made: FlightModel, at: Array) -> list[UnknownLabel | None]:
+def _name_unknowns(scenario: Scenario, model: FlightModel, unknowns: Array) -> list[UnknownLabel | None]:
     """Returns the label of each unknown of the flight model, in its order; None where it is not fitted."""
     names: Names = vehicle_names(scenario)
-    places = columns(made)
+    slices = columns(model)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
     units = mass_property_units(scenario.vehicle_data.unit_names)
-    named = [name_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]
-    found: list[tuple[str, str, float]] = [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
-    found += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: places.lag.stop - places.lag.start]]
-    found += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]
-    found += [
+    named = [name_mass_property(*entry) for entry in zip(SYMBOLS, units, unknowns.tolist(), strict=False)]
+    others: list[tuple[str, str, float]] = [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
+    others += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: slices.lag.stop - slices.lag.start]]
+    others += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]
+    others += [
         (f"{name}: bias or steady force {a}", names.acceleration, 1.0) for name in names.accelerometers for a in AXES
     ]
-    found += [(f"torque {letter} that nobody commands", torque, 1.0) for letter in AXES]
-    found += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
-    found += [(f"angular momentum {letter} of wheels", f"{names.torque}-s", 1.0) for letter in AXES]
+    others += [(f"torque {letter} that nobody commands", torque, 1.0) for letter in AXES]
+    others += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
+    others += [(f"angular momentum {letter} of wheels", f"{names.torque}-s", 1.0) for letter in AXES]
     sensors = (*names.gyros, *names.accelerometers)
-    found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
-    return [*named, *(UnknownLabel(*one) for one in found), *[None] * (places.shift.stop - places.shift.start)]
+    others += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
+    return [*named, *(UnknownLabel(*entry) for entry in others), *[None] * (slices.shift.stop - slices.shift.start)]
 
 
 _IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")

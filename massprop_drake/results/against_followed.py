@@ -23,36 +23,36 @@ Array = NDArray[np.float64]
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Computes RMS and largest difference, readings minus simulated, of each component, attitudes as rotations.
+    """Computes the RMS and the largest residual of each sensor component, attitudes as rotation vectors.
 
-    Args:
-        scenario: of the record.
-        signals: with readings, and what a simulation reads under `AGAINST`.
+    Args: as `against.residuals`.
     """
-    vehicle, found = scenario.vehicle_data, list[Residual]()
-    moving, turning = ((0, 1), (2,)) if vehicle.motion == "planar" else ((0, 1, 2), (0, 1, 2))
+    vehicle, results = scenario.vehicle_data, list[Residual]()
+    translation_axes, rotation_axes = ((0, 1), (2,)) if vehicle.motion == "planar" else ((0, 1, 2), (0, 1, 2))
     length = vehicle.unit_names["length"]
 
-    def add(name: str, axes: Sequence[int], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> None:
-        """Appends the residual statistics of some axes of a sensor."""
-        some = ((time_s, off[:, list(axes)]) for time_s, off in left)
-        found.extend(against.summarize_residuals([name + AXES[axis] for axis in axes], unit, noise, some))
+    def add(
+        prefix: str, axes: Sequence[int], unit: str, noise_std: float, residual_blocks: Iterable[tuple[Array, Array]]
+    ) -> None:
+        """Appends the residual statistics of some axes of a sensor, whose columns begin with a prefix."""
+        selected = ((time_s, values[:, list(axes)]) for time_s, values in residual_blocks)
+        results.extend(against.summarize_residuals([prefix + AXES[axis] for axis in axes], unit, noise_std, selected))
 
-    followed: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
-    for sensor in followed:
-        left, name = against.differences(signals, sensor.name), f"{sensor.name}_"
+    sensors: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
+    for sensor in sensors:
+        residual_blocks, prefix = against.differences(signals, sensor.name), f"{sensor.name}_"
         if not isinstance(sensor, PoseSensor):
-            add(name, moving, f"{length}/s", sensor.noise_std, left)
+            add(prefix, translation_axes, f"{length}/s", sensor.noise_std, residual_blocks)
             continue
         if sensor.position_std is not None:
-            add(name, moving, length, sensor.position_std, left)
+            add(prefix, translation_axes, length, sensor.position_std, residual_blocks)
         if sensor.attitude_std is not None:
-            turned = _attitude_differences(signals, sensor.name)
-            add(f"{sensor.name} turned, ", turning, "rad", sensor.attitude_std, turned)
+            rotations = _attitude_differences(signals, sensor.name)
+            add(f"{sensor.name} turned, ", rotation_axes, "rad", sensor.attitude_std, rotations)
     for package in (*params.gyros(scenario), *params.accelerometers(scenario)):
-        axes, unit = (turning, "rad/s") if package in vehicle.gyros else (moving, f"{length}/s")
+        axes, unit = (rotation_axes, "rad/s") if package in vehicle.gyros else (translation_axes, f"{length}/s")
         add(f"{package.name}_", axes, unit, package.variance**0.5, against.differences(signals, package.name))
-    return tuple(found)
+    return tuple(results)
 
 
 def _attitude_differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
@@ -61,49 +61,48 @@ def _attitude_differences(signals: Spool, name: str) -> Iterator[tuple[Array, Ar
         yield block["time_s"], rotation_differences(block[name][:, 3:], block[AGAINST + name][:, 3:])
 
 
-def rotation_differences(read: Array, simulated: Array) -> Array:
-    """Computes rotation vectors from simulated to read attitudes, body axes, rad, NaN unread, shape (n, 3).
+def rotation_differences(measured: Array, simulated: Array) -> Array:
+    """Computes rotation vectors from simulated to measured attitudes, body axes, rad, NaN unread, shape (n, 3).
 
     Args:
-        read: quaternions from body to fixed frame, of any length, NaN where there is none, shape (n, 4).
-        simulated: unit ones, likewise.
+        measured, simulated: quaternions from body to fixed frame, the latter of unit length, NaN unread, shape (n, 4).
     """
-    found = np.full((len(read), 3), np.nan)
-    for row in np.flatnonzero(np.isfinite(read).all(axis=1) & np.isfinite(simulated).all(axis=1)):
-        one = read[row] / np.sqrt(read[row] @ read[row])
+    found = np.full((len(measured), 3), np.nan)
+    for row in np.flatnonzero(np.isfinite(measured).all(axis=1) & np.isfinite(simulated).all(axis=1)):
+        one = measured[row] / np.sqrt(measured[row] @ measured[row])
         found[row] = attitude.to_rotation_vector(attitude.multiply(attitude.conjugate(simulated[row]), one))
     return found
 
 
 def explain_differences(
-    scenario: Scenario, record: PoseRecord, vehicle: Assumed, made: PoseParams
+    scenario: Scenario, record: PoseRecord, vehicle: Assumed, pose_params: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns of the pose filter that explain how a record's readings differ from a simulation.
 
     Args:
         scenario: of the record.
-        record: what was read and told, up to the first failure in its midst.
-        vehicle: that is simulated.
-        made: parameters of the estimator.
+        record: readings and commands up to the first failure.
+        vehicle: as simulated.
+        pose_params: parameters of the estimator.
 
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    movable = setting.movable_indices(params.filter_setup(scenario), made.parts)
+    movable = setting.movable_indices(params.filter_setup(scenario), pose_params.parts)
     with np.errstate(all="ignore"):
         return against.find_causes(
-            lambda at: pose_hindsight.record_equations(record, vehicle._replace(at=at), movable, made),
-            (vehicle.at, _name_unknowns(scenario, made, vehicle.at)),
-            lambda at: pose_hindsight.is_physical(at, made.parts),
+            lambda at: pose_hindsight.record_equations(record, vehicle._replace(at=at), movable, pose_params),
+            (vehicle.at, _name_unknowns(scenario, pose_params, vehicle.at)),
+            lambda at: pose_hindsight.is_physical(at, pose_params.parts),
         )
 
 
-def _name_unknowns(scenario: Scenario, made: PoseParams, at: Array) -> list[UnknownLabel | None]:
+def _name_unknowns(scenario: Scenario, pose_params: PoseParams, state: Array) -> list[UnknownLabel | None]:
     """Returns the label of each element of the pose filter's state, in its order; None where it is not fitted."""
-    vehicle, parts = scenario.vehicle_data, made.parts
+    vehicle, parts = scenario.vehicle_data, pose_params.parts
     length = vehicle.unit_names["length"]
     found: list[UnknownLabel | None] = [None] * parts.size
-    values = np.concatenate((at[parts.spin], at[parts.center], at[parts.common]))
+    values = np.concatenate((state[parts.spin], state[parts.center], state[parts.common]))
     units = mass_property_units(vehicle.unit_names)
     places = [*range(*parts.spin.indices(parts.size)), *range(*parts.center.indices(parts.size)), parts.common.start]
     known = params.known_parameters(scenario)

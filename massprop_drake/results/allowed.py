@@ -67,7 +67,7 @@ class Intervals(NamedTuple):
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 
     def in_words(self) -> str:
-        """Returns "guaranteed by the readings", until when and given what, or the reason for no intervals."""
+        """Describes up to when and on what assumptions the intervals are guaranteed, or why there are none."""
         if self.reason is not None:
             return f"none: {self.reason}"
         before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
@@ -79,7 +79,7 @@ def allowed_intervals(
     scenario: Scenario,
     signals: Spool,
     estimate: Array,
-    found: Sequence[DetectionRecord],
+    detections: Sequence[DetectionRecord],
     events: Sequence[EventRecord],
     solve: Solve,
 ) -> Intervals:
@@ -89,42 +89,44 @@ def allowed_intervals(
         scenario: as run.
         signals: with `time_s`, commands and readings.
         estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
-        found: failures and jumps that were declared.
-        events: what was said besides; readings that were said to be false are left out.
-        solve: see `maths.estimation.offline.intervals`.
+        detections: failures and jumps that were declared.
+        events: declared besides; readings declared false are left out.
+        solve: solves a linear program, see `maths.estimation.offline.intervals`.
     """
-    onsets = [one.onset_s if one.earliest_s is None else one.earliest_s for one in found if one.withdrawn_s is None]
+    onsets = [
+        one.onset_s if one.earliest_s is None else one.earliest_s for one in detections if one.withdrawn_s is None
+    ]
     until_s = min(onsets, default=None)
-    reason = _reason_unconfined(scenario)
+    reason = _reason_unbounded(scenario)
     if reason is not None:
         return _no_intervals(reason, until_s)
-    made = make_model(scenario)
-    last_s = math.inf if until_s is None else until_s - made.period_s
-    parts, on_ticks = trusted_stretches(scenario, signals, last_s, events, made)
-    chosen = [part for part in parts if not np.isnan(part.readings[:, : made.gyros]).all(axis=(0, 1)).any()]
+    model = make_model(scenario)
+    last_s = math.inf if until_s is None else until_s - model.period_s
+    pieces, on_ticks = trusted_stretches(scenario, signals, last_s, events, model)
+    chosen = [piece for piece in pieces if not np.isnan(piece.readings[:, : model.gyros]).all(axis=(0, 1)).any()]
     chosen = chosen[:: max(-(-len(chosen) // _STRETCHES), 1)]
     if not chosen:
         return _no_intervals("there are too few readings", until_s)
     if not on_ticks:
         return _no_intervals("time stamps scatter about the ticks at which commands switch", until_s)
-    if any(part.onsets_s is not None and has_pulse(part.commands[:-1], part.onsets_s[:-1]) for part in chosen):
+    if any(piece.onsets_s is not None and has_pulse(piece.commands[:-1], piece.onsets_s[:-1]) for piece in chosen):
         return _no_intervals("jets open and close within samples", until_s)
-    cells = _reading_cells(scenario, made)
-    begin = made.prior.copy()
+    cells = _reading_cells(scenario, model)
+    begin = model.prior.copy()
     if flight_model.is_physical(estimate):  # NaN is not
         begin[:10] = estimate
     with np.errstate(all="ignore"):
-        fit = regression.fit_flight(chosen, begin, made)
-        about = fit.at if flight_model.is_physical(fit.at) else made.prior
+        fit = regression.fit_flight(chosen, begin, model)
+        about = fit.at if flight_model.is_physical(fit.at) else model.prior
         try:
-            allowed = intervals.find_intervals(chosen, about, made, cells, solve)
+            limits = intervals.find_intervals(chosen, about, model, cells, solve)
         except ArithmeticError as error:
             return _no_intervals(str(error), until_s)
-    return _make_intervals(allowed, _list_assumptions(made, cells, chosen), until_s)
+    return _make_intervals(limits, _list_assumptions(model, cells, chosen), until_s)
 
 
-def _reason_unconfined(scenario: Scenario) -> str | None:
-    """Returns the reason why the readings cannot bound the motion, such as unbounded noise; None: they can."""
+def _reason_unbounded(scenario: Scenario) -> str | None:
+    """Returns in words why the readings cannot bound the motion, such as unbounded noise; None: they can."""
     vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
     if scenario.estimation.filter == "pose":
         return "sensors in a fixed frame confine nothing"
@@ -142,59 +144,59 @@ def _reason_unconfined(scenario: Scenario) -> str | None:
         return "the vehicle's disturbance states torques or forces that no reading confines"
     if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):
         return "pulses scatter by the vehicle's repeatability, which no reading confines"
-    made = make_model(scenario)
-    if made.sigma[flight_model.columns(made).shift].any():
+    model = make_model(scenario)
+    if model.sigma[flight_model.columns(model).shift].any():
         return "propellant that is used may shift the center of mass; joint.tank_fraction=0 takes it for fixed"
     return None
 
 
-def _is_mostly_rounding(quantum: float, noise: float) -> bool:
+def _is_mostly_rounding(quantum: float, noise_std: float) -> bool:
     """Tests whether a reading's noise is at most a tenth of its quantum, so that its cell bounds the truth."""
-    return quantum > 0.0 and noise <= _QUIET * quantum
+    return quantum > 0.0 and noise_std <= _QUIET * quantum
 
 
-def _reading_cells(scenario: Scenario, made: FlightModel) -> Cells:
-    """Returns quantum of each package (0: too noisy to bound), noise, gyro bias and range of parameters sought."""
+def _reading_cells(scenario: Scenario, model: FlightModel) -> Cells:
+    """Returns the cells of quantized readings: quantum (0: too noisy) and noise by package, biases, search range."""
     setup = params.filter_setup(scenario)
     packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
-    quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
-    used = np.array([_is_mostly_rounding(one.quantum, one.noise_std) for one in packages])
+    quanta, noise = np.array([[package.quantum, package.noise_std] for package in packages]).T
+    used = np.array([_is_mostly_rounding(package.quantum, package.noise_std) for package in packages])
     return Cells(np.where(used, quanta, 0.0), noise, setup.gyros.bias_std, _WIDEST * setup.widest)
 
 
-def _list_assumptions(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
-    """Lists in words what is taken as bounded though stated as 1-sigma: thrusts, lags, biases and noise."""
-    places = flight_model.columns(made)
-    used = cells.quanta[made.gyros :] > 0.0
-    biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())
-    fired = np.any([part.commands.any(axis=0) for part in parts], axis=0)
-    told = {
-        "thrusts": made.sigma[places.thrust][fired].any(),
-        "time constants": made.sigma[places.lag][made.kinds][fired].any(),
+def _list_assumptions(model: FlightModel, cells: Cells, stretches: Sequence[Stretch]) -> tuple[str, ...]:
+    """Lists in words the uncertainties taken as bounds though stated as 1-sigma: thrusts, lags, biases, noise."""
+    slices = flight_model.columns(model)
+    used = cells.quanta[model.gyros :] > 0.0
+    biased = bool(cells.gyro_biases.any()) or bool(model.sigma[slices.acceleration_bias].reshape(-1, 3)[used].any())
+    fired = np.any([stretch.commands.any(axis=0) for stretch in stretches], axis=0)
+    is_open_by_name = {
+        "thrusts": model.sigma[slices.thrust][fired].any(),
+        "time constants": model.sigma[slices.lag][model.kinds][fired].any(),
         "biases": biased,
     }
-    stated = [what for what, is_open in told.items() if is_open]
+    stated = [what for what, is_open in is_open_by_name.items() if is_open]
     given = [f"{' and '.join(stated)} within {intervals.SIGMAS:g} sigma of what is stated"] if stated else []
     if cells.noise[cells.quanta > 0.0].any():
         given.append(f"noise within {intervals.NOISE_SIGMAS:g} sigma")
     return tuple(given)
 
 
-def _make_intervals(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
-    """Converts solved limits to intervals of the ten parameters; with the reason where there are none."""
-    if allowed.is_contradicted:
-        words = f"no vehicle explains all readings: some are at least {-allowed.depth:.2g} quanta beyond their cells"
-        return _no_intervals(words, until_s)._replace(contradicted=True, given=given)
-    if np.isnan(allowed.low).all():
+def _make_intervals(limits: Confined, assumptions: tuple[str, ...], until_s: float | None) -> Intervals:
+    """Converts limits of the ten parameters to named intervals, or to none with the reason."""
+    if limits.is_contradicted:
+        words = f"no vehicle explains all readings: some are at least {-limits.depth:.2g} quanta beyond their cells"
+        return _no_intervals(words, until_s)._replace(contradicted=True, given=assumptions)
+    if np.isnan(limits.low).all():
         return _no_intervals("readings leave so much open that the motion is not linear in it", until_s)
-    return _intervals_by_name(allowed)._replace(given=given, until_s=until_s)
+    return _intervals_by_name(limits)._replace(given=assumptions, until_s=until_s)
 
 
-def _intervals_by_name(allowed: Confined) -> Intervals:
+def _intervals_by_name(limits: Confined) -> Intervals:
     """Arranges (low, high) of the ten as matrix, vector and number, with the middle of each interval."""
     pairs = [
         None if math.isnan(low) else (low, high)
-        for low, high in zip(allowed.low.tolist(), allowed.high.tolist(), strict=True)
+        for low, high in zip(limits.low.tolist(), limits.high.tolist(), strict=True)
     ]
     best = [None if pair is None else 0.5 * (pair[0] + pair[1]) for pair in pairs]
     rows = ELEMENT.tolist()

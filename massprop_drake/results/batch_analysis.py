@@ -55,36 +55,35 @@ def analyze_run(
     scenario: Scenario,
     signals: Spool,
     estimate: Array,
-    found: Sequence[DetectionRecord],
+    detections: Sequence[DetectionRecord],
     events: Sequence[EventRecord] = (),
     *,
     resumed: bool = False,
 ) -> BatchAnalysis:
     """Computes the bound on 1-sigma of the ten parameters, and diagnoses of assumptions that readings contradict.
 
-    What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
-    wrong then has been said.
+    Samples after the first failure or jump that was declared, and not withdrawn, are not tested.
 
     Args:
         scenario: as run.
         signals: with `time_s`, commands and readings.
         estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
-        found: failures and jumps that were declared.
-        events: what was said besides; readings that were said to be false are left out.
-        resumed: whether it goes on from another run, of which the signals tell nothing.
+        detections: failures and jumps that were declared.
+        events: declared besides; readings declared false are left out.
+        resumed: whether it goes on from another run, which the signals do not show.
     """
-    back = _analyze_readings(scenario, signals, estimate, (found, events), resumed=resumed)
+    back = _analyze_readings(scenario, signals, estimate, (detections, events), resumed=resumed)
     return back._replace(diagnoses=(*back.diagnoses, *_diagnose_disturbance(scenario, events, back.diagnoses)))
 
 
 def _diagnose_disturbance(
-    scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]
+    scenario: Scenario, events: Sequence[EventRecord], diagnoses: Sequence[Diagnosis]
 ) -> list[Diagnosis]:
     """Returns a diagnosis of the largest declared disturbance, or [] if another diagnosis explains it."""
-    found = [one for one in events if one.kind == "disturbance" and one.torque_std is not None]
-    if not found or any(one.kind in _OF_DISTURBANCES for one in told):
+    disturbances = [event for event in events if event.kind == "disturbance" and event.torque_std is not None]
+    if not disturbances or any(event.kind in _OF_DISTURBANCES for event in diagnoses):
         return []
-    largest = max(found, key=lambda one: one.torque_std or 0.0)
+    largest = max(disturbances, key=lambda event: event.torque_std or 0.0)
     words = (
         f"{disturbance_in_words(largest, scenario.vehicle_data.unit_names)} acts besides the jets; nothing states it"
     )
@@ -95,42 +94,42 @@ def _analyze_readings(
     scenario: Scenario,
     signals: Spool,
     estimate: Array,
-    said: tuple[Sequence[DetectionRecord], Sequence[EventRecord]],
+    declared: tuple[Sequence[DetectionRecord], Sequence[EventRecord]],
     *,
     resumed: bool,
 ) -> BatchAnalysis:
-    """Runs the batch regression of `analyze_run`; `said`: detections (failures and jumps), and events."""
-    found, events = said
-    standing = [one for one in found if one.withdrawn_s is None]
+    """Runs the batch regression of `analyze_run`; `declared`: detections (failures and jumps), and events."""
+    detections, events = declared
+    standing = [one for one in detections if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)
     apart = None if resumed or jumped else prior.find_contradiction(scenario, signals, estimate)
     if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
         return BatchAnalysis(np.full(10, np.nan), () if apart is None else (apart,))
-    made = make_model(scenario)
-    unseen_s = made.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
+    model = make_model(scenario)
+    unseen_s = model.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
     until_s = min((one.onset_s - unseen_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        parts = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
-        begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
-        if until_s < math.inf and is_off_ticks(parts, made):  # what was declared may be the clock's doing
-            every = select_short_pieces(parts, math.inf, made)
-            if try_switching(every, regression.fit_flight(every, fit_start(begin, made), made), made)[-1]:
+        pieces = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
+        begin = np.where(np.isnan(estimate) | jumped, model.prior[:10], estimate)  # that at the end is of after a jump
+        if until_s < math.inf and is_off_ticks(pieces, model):  # what was declared may be the clock's doing
+            every = select_short_pieces(pieces, math.inf, model)
+            if try_switching(every, regression.fit_flight(every, fit_start(begin, model), model), model)[-1]:
                 until_s = math.inf
         names = vehicle_names(scenario)
-        chosen = select_short_pieces(parts, until_s, made)
-        diagnoses, fit = diagnose_readings(chosen, begin, made, names)
+        chosen = select_short_pieces(pieces, until_s, model)
+        diagnoses, fit = diagnose_readings(chosen, begin, model, names)
         if until_s < math.inf and excess_misfit(fit) > 0.0:  # what was declared may be the doing of what moves inside
-            every = select_short_pieces(parts, math.inf, made)
-            whole = regression.fit_flight(every, fit_start(begin, made), made)
-            diagnoses = find_oscillation(every, whole, made, names) or diagnoses
+            every = select_short_pieces(pieces, math.inf, model)
+            whole = regression.fit_flight(every, fit_start(begin, model), model)
+            diagnoses = find_oscillation(every, whole, model, names) or diagnoses
         if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
-            whole_of_it, _ = diagnose_readings(select_short_pieces(parts, math.inf, made), begin, made, names)
+            whole_of_it, _ = diagnose_readings(select_short_pieces(pieces, math.inf, model), begin, model, names)
             diagnoses = whole_of_it if any(one.kind == "wheel" for one in whole_of_it) else diagnoses
         if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
-            scaled = find_common_factors(parts, begin, made, scenario)
+            scaled = find_common_factors(pieces, begin, model, scenario)
             if scaled is not None:
-                parts, apart = scaled.parts, None
-                others, fit = diagnose_readings(select_short_pieces(parts, until_s, made), scaled.begin, made, names)
+                pieces, apart = scaled.parts, None
+                others, fit = diagnose_readings(select_short_pieces(pieces, until_s, model), scaled.begin, model, names)
                 diagnoses = [*scaled.found, *others]
         if apart is not None:
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
@@ -138,9 +137,9 @@ def _analyze_readings(
         if resumed or jumped or tracked or not flight_model.is_physical(fit.at):
             return BatchAnalysis(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), propellant_variances(scenario, fit.at)
-        all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
-        known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(made) else None
-        bound = flight_bound.cramer_rao_deviation(parts, fit.at, start, drift, without_shifts(made), known)
+        all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in pieces)
+        known = fit.normal.information if all_of_it and not flight_model.has_accumulating_noise(model) else None
+        bound = flight_bound.cramer_rao_deviation(pieces, fit.at, start, drift, without_shifts(model), known)
     return BatchAnalysis(bound, tuple(diagnoses))
 
 

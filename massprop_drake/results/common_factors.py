@@ -40,62 +40,64 @@ class _Rescaled(NamedTuple):
 
 
 def find_common_factors(
-    parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario
+    stretches: Sequence[Stretch], estimate: Array, model: FlightModel, scenario: Scenario
 ) -> _Rescaled | None:
     """Finds factors common to all gyro or accelerometer readings, such as wrong units; None without any.
 
     Args:
-        parts: of the whole record, since a failure that was declared may be the factor's doing.
-        begin: the ten parameters as estimated, shape (10,).
-        made: see `model`.
+        stretches: of the whole record, since a wrong factor may have caused a declared failure.
+        estimate: the ten parameters as estimated, shape (10,).
+        model: see `make_model`.
         scenario: as run.
     """
-    ratios = unexplained_motion.gain_ratios(parts, made.prior, made)
-    vehicle, gyro = scenario.vehicle_data, np.arange(ratios.size) < made.gyros
+    ratios = unexplained_motion.gain_ratios(stretches, model.prior, model)
+    vehicle, gyro = scenario.vehicle_data, np.arange(ratios.size) < model.gyros
     rates = factors.rate_factors(vehicle.sample_period_s)
     velocities = factors.velocity_factors(vehicle.units, vehicle.sample_period_s)
-    of_gyros, of_others = _candidates(ratios, gyro, rates), _candidates(ratios, ~gyro, velocities)
-    known = (None, *rates, *velocities)
+    of_gyros, of_others = _candidate_factors(ratios, gyro, rates), _candidate_factors(ratios, ~gyro, velocities)
+    known_factors = (None, *rates, *velocities)
     names = vehicle_names(scenario)
     tried: list[tuple[float, _Rescaled]] = []
     for pair in product((None, *of_gyros), (None, *of_others)):
         sizes, words = np.ones(ratios.size), []
-        for kind, factor, among in zip((gyro, ~gyro), pair, (names.gyros, names.accelerometers), strict=True):
+        for mask, factor, among in zip((gyro, ~gyro), pair, (names.gyros, names.accelerometers), strict=True):
             if factor is not None:
-                off = kind & ~_is_plausible(ratios)
+                off = mask & ~_is_plausible(ratios)
                 sizes[off] = factor.size
-                sensors = [name for name, is_off in zip(among, off[kind], strict=True) if is_off]
+                sensors = [name for name, is_off in zip(among, off[mask], strict=True) if is_off]
                 words.append(f"{', '.join(sensors)}: readings are {factor}")
         if not words:
             continue
-        other = [_scale_readings(part, 1.0 / sizes) for part in parts]
-        chosen = select_short_pieces(other, math.inf, made)
-        after = regression.fit_flight(chosen, made.prior, made)
+        other = [_scale_readings(stretch, 1.0 / sizes) for stretch in stretches]
+        chosen = select_short_pieces(other, math.inf, model)
+        after = regression.fit_flight(chosen, model.prior, model)
         if after.normal.readings < FEWEST or not after.normal.is_finite:
             continue
-        before = regression.fit_flight([_scale_readings(part, sizes) for part in chosen], fit_start(begin, made), made)
-        gained = fit_cost(before, made) - fit_cost(after, made)
+        before = regression.fit_flight(
+            [_scale_readings(stretch, sizes) for stretch in chosen], fit_start(estimate, model), model
+        )
+        gained = fit_cost(before, model) - fit_cost(after, model)
         settled = excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
         if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
             continue
         found = [Diagnosis("factor", one, before.normal.per_reading, after.normal.per_reading) for one in words]
-        exact = 1.0 if all(one in known for one in pair) else SCATTER  # what was measured is not
+        exact = 1.0 if all(one in known_factors for one in pair) else SCATTER  # what was measured is not
         tried.append((exact * after.normal.per_reading, _Rescaled(other, after.at[:10], found)))
     return min(tried, key=lambda one: one[0], default=(0.0, None))[1]
 
 
-def _scale_readings(part: Stretch, sizes: Array) -> Stretch:
+def _scale_readings(stretch: Stretch, scales: Array) -> Stretch:
     """Multiplies a stretch's readings by a factor for each sensor package, shape (n_packages,)."""
-    return part._replace(readings=part.readings * sizes[:, None])
+    return stretch._replace(readings=stretch.readings * scales[:, None])
 
 
-def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor]) -> list[Factor]:
-    """Returns known factors near the median implausible ratio of a kind of sensor, and that median; [] if none."""
-    off = ratios[kind & ~_is_plausible(ratios)]
+def _candidate_factors(ratios: Array, mask: NDArray[np.bool_], known_factors: Sequence[Factor]) -> list[Factor]:
+    """Returns known factors near the median implausible ratio of the masked sensors, and that median; [] if none."""
+    off = ratios[mask & ~_is_plausible(ratios)]
     if not off.size:
         return []
     size = float(np.median(off))
-    return [*factors.factors_near(size, known), Factor(size, "")] if size > 0.0 else []
+    return [*factors.factors_near(size, known_factors), Factor(size, "")] if size > 0.0 else []
 
 
 def _is_plausible(ratios: Array) -> NDArray[np.bool_]:

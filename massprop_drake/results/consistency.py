@@ -118,30 +118,30 @@ class Consistency(NamedTuple):
     translation_nis_within: Real | None = None
 
     def in_words(self) -> str:
-        """Returns both mean NIS and the number of samples used, in words."""
+        """Describes the mean NIS of rotation and translation, and the number of samples used, in words."""
         rotation = mean_in_words(self.rotation_nis_mean, self.rotation_nis_within, self.rotation_nis_beyond)
         translation = mean_in_words(self.translation_nis_mean, self.translation_nis_within, self.translation_nis_beyond)
         return f"mean NIS {rotation} rotation, {translation} translation, over {self.samples} samples used"
 
 
-def mean_in_words(mean: float | None, within: float | None, beyond: float | None) -> str:
+def mean_in_words(mean: float | None, mean_within: float | None, share_beyond: float | None) -> str:
     """Formats a mean NIS; where outliers beyond the 99 % point dominate it, the mean without them first.
 
     Args:
         mean: of all samples; None without any.
-        within: of those within the 99 % point.
-        beyond: share of the others.
+        mean_within: of the samples within the 99 % point.
+        share_beyond: share of the samples beyond it, 0 to 1.
     """
     if mean is None:
         return "-"
-    if within is None or beyond is None or not is_mean_dominated(mean, within):
+    if mean_within is None or share_beyond is None or not is_mean_dominated(mean, mean_within):
         return f"{mean:.2f}"
-    return f"{within:.2f} ({mean:.4g} with the {100.0 * beyond:.2g} % beyond their 99 % point)"
+    return f"{mean_within:.2f} ({mean:.4g} with the {100.0 * share_beyond:.2g} % beyond their 99 % point)"
 
 
-def is_mean_dominated(mean: float, within: float) -> bool:
-    """Tests whether a mean NIS is at least twice that of the samples within the 99 % point."""
-    return mean >= _RULED * within
+def is_mean_dominated(mean: float, mean_within: float) -> bool:
+    """Tests whether outliers dominate a mean NIS: it is at least twice that of samples within the 99 % point."""
+    return mean >= _RULED * mean_within
 
 
 class Tally:
@@ -160,21 +160,21 @@ class Tally:
         self._explained = [0.0, 0.0, 0.0]  # samples of which it is known why they are what they are, and those beyond
 
     @classmethod
-    def of(cls, numbers: Array) -> Tally:
-        """Makes a tally from the counts of another, shape (7,), see `NUMBERS`; excluded samples are not among them."""
+    def from_counts(cls, counts: Array) -> Tally:
+        """Makes a tally from the counts and sums of another, shape (7,), in the order of `NUMBERS`."""
         tally = cls()
-        n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = numbers.tolist()
+        n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = counts.tolist()
         tally.n, tally._beyond = int(n), beyond
         return tally
 
     @property
     def numbers(self) -> Array:
-        """Returns counts and sums in the order of `NUMBERS`, shape (7,), from which `Tally.of` goes on."""
+        """Returns counts and sums in the order of `NUMBERS`, shape (7,), from which `Tally.from_counts` goes on."""
         sums = self._sum, self._expected, self._sum_within, self._expected_within
         return np.array([self.n, *sums, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
-        """Counts used samples: NIS scaled to three components, and components, see `used_nis`, shape (n,) each."""
+        """Adds samples: NIS scaled to three components, and its unscaled expectation, shape (n,) each."""
         from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
         self.n += nis.size
@@ -192,7 +192,7 @@ class Tally:
         ]
 
     def add_averaged(self, nis: Array, components: Array) -> None:
-        """Adds samples of which only the mean NIS over several is known, shape (n,) each; see the module.
+        """Adds samples of which only the mean NIS over several is known, shape (n,) each.
 
         Args:
             nis: means, scaled to three components.
@@ -212,18 +212,18 @@ class Tally:
         for index, least in enumerate((_TAIL, _QUARTER)):
             self._beyond[index] += float(chdtrc(degrees, chdtri(degrees, least) / factor).sum())
 
-    def add_innovations(self, seen: Innovations) -> None:
+    def add_innovations(self, innovations: Innovations) -> None:
         """Adds the NIS of the samples that the filter used, single ones and averages, to the counts."""
-        for add, chosen in ((self.add, ~seen.averaged), (self.add_averaged, seen.averaged)):
-            there = seen.used & chosen
-            if there.any():
-                add(seen.nis[there], seen.components[there])
+        for add, chosen in ((self.add, ~innovations.averaged), (self.add_averaged, innovations.averaged)):
+            used = innovations.used & chosen
+            if used.any():
+                add(innovations.nis[used], innovations.components[used])
 
     def exclude_from_faults(self, nis: Array, components: Array) -> None:
-        """Excludes samples from `faults`, such as those between a payload's coming and its declaration."""
-        of_these = Tally()
-        of_these.add(nis, components)
-        self._explained = [float(of_these.n), *of_these._beyond]
+        """Excludes samples from `faults`, such as those between a payload's docking and its declaration."""
+        excluded = Tally()
+        excluded.add(nis, components)
+        self._explained = [float(excluded.n), *excluded._beyond]
 
     @property
     def mean(self) -> float | None:
@@ -240,65 +240,66 @@ class Tally:
         """Mean NIS over its expectation, of samples within the 99 % point of chi-square; None without any."""
         return self._sum_within / self._expected_within if self._expected_within else None
 
-    def faults(self, name: str) -> list[str]:
-        """Lists in words which shares of innovations, beyond 99 % point or upper quarter, exceed chance; [] if none."""
-        found = []
+    def faults(self, filter_name: str) -> list[str]:
+        """Lists in words the shares of innovations, beyond 99 % point or in upper quarter, that exceed chance."""
+        reasons = []
         n, tail, quarter = (
-            every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
+            count - known for count, known in zip((self.n, *self._beyond), self._explained, strict=True)
         )
         n = int(n)
-        if _is_certainly_more(tail, n, _TAIL_ALLOWED):
-            found.append(f"{100.0 * tail / n:.3g} % of the {name} innovations are beyond their 99 % point")
-        if _is_certainly_more(quarter, n, _QUARTER_ALLOWED):
-            found.append(f"{100.0 * quarter / n:.3g} % of the {name} innovations are in their upper quarter")
-        return found
+        if _exceeds_share(tail, n, _TAIL_ALLOWED):
+            reasons.append(f"{100.0 * tail / n:.3g} % of the {filter_name} innovations are beyond their 99 % point")
+        if _exceeds_share(quarter, n, _QUARTER_ALLOWED):
+            reasons.append(f"{100.0 * quarter / n:.3g} % of the {filter_name} innovations are in their upper quarter")
+        return reasons
 
 
-def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Returns NIS of the samples that a filter used, scaled to three components, and components, shape (k,) each.
+def used_nis(filter_name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Returns NIS of the samples that a filter used, scaled to three components, and its unscaled expectation, (k,).
 
     Args:
-        name: "rotation" or "mass".
+        filter_name: "rotation" or "mass".
         signals: by name, as in a run, shape (n, components).
     """
-    seen = innovations(name, signals)
-    return seen.nis[seen.used], seen.components[seen.used]
+    samples = innovations(filter_name, signals)
+    return samples.nis[samples.used], samples.components[samples.used]
 
 
-def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
-    """Returns whether a filter used each sample, its NIS and components, shape (n,); arguments as `used_nis`."""
-    used = signals[f"{name}_used"][:, 0] != 0.0
-    nis = signals[f"{name}_nis"][:, 0]
-    components = signals[COMPONENTS[name]][:, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
+def innovations(filter_name: str, signals: Mapping[str, Array]) -> Innovations:
+    """Reads a filter's innovations from signals: use, NIS and its expectation by sample; arguments as `used_nis`."""
+    used = signals[f"{filter_name}_used"][:, 0] != 0.0
+    nis = signals[f"{filter_name}_nis"][:, 0]
+    components = (
+        signals[COMPONENTS[filter_name]][:, 0] if COMPONENTS[filter_name] in signals else np.full(nis.size, 3.0)
+    )
     return Innovations(used, nis, components, np.zeros(nis.size, dtype=np.bool_))
 
 
-def fork_signals(name: str) -> tuple[str, str, str]:
-    """Returns the signal names of a fork: its time, and the new history's NIS and components for a filter."""
-    return "history_since", f"history_{name}_nis", f"history_{name}_components"
+def fork_signals(filter_name: str) -> tuple[str, str, str]:
+    """Returns the names of a filter's signals of a change of the likeliest history: time, NIS and its expectation."""
+    return "history_since", f"history_{filter_name}_nis", f"history_{filter_name}_components"
 
 
-def find_forks(name: str, signals: Mapping[str, Array]) -> Forks:
+def find_forks(filter_name: str, signals: Mapping[str, Array]) -> Forks:
     """Returns the samples at which another history became the likeliest, with its NIS; arguments as `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
-    since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
+    since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(filter_name))
     return Forks(rows, since_s, nis, components)
 
 
-def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
-    """Replaces NIS between a fork and its report by the mean NIS of the newly likeliest history.
+def likeliest_innovations(reported: Innovations, time_s: Array, forks: Forks) -> Innovations:
+    """Replaces NIS between a fork of histories and its report by the mean NIS of the newly likeliest history.
 
-    A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
-    those that were used. Where two overlap the later one counts, and of the earlier one its mean elsewhere.
+    Where two forks overlap the later one counts, and of the earlier one its mean elsewhere.
 
     Args:
-        seen: as reported.
+        reported: innovations as logged.
         time_s: sample times, s, shape (n,).
-        found: see `Forks`.
+        forks: see `Forks`.
     """
-    used, nis = seen.used.copy(), seen.nis.copy()
-    components, averaged = seen.components.copy(), seen.averaged.copy()
-    for row, since_s, total, expected in zip(*(part.tolist() for part in found), strict=True):
+    used, nis = reported.used.copy(), reported.nis.copy()
+    components, averaged = reported.components.copy(), reported.averaged.copy()
+    for row, since_s, total, expected in zip(*(part.tolist() for part in forks), strict=True):
         first = int(np.searchsorted(time_s, since_s + _SAME_S, side="right"))
         span = np.arange(first, row + 1)
         if expected > 0.0:
@@ -310,28 +311,28 @@ def likeliest_innovations(seen: Innovations, time_s: Array, found: Forks) -> Inn
     return Innovations(used, nis, components, averaged)
 
 
-def _is_certainly_more(count: float, n: int, allowed: float) -> bool:
-    """Tests whether a count out of n exceeds the allowed share at 0.1 % significance (binomial)."""
+def _exceeds_share(count: float, n_samples: int, allowed_share: float) -> bool:
+    """Tests whether a count out of some samples exceeds the allowed share at 0.1 % significance (binomial)."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
-    return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part
+    return count > 0.0 and float(bdtrc(count - 1.0, n_samples, allowed_share)) < _DOUBT  # of a fraction the whole part
 
 
 def judge_consistency(
-    rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
+    rotation: Tally, translation: Tally, errors: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
 ) -> Consistency:
-    """Judges a run "consistent", "inconsistent" with reasons, or "not enough data", by NIS and errors.
+    """Judges whether a run is consistent, with reasons if not, by NIS and by estimation errors if known.
 
     Args:
-        rotation, translation: of the two filters, or parts of one; without samples where there is none.
-        ratios: errors of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
+        rotation, translation: NIS of the two filters, or parts of one; without samples where there is none.
+        errors: of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
         symbols: of the ten parameters.
-        diagnoses: what the readings contradict.
+        diagnoses: assumptions that the readings contradict.
     """
     reasons = [*(one.reason for one in diagnoses), *rotation.faults("rotation"), *translation.faults("translation")]
     reasons += [
         f"{symbol} is {abs(ratio):.3g} of its sigmas off"
-        for symbol, ratio in zip(symbols, ratios.tolist(), strict=True)
+        for symbol, ratio in zip(symbols, errors.tolist(), strict=True)
         if math.isfinite(ratio) and abs(ratio) > _FAR
     ]
     verdict = INCONSISTENT if reasons else CONSISTENT if rotation.n >= _FEWEST else TOO_LITTLE

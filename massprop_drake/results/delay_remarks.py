@@ -16,8 +16,8 @@ def remarks(scenario: Scenario, signals: Spool) -> list[str]:
     vehicle = scenario.vehicle_data
     name, kind = next(iter(vehicle.jet_kinds.items()))
     delay, deviation = (float(signals.last(signal)[0]) for signal in ("command_delay", "command_delay_std"))
-    off = abs(delay - kind.command_delay_s)
-    if off <= max(_SIGMAS * deviation, _SAMPLES * vehicle.sample_period_s):
+    difference_s = abs(delay - kind.command_delay_s)
+    if difference_s <= max(_SIGMAS * deviation, _SAMPLES * vehicle.sample_period_s):
         return []
     return [
         f"jets of kind '{name}' act {delay:.3f} ± {deviation:.3f} s after their commands, and the vehicle's file says "

@@ -110,7 +110,7 @@ def update_detections(
 
     Args:
         vehicle: for its jets.
-        events: in the order in which they were said.
+        events: in the order of declaration.
         earlier: records before them.
     """
     records = list(earlier)
@@ -123,10 +123,10 @@ def update_detections(
             case "withdrawn":
                 records = _change_records(records, event, withdrawn_s=event.time_s)
             case "changed":
-                records = _change_records(records, event, again=True, withdrawn_s=None, **_force_fields(event))
+                records = _change_records(records, event, newest=True, withdrawn_s=None, **_force_fields(event))
             case "erratic":
                 erratic = {"erratic_s": event.time_s, "pattern": event.pattern} | _force_fields(event)
-                records = _change_records(records, event, again=True, withdrawn_s=None, **erratic)
+                records = _change_records(records, event, newest=True, withdrawn_s=None, **erratic)
             case "jump_measured":
                 jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
                 if jumps:
@@ -136,32 +136,32 @@ def update_detections(
 
 
 def _change_records(
-    records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
+    records: list[DetectionRecord], event: EventRecord, *, newest: bool = False, **fields: Any
 ) -> list[DetectionRecord]:
-    """Sets fields in the unwithdrawn records of the event's jet, or (again) in its newest; returns all."""
-    own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
-    chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
-    return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
+    """Sets fields in the unwithdrawn records of the event's jet, or in its newest one; returns all records."""
+    of_jet = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
+    chosen = of_jet[-1:] if newest else [index for index in of_jet if records[index].withdrawn_s is None]
+    return [record._replace(**fields) if index in chosen else record for index, record in enumerate(records)]
 
 
 def note_mass_before_jumps(
-    records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
+    records: Sequence[DetectionRecord], time_s: Array, mass_reciprocal: Array, deviation: Array
 ) -> list[DetectionRecord]:
-    """Stores in each unmeasured jump 1/m and its 1-sigma at the sample before; returns all records.
+    """Stores in each jump without a measured mass the 1/m and 1-sigma of the sample before; returns all records.
 
     Args:
         records: as `update_detections` gives them.
         time_s: of some samples and the one before them, s, shape (n,).
-        reciprocal, deviation: estimate of 1/m in these, and its 1-sigma, shape (n,) each.
+        mass_reciprocal, deviation: estimate of 1/m in these, and its 1-sigma, shape (n,) each.
     """
 
     def with_mass_before(record: DetectionRecord) -> DetectionRecord:
         """Returns the record with 1/m of the sample before its declaration if unknown."""
-        at = int(np.searchsorted(time_s, record.time_s))
+        row = int(np.searchsorted(time_s, record.time_s))
         known = record.kind != JUMP or record.before is not None or record.measured_s is not None
-        if known or not 0 < at < time_s.size or not np.isfinite(reciprocal[at - 1]):
+        if known or not 0 < row < time_s.size or not np.isfinite(mass_reciprocal[row - 1]):
             return record
-        return record._replace(before=(float(reciprocal[at - 1]), float(deviation[at - 1])))
+        return record._replace(before=(float(mass_reciprocal[row - 1]), float(deviation[row - 1])))
 
     return [with_mass_before(record) for record in records]
 
@@ -183,46 +183,46 @@ def finalize_detections(
         mass_reciprocal, deviation: estimate of 1/m at the end, and its 1-sigma.
     """
 
-    def at_the_end(record: DetectionRecord) -> DetectionRecord:
+    def finalize(record: DetectionRecord) -> DetectionRecord:
         """Returns the record with the final force of a jet on, and without internal fields."""
         jet = record.jet_index
-        followed_since = record.kind == "jet_on" and record.erratic_s is None and record.withdrawn_s is None
-        if followed_since and jet is not None and variance[jet] > 0.0:
+        is_tracked = record.kind == "jet_on" and record.erratic_s is None and record.withdrawn_s is None
+        if is_tracked and jet is not None and variance[jet] > 0.0:
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
         return _with_mode(record._replace(jet_index=None, before=None))
 
-    return tuple(map(at_the_end, _compute_jump_sizes(records, (mass_reciprocal, deviation))))
+    return tuple(map(finalize, _compute_jump_sizes(records, (mass_reciprocal, deviation))))
 
 
 def bound_jump_times(
-    records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
+    records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], reading_steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
     """Sets the earliest and latest possible onset, s, of each jump in detection records; returns all.
 
-    It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
-    fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
+    It happened before the first alarm after the comparison of hypotheses begins, and no earlier than the end of the
+    last interval before in which a jet fired or a reading moved.
 
     Args:
         records: as `update_detections` gives them.
-        blocks: of the whole run in order, with `time_s`, `command`, `alarm` and what sensors read.
-        steps: by sensor, how far a reading moves from one sample to the next if something acts.
+        blocks: of the whole run in order, with `time_s`, `command`, `alarm` and readings.
+        reading_steps: by sensor, least change of a reading from one sample to the next if something acts.
     """
-    found = list(records)
+    result = list(records)
     jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
     if not jumps:
-        return found
-    ended, alarms = _find_activity(blocks, steps)
+        return result
+    ended, alarms = _find_activity(blocks, reading_steps)
     for index in jumps:
         onset_s, time_s = records[index].onset_s, records[index].time_s
         first = float(ended[ended <= onset_s + _SAME_S].max(initial=-np.inf))
         last = float(alarms[alarms > onset_s + _SAME_S].min(initial=time_s))
         if np.isfinite(first):
-            found[index] = records[index]._replace(earliest_s=first, latest_s=last)
-    return found
+            result[index] = records[index]._replace(earliest_s=first, latest_s=last)
+    return result
 
 
-def _find_activity(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
-    """Returns ends of intervals, s, with a jet firing or a reading moving (first: run's start), and alarms, s."""
+def _find_activity(blocks: Iterable[Mapping[str, Array]], reading_steps: Mapping[str, float]) -> tuple[Array, Array]:
+    """Returns the ends of intervals with a firing jet or a moving reading (first: run's start), and alarms, s."""
     ended, alarms = [], []
     before: dict[str, Array] = {}
     for block in blocks:
@@ -232,16 +232,18 @@ def _find_activity(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, fl
             ended.append(time_s[:1])
         before = {name: values[-1:] for name, values in rows.items()}
         moved = (np.nan_to_num(rows["command"][:-1]) != 0.0).any(axis=1)
-        for name, step in steps.items():
+        for name, step in reading_steps.items():
             moved |= (np.abs(np.diff(rows[name], axis=0)) > step).any(axis=1)
         ended.append(time_s[1:][moved])
         alarms.append(time_s[np.nan_to_num(rows["alarm"][:, 0]) != 0.0])
     return np.concatenate(ended), np.concatenate(alarms)
 
 
-def _compute_jump_sizes(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
+def _compute_jump_sizes(
+    records: Sequence[DetectionRecord], final_reciprocal: tuple[float, float]
+) -> list[DetectionRecord]:
     """Sets each jump's mass and 1-sigma from 1/m before it and before the next jump, or at the end."""
-    result, after = [], at_the_end
+    result, after = [], final_reciprocal
     for record in reversed(records):
         if record.before is not None:
             (first, first_std), (last, last_std) = record.before, after
@@ -300,10 +302,12 @@ def _make_jump_record(event: EventRecord) -> DetectionRecord:
 
 
 def _force_fields(event: EventRecord) -> dict[str, Any]:
+    """Returns the fields of a record that hold an event's force and its 1-sigma."""
     return {"magnitude": event.magnitude, "magnitude_std": event.magnitude_std}
 
 
 def _size_fields(event: EventRecord) -> dict[str, Any]:
+    """Returns the fields of a record that hold a jump's mass and position with their 1-sigma."""
     return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
 
 
@@ -316,8 +320,7 @@ def fault_mode(record: DetectionRecord) -> Mode | None:
     """Classifies a detection as "stuck_on", "leak", "loss", "docking" and so on; None where size is unknown.
 
     A jet is stuck where its force is within 3 sigma of its thrust, or above 90 % of it; else it leaks or has lost some.
-    One that is erratic is intermittent or drifts. A jump is a payload that docks or is released where its mass is
-    known to 3 sigma; None where it is not.
+    A jump is a payload that docks or is released where its mass is known to 3 sigma.
     """
     if record.kind == JUMP:
         mass, mass_std = record.mass, record.mass_std
@@ -355,28 +358,28 @@ _MODES: dict[Mode | None, str] = {
 }
 
 
-def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = False) -> str:
+def in_words(entry: DetectionRecord, units: Mapping[str, str], *, detailed: bool = False) -> str:
     """Describes a detection: jets and fault mode, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
 
     Args:
         entry: see `DetectionRecord`.
         units: names of the vehicle's units, see `Vehicle.unit_names`.
-        whole: with its cluster, and with every size and its 1-sigma.
+        detailed: whether to add its cluster, and every size and its 1-sigma.
     """
     how = _MODES.get(entry.mode) or entry.kind.replace("_", " ").removeprefix("jet ")
     if entry.magnitude is None or entry.magnitude_std is None:
-        how_large = size_in_words(entry, units) if whole else ""
-        return f"{how}: {how_large}" if how_large else how
+        size = size_in_words(entry, units) if detailed else ""
+        return f"{how}: {size}" if size else how
     signed = format_with_deviation(entry.magnitude, entry.magnitude_std)
-    force = f"{signed if whole else signed.partition(' ±')[0]} {units['force']}"
+    force = f"{signed if detailed else signed.partition(' ±')[0]} {units['force']}"
     share = "" if not entry.thrust else f", {_format_percent(abs(entry.magnitude) / entry.thrust)} of its thrust"
     if entry.mode in ("leak", "loss"):
         how = f"{how} {force[1:]}{share}"
     elif entry.mode in ("intermittent", "drift"):
-        how = f"{how}, now {force}{share}" if whole else how
-    elif whole:
+        how = f"{how}, now {force}{share}" if detailed else how
+    elif detailed:
         how = f"{how}, {force}"
-    cluster = f" (cluster {entry.cluster})" if whole and entry.jet else ""
+    cluster = f" (cluster {entry.cluster})" if detailed and entry.jet else ""
     return f"{entry.suspects}{cluster}: {how}"
 
 
@@ -386,19 +389,14 @@ def _format_percent(share: float) -> str:
 
 
 def size_in_words(entry: DetectionRecord, units: Mapping[str, str]) -> str:
-    """Formats a failure's force, or a jump's mass and place, with 1-sigma and unit; "" where not known.
-
-    Args:
-        entry: see `DetectionRecord`.
-        units: names of the vehicle's units, see `Vehicle.unit_names`.
-    """
+    """Formats a failure's force, or a jump's mass and place, with 1-sigma and unit; "" where not known."""
     if entry.magnitude is not None and entry.magnitude_std is not None:
         return f"{format_with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
-    mass, where = (
+    mass, place = (
         gained_mass_in_words(entry.mass, entry.mass_std, units),
         place_in_words(entry.position, entry.position_std, units),
     )
-    return f"{mass} at {where}" if mass and where else mass
+    return f"{mass} at {place}" if mass and place else mass
 
 
 def onset_in_words(entry: DetectionRecord) -> str:
@@ -409,15 +407,15 @@ def onset_in_words(entry: DetectionRecord) -> str:
 
 
 def remarks(entry: DetectionRecord) -> list[str]:
-    """Lists phrases on a detection: what would separate its group, when measured, erratic or withdrawn."""
-    found = []
+    """Lists phrases on a detection: how to separate its group, when it was measured, erratic or withdrawn."""
+    phrases = []
     if entry.isolated_to == "group":
-        found.append(separation_in_words(entry))
+        phrases.append(separation_in_words(entry))
     if entry.measured_s is not None:
-        found.append(f"measured at {entry.measured_s:.2f} s")
+        phrases.append(f"measured at {entry.measured_s:.2f} s")
     if entry.erratic_s is not None:
         how = "drifting" if entry.pattern == "drifting" else "on and off"
-        found.append(f"erratic ({how}) from {entry.erratic_s:.2f} s on")
+        phrases.append(f"erratic ({how}) from {entry.erratic_s:.2f} s on")
     if entry.withdrawn_s is not None:
-        found.append(f"withdrawn at {entry.withdrawn_s:.2f} s")
-    return found
+        phrases.append(f"withdrawn at {entry.withdrawn_s:.2f} s")
+    return phrases

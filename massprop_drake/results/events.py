@@ -109,19 +109,19 @@ def list_events(
         sensors: packages in use, gyros first, the preferred of either first.
         time_s: sample times, s, shape (n,).
         signals: by name, shape (n, components).
-        earlier: what was said before.
+        earlier: events declared before.
     """
     found = list(earlier)
     if "detector_event" in signals:
-        for k in np.flatnonzero(signals["detector_event"][:, 0]):
-            at = {name: float(signals[name][k, 0]) for name in STATUS}
+        for row in np.flatnonzero(signals["detector_event"][:, 0]):
+            status = {name: float(signals[name][row, 0]) for name in STATUS}
             if "verdict" in signals:
-                row = {name: signals[name][k] for name in _OF_HYPOTHESES}
-                told = _events_of_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
-                found += map(_without_nan, told)
+                report = {name: signals[name][row] for name in _OF_HYPOTHESES}
+                declared = _make_hypothesis_events(vehicle, sensors, float(time_s[row]), (status, report), found)
+                found += map(_without_nan, declared)
             else:
-                nis = float(signals["rotation_nis"][k, 0])
-                found.append(_without_nan(_event_of_samples(vehicle, float(time_s[k]), at, nis)))
+                nis = float(signals["rotation_nis"][row, 0])
+                found.append(_without_nan(_make_sample_event(vehicle, float(time_s[row]), status, nis)))
     return found[len(earlier) :]
 
 
@@ -152,95 +152,96 @@ def sensor_event_kind(sensor: str, vehicle: Vehicle) -> Literal["false_reading",
 
 
 def _without_nan(event: EventRecord) -> EventRecord:
-    """Returns the event with None for each NaN, since no file can hold NaN."""
+    """Returns the event with None for each NaN, as JSON files hold it."""
     lacking: dict[str, Any] = {
         name: None for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)
     }
     return event._replace(**lacking) if lacking else event
 
 
-def _event_of_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
-    """Makes the event of a single-sample or CUSUM detector: a jet failed or withdrawn, or a jump."""
-    code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
+def _make_sample_event(vehicle: Vehicle, time_s: float, status: Mapping[str, float], nis: float) -> EventRecord:
+    """Makes the event of a single-sample or CUSUM detector: a jet failure, a withdrawal, or a jump."""
+    code, jet, alarms = int(status["detector_event"]), int(status["suspected_jet"]), int(status["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
-        return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
+        return EventRecord(time_s, "jump", status["onset"], statistic=nis, alarms=alarms)
     return EventRecord(
         time_s,
         "failed" if code == Code.DECLARED else "withdrawn",
-        at["onset"],
-        jets=(vehicle.designations[jet],) if at["jet_isolated"] or code == Code.WITHDRAWN else (),
+        status["onset"],
+        jets=(vehicle.designations[jet],) if status["jet_isolated"] or code == Code.WITHDRAWN else (),
         cluster=vehicle.jets[jet].cluster,
-        magnitude=at["suspected_magnitude"],
-        magnitude_std=at["suspected_magnitude_std"],
-        statistic=at["suspected_likelihood"],
+        magnitude=status["suspected_magnitude"],
+        magnitude_std=status["suspected_magnitude_std"],
+        statistic=status["suspected_likelihood"],
         alarms=alarms,
         jet_index=jet,
     )
 
 
-def _events_of_hypotheses(
+def _make_hypothesis_events(
     vehicle: Vehicle,
     sensors: Sequence[str],
     time_s: float,
-    told: tuple[Mapping[str, float], Mapping[str, Array]],
+    status_and_report: tuple[Mapping[str, float], Mapping[str, Array]],
     earlier: Sequence[EventRecord],
 ) -> Iterator[EventRecord]:
-    """Yields one sample's events of the detector by hypotheses: any number of jets, at most one other."""
-    at, row = told
-    how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
-    for jets in jets_by_declaration(row["verdict_group"], row["verdict_place"]):
-        event = _make_jet_event(vehicle, time_s, jets, row)._replace(**how)
+    """Yields the events that the detector by hypotheses declared at a sample, from its status and its report."""
+    status, report = status_and_report
+    how: dict[str, Any] = {"statistic": status["suspected_likelihood"], "alarms": int(status["alarms"])}
+    for jets in jets_by_declaration(report["verdict_group"], report["verdict_place"]):
+        event = _make_jet_event(vehicle, time_s, jets, report)._replace(**how)
         yield event._replace(pattern=_classify_pattern(earlier, event)) if event.kind == "erratic" else event
-    if not np.isnan(row["jump_measured"][0]):
+    if not np.isnan(report["jump_measured"][0]):
         onsets = [one.onset_s for one in earlier if one.kind == "jump"]
-        known, there = np.isfinite(row["jump_mass"][0]), np.isfinite(row["jump_position"]).all()
+        known, there = np.isfinite(report["jump_mass"][0]), np.isfinite(report["jump_position"]).all()
         yield EventRecord(
             time_s,
-            "jump_measured" if row["jump_measured"][0] else "jump",
-            onsets[-1] if row["jump_measured"][0] and onsets else at["onset"],
-            mass=float(row["jump_mass"][0]) if known else None,
-            mass_std=float(row["jump_mass_std"][0]) if known else None,
-            position=_to_triple(row["jump_position"]) if there else None,
-            position_std=_to_triple(row["jump_position_std"]) if there else None,
+            "jump_measured" if report["jump_measured"][0] else "jump",
+            onsets[-1] if report["jump_measured"][0] and onsets else status["onset"],
+            mass=float(report["jump_mass"][0]) if known else None,
+            mass_std=float(report["jump_mass_std"][0]) if known else None,
+            position=_to_triple(report["jump_position"]) if there else None,
+            position_std=_to_triple(report["jump_position_std"]) if there else None,
             **how,
         )
-    if not np.isnan(row["lying_component"][0]):
-        sensor, axis = locate_reading(int(row["lying_component"][0]), sensors, vehicle)
-        yield EventRecord(time_s, sensor_event_kind(sensor, vehicle), at["onset"], sensor=sensor, axis=axis, **how)
-    if not np.isnan(row["unexplained_since"][0]):
-        yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
-    if not np.isnan(row["disturbed_since"][0]):
-        torque, force = (float(row[f"disturbance_{of}"][0]) for of in ("torque", "force"))
-        event = EventRecord(time_s, "disturbance", float(row["disturbed_since"][0]), **how)
+    if not np.isnan(report["lying_component"][0]):
+        sensor, axis = locate_reading(int(report["lying_component"][0]), sensors, vehicle)
+        yield EventRecord(time_s, sensor_event_kind(sensor, vehicle), status["onset"], sensor=sensor, axis=axis, **how)
+    if not np.isnan(report["unexplained_since"][0]):
+        yield EventRecord(time_s, "unexplained", float(report["unexplained_since"][0]), **how)
+    if not np.isnan(report["disturbed_since"][0]):
+        torque, force = (float(report[f"disturbance_{of}"][0]) for of in ("torque", "force"))
+        event = EventRecord(time_s, "disturbance", float(report["disturbed_since"][0]), **how)
         yield event._replace(torque_std=torque, force_std=force)
 
 
-def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
+def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], report: Mapping[str, Array]) -> EventRecord:
     """Makes the event of a declared jet, or of a group of jets that look alike."""
     jet = jets[0]
-    by, after_s = float(row["verdict_apart_by"][jet]), float(row["verdict_apart_after"][jet])
+    separating_jet, after_s = float(report["verdict_apart_by"][jet]), float(report["verdict_apart_after"][jet])
     return EventRecord(
         time_s,
-        _OF_JETS[Word(int(row["verdict"][jet]))],
-        float(row["verdict_onset"][jet]),
-        jets=tuple(vehicle.designations[each] for each in jets),
+        _OF_JETS[Word(int(report["verdict"][jet]))],
+        float(report["verdict_onset"][jet]),
+        jets=tuple(vehicle.designations[index] for index in jets),
         cluster=vehicle.jets[jet].cluster,
-        magnitude=float(row["verdict_magnitude"][jet]),
-        magnitude_std=float(row["verdict_std"][jet]),
-        told_apart_by=None if math.isnan(by) else vehicle.designations[int(by)],
+        magnitude=float(report["verdict_magnitude"][jet]),
+        magnitude_std=float(report["verdict_std"][jet]),
+        told_apart_by=None if math.isnan(separating_jet) else vehicle.designations[int(separating_jet)],
         told_apart_s=None if math.isnan(after_s) else after_s,
         jet_index=jet,
     )
 
 
-def _classify_pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
+def _classify_pattern(earlier: Sequence[EventRecord], event: EventRecord) -> Literal["intermittent", "drifting"]:
     """Returns "drifting" if a jet's declared forces always change in one direction, else "intermittent"."""
-    of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
+    of_it = [one for one in (*earlier, event) if one.jet_index == event.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
 
 
 def _to_triple(values: Array) -> tuple[float, float, float]:
+    """Converts a vector, shape (3,), to a tuple of floats."""
     x, y, z = values.tolist()
     return x, y, z
 
@@ -249,7 +250,7 @@ def _to_triple(values: Array) -> tuple[float, float, float]:
 
 
 def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Describes an event in a sentence: what has failed or changed, its size and its onset.
+    """Describes an event in a sentence: the failed or changed component, the size and the onset.
 
     Args:
         event: see `EventRecord`.
@@ -298,12 +299,7 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Formats the torque, and the force if known, of a disturbance to one digit, with units.
-
-    Args:
-        event: see `EventRecord`.
-        units: names of the vehicle's units, see `Vehicle.unit_names`.
-    """
+    """Formats the torque, and the force if known, of a disturbance to one digit, with units."""
     force, length = units["force"], units["length"]
     unit = f"{force}-{length}" if force == "N" else f"{length}-{force}"
     torque = f"a torque of the order of {event.torque_std:.0e} {unit}"
@@ -312,7 +308,7 @@ def disturbance_in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def separation_in_words(event: Any) -> str:
-    """Describes which firing or wait would tell jets of a group apart, of an `EventRecord` or a detection."""
+    """Describes the firing or wait that would separate the jets of a group; takes an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
     if event.told_apart_s is not None:

@@ -31,29 +31,25 @@ _NO_SWAP = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
 
 
 class Stage:
-    """Hidden folder in which work is made ready to take its place.
-
-    Args:
-        path: of the stage.
-    """
+    """Hidden folder, at a path, in which files are prepared before they take their place."""
 
     def __init__(self, path: Path):
         self._path = path
         self.partial = path / _PARTIAL
 
     def finish(self, name: str) -> Path:
-        """Moves a folder from `partial` to where recovery takes it for finished; returns its new path."""
+        """Moves a folder from `partial` to `whole`, from which recovery can finish it; returns its new path."""
         whole = self._path / _WHOLE / name
         (self.partial / name).rename(whole)
         return whole
 
-    def exchange(self, whole: Path, target: Path) -> Path:
-        """Puts a finished folder in place of another; returns the path at which the old folder is then."""
-        if swap_folders(whole, target):
-            return whole
+    def exchange(self, finished: Path, target: Path) -> Path:
+        """Puts a finished folder in place of the target; returns the new path of the old folder."""
+        if swap_folders(finished, target):
+            return finished
         old = self._path / _OLD / target.name
         target.rename(old)
-        whole.rename(target)
+        finished.rename(target)
         return old
 
 
@@ -85,7 +81,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stage(folder: Path) -> Iterator[Stage]:
-    """Yields a hidden stage in a folder to prepare files in; then removes it, but for finished work left in it."""
+    """Yields a hidden staging folder to prepare files in; then removes it, but for finished work left in it."""
     with lock_folder(folder):
         _recover_stages(folder)
         path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
@@ -116,19 +112,19 @@ def recover(path: Path) -> None:
                     _recover_stages(folder)
 
 
-def set_aside(path: Path, name: Path) -> Path:
-    """Renames a file or folder to the first free one of `<name>.1`, `<name>.2`, ...; returns its new path."""
+def set_aside(path: Path, base: Path) -> Path:
+    """Renames a file or folder to the first free one of `<base>.1`, `<base>.2`, ...; returns its new path."""
     for number in itertools.count(1):
-        free = name.with_name(f"{name.name}.{number}")
-        if not os.path.lexists(free):
-            path.rename(free)
-            return free
+        free_path = base.with_name(f"{base.name}.{number}")
+        if not os.path.lexists(free_path):
+            path.rename(free_path)
+            return free_path
     raise AssertionError
 
 
-def drop(old: Path, name: Path) -> Path | None:
-    """Deletes a replaced folder's own files; returns the path `<name>.1` or so of what others put there, or None."""
-    return None if manifest.discard(old) else set_aside(old, name)
+def drop(replaced: Path, base: Path) -> Path | None:
+    """Deletes a replaced folder's own files; returns the path, `<base>.1` or so, of foreign files left, or None."""
+    return None if manifest.discard(replaced) else set_aside(replaced, base)
 
 
 def _leftover_stages(folder: Path) -> Iterator[Path]:
@@ -152,14 +148,14 @@ def _recover_stages(folder: Path) -> None:
                 os.close(descriptor)
 
 
-def _recover_stage(left: Path) -> None:
+def _recover_stage(stage_path: Path) -> None:
     """Moves a killed process's finished folders to their place, if free, and removes its stage."""
-    if {path.name for path in left.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
+    if {path.name for path in stage_path.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
         return  # no stage of ours
-    shutil.rmtree(left / _PARTIAL, ignore_errors=True)
-    for part in (left / _WHOLE, left / _OLD):
+    shutil.rmtree(stage_path / _PARTIAL, ignore_errors=True)
+    for part in (stage_path / _WHOLE, stage_path / _OLD):
         for path in sorted(part.iterdir()) if part.is_dir() else []:
-            target = left.parent / path.name
+            target = stage_path.parent / path.name
             if os.path.lexists(target):
                 drop(path, target)
             else:
@@ -167,13 +163,13 @@ def _recover_stage(left: Path) -> None:
         with contextlib.suppress(OSError):
             part.rmdir()
     with contextlib.suppress(OSError):  # not empty: somebody has put something there
-        left.rmdir()
+        stage_path.rmdir()
 
 
-def swap_folders(one: Path, other: Path) -> bool:
+def swap_folders(folder: Path, other_folder: Path) -> bool:
     """Exchanges two folders atomically; returns False where system or file system cannot."""
     library = ctypes.CDLL(None, use_errno=True)
-    first, second = os.fsencode(one), os.fsencode(other)
+    first, second = os.fsencode(folder), os.fsencode(other_folder)
     if sys.platform == "darwin":
         failed = library.renamex_np(first, second, 2)  # RENAME_SWAP
     elif hasattr(library, "renameat2"):

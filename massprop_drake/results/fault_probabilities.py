@@ -69,15 +69,11 @@ class FaultProbabilities(NamedTuple):
         return {**{jet: one._asdict() for jet, one in self.jets.items()}, "none": self.none, "unknown": self.unknown}
 
     def in_words(self, units: Mapping[str, str]) -> str:
-        """Describes jets whose probability of failure is above 1 %, at most five; "" where there is none.
-
-        Args:
-            units: names of the vehicle's units, see `Vehicle.unit_names`.
-        """
-        shown = [(jet, one) for jet, one in self.jets.items() if one.probability > LEAST_SHOWN]
+        """Describes jets whose probability of failure is above 1 %, at most five; "" where there is none."""
+        shown = [(jet, entry) for jet, entry in self.jets.items() if entry.probability > LEAST_SHOWN]
         parts = [
-            f"{jet} {format_probability(one.probability)}{_failure_in_words(one, units)}"
-            for jet, one in shown[:_MOST_SHOWN]
+            f"{jet} {format_probability(entry.probability)}{_failure_in_words(entry, units)}"
+            for jet, entry in shown[:_MOST_SHOWN]
         ]
         if len(shown) > _MOST_SHOWN:
             parts.append(f"{len(shown) - _MOST_SHOWN} more jets less")
@@ -90,7 +86,7 @@ class FaultProbabilities(NamedTuple):
 
 
 def gives_probabilities(signals: Spool) -> bool:
-    """Tests whether a run's detector logs posterior fault probabilities."""
+    """Tests whether a run's signals have posterior fault probabilities."""
     return "none_probability" in signals and math.isfinite(signals.last("none_probability")[0])
 
 
@@ -101,8 +97,8 @@ def final_probabilities(vehicle: Vehicle, signals: Spool) -> FaultProbabilities 
     names = ("fault_probability", "fault_mode", "fault_force", "fault_force_std")
     probability, *_ = columns = [signals.last(name) for name in names]
     order = np.argsort(-probability, kind="stable")
-    told = order[probability[order] > LEAST_TOLD].tolist()
-    jets = {vehicle.designations[jet]: _jet_probability(*(float(column[jet]) for column in columns)) for jet in told}
+    listed = order[probability[order] > LEAST_TOLD].tolist()
+    jets = {vehicle.designations[jet]: _jet_probability(*(float(column[jet]) for column in columns)) for jet in listed}
     none, unknown = (_limit_probability(signals.last(name)[0]) for name in ("none_probability", "unknown_probability"))
     return FaultProbabilities(jets, none, unknown)
 
@@ -112,8 +108,8 @@ def read_fault_probability(content: Any) -> Any:
     if not isinstance(content, dict):
         return content
     jets = {
-        name: {key: one[key] for key in JetProbability._fields if key in one} if isinstance(one, dict) else one
-        for name, one in content.items()
+        name: {key: entry[key] for key in JetProbability._fields if key in entry} if isinstance(entry, dict) else entry
+        for name, entry in content.items()
         if name not in _OF_NO_JET
     }
     return {"jets": jets, **{name: content[name] for name in _OF_NO_JET if name in content}}
@@ -126,11 +122,11 @@ def format_probability(probability: float) -> str:
     return f"{probability:.4f}" if probability >= 1.0 - LEAST_SHOWN else f"{probability:.2g}"
 
 
-def _failure_in_words(one: JetProbability, units: Mapping[str, str]) -> str:
+def _failure_in_words(entry: JetProbability, units: Mapping[str, str]) -> str:
     """Formats fault mode and force of a jet as " (stuck on, 3.9 ± 0.1 N)"; "" where neither is known."""
-    parts = [] if one.mode is None else [one.mode.replace("_", " ")]
-    if one.force is not None and one.force_std is not None:
-        parts.append(f"{format_with_deviation(one.force, one.force_std)} {units['force']}")
+    parts = [] if entry.mode is None else [entry.mode.replace("_", " ")]
+    if entry.force is not None and entry.force_std is not None:
+        parts.append(f"{format_with_deviation(entry.force, entry.force_std)} {units['force']}")
     return f" ({', '.join(parts)})" if parts else ""
 
 
@@ -142,5 +138,5 @@ def _jet_probability(probability: float, mode: float, force: float, force_std: f
 
 
 def _limit_probability(probability: float) -> float:
-    """Clips a sum of weights to 0 to 1, beyond which rounding may carry it."""
+    """Clips a probability to 0 to 1, beyond which rounding may carry it."""
     return min(max(float(probability), 0.0), 1.0)

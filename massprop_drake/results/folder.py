@@ -47,24 +47,22 @@ class Place(NamedTuple):
 
     @property
     def is_as_found(self) -> bool:
-        """Tests whether the folder's manifest still has the id that was found before the work."""
-        now = manifest.read(self.path)
-        return (None if now is None else now.id) == self.found
+        """True if the folder's manifest still has the id that was found before the work."""
+        manifest_now = manifest.read(self.path)
+        return (None if manifest_now is None else manifest_now.id) == self.found
 
-    def name_beside(self, beside: Path) -> Path:
-        """Converts the path of a folder beside this one to the form in which the user gave the target."""
-        return beside if self.shown.is_symlink() else self.shown.with_name(beside.name)
+    def name_beside(self, sibling: Path) -> Path:
+        """Converts the path of a sibling folder to the form in which the user gave this one."""
+        return sibling if self.shown.is_symlink() else self.shown.with_name(sibling.name)
 
 
 def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
-    """Checks that a folder can be written and replaced; returns its Place, with the id of its manifest.
-
-    What killed processes have left beside it is brought back or removed.
+    """Checks that a folder can be written, replacing neither foreign files nor what is read; returns its `Place`.
 
     Args:
         target: path of the folder; a link to a folder stands for that folder.
         force: keep what is there as `<name>.1`, `<name>.2`, ..., instead of replacing or refusing it.
-        reads: what the work will read, which must not be replaced by its result.
+        reads: files and folders that the work will read.
 
     Raises:
         InputError: when the target holds anything but what we have written, or cannot be written.
@@ -87,10 +85,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
 
 @contextlib.contextmanager
 def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
-    """Checks a folder as `require_writable`, yields its Place, and at the end removes parents left empty.
-
-    Args:
-        target, force, reads: as there.
+    """Checks a folder as `require_writable`, yields its `Place`, and at the end removes parents left empty.
 
     Raises:
         InputError: as there; or the target is in the folder of a campaign.
@@ -110,62 +105,61 @@ def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Pa
 
 
 @contextlib.contextmanager
-def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> Iterator[Path]:
+def whole_folder(place: Place, keep_old: Callable[[], bool] = lambda: False) -> Iterator[Path]:
     """Yields a temporary folder that, with a manifest, replaces the place at the end of an error-free block.
 
-    What is in the place is looked at again: where it is not what was found before, it is left alone, and the new folder
-    is kept under the next free name.
+    A place that has changed meanwhile is left alone, and the new folder is kept under the next free name.
 
     Args:
         place: as `require_writable` found it.
-        beside: tells at the end whether what is there is to be kept as `<name>.1`, `<name>.2`, ....
+        keep_old: tells at the end whether to keep the old folder as `<name>.1`, `<name>.2`, ....
 
     Raises:
         InputError: when the folder cannot be written, or somebody has changed the place meanwhile; the message says
             where the new folder is.
     """
     path = place.path
-    with _explain_os_error(place.shown), stage(path.parent) as prepared:
-        partial = prepared.partial / path.name
+    with _explain_os_error(place.shown), stage(path.parent) as staging:
+        partial = staging.partial / path.name
         partial.mkdir()
         yield partial
         (partial / manifest.NAME).write_bytes(manifest.listing(partial).as_bytes())
-        whole = prepared.finish(path.name)
+        finished = staging.finish(path.name)
         with lock_folder(path.parent):
             try:
-                replaced = _put_in_place(whole, place._replace(force=place.force or beside()), prepared)
+                replaced = _put_in_place(finished, place._replace(force=place.force or keep_old()), staging)
             except (InputError, OSError) as error:
-                kept = place.name_beside(set_aside(whole, path))
+                kept = place.name_beside(set_aside(finished, path))
                 raise InputError(
                     f"{place.shown}: {error} since the work began, and is left as it is; the new result is in {kept}"
                 ) from None
-            rest = None if replaced is None else drop(replaced, path)
-        if rest is not None:
+            foreign = None if replaced is None else drop(replaced, path)
+        if foreign is not None:
             raise InputError(
-                f"{place.shown}: is written; what is not ours of the old one is in {place.name_beside(rest)}"
+                f"{place.shown}: is written; what is not ours of the old one is in {place.name_beside(foreign)}"
             )
 
 
-def _put_in_place(whole: Path, place: Place, prepared: Stage) -> Path | None:
-    """Moves a finished folder to its place; returns where the folder it replaced is now, or None.
+def _put_in_place(finished: Path, place: Place, staging: Stage) -> Path | None:
+    """Moves a finished folder to its place; returns the new path of the folder that it replaced, or None.
 
     Raises:
-        InputError: when that is not what was found before; nothing has changed.
+        InputError: when the place has changed; it is left alone.
     """
     path = place.path
     if place.force and os.path.lexists(path) and not _is_empty(path):
         set_aside(path, path)
-    if _take_free_place(whole, path):
+    if _move_to_free_path(finished, path):
         return None
     if not path.is_dir() or path.is_symlink():
         raise InputError("has become something else than a folder")
     with lock_folder(path):  # nobody puts pages into it
-        found = manifest.read(path)
-        if others := _foreign_in_words(path, found):
+        folder_manifest = manifest.read(path)
+        if others := _foreign_in_words(path, folder_manifest):
             raise InputError(f"has got files that are not ours ({others})")
-        if found is None or found.id != place.found:
+        if folder_manifest is None or folder_manifest.id != place.found:
             raise InputError("has got another run")
-        return prepared.exchange(whole, path)
+        return staging.exchange(finished, path)
 
 
 def require_no_run(folder: Path) -> None:
@@ -196,19 +190,21 @@ def require_files(folder: Path, names: Iterable[str], *, force: bool = False) ->
     _require_writable_files(folder, names, _Rule(force))
 
 
-def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = False, found: str | None = None) -> None:
+def write_files(
+    folder: Path, files: Mapping[str, Written], *, force: bool = False, manifest_id: str | None = None
+) -> None:
     """Writes files into a folder, in whole or not at all, and lists them in its manifest.
 
     Args:
         folder: path of the folder; made where it is missing.
         files: content by name, relative to the folder, with slashes.
         force: keep what is there and not ours as `<name>.1`, `<name>.2`, ..., instead of refusing.
-        found: `id` that the folder's manifest must have.
+        manifest_id: `id` that the folder's manifest must have.
 
     Raises:
         InputError: when a file of a name is there and not ours, or the folder cannot be written; nothing has changed.
     """
-    _write(folder, files, _Rule(force), found)
+    _write_by_rule(folder, files, _Rule(force), manifest_id)
 
 
 def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
@@ -242,7 +238,7 @@ def write_file(
         InputError: as `require_file`; nothing has changed.
     """
     _require_folder_of(path)
-    _write(path.parent, {path.name: content}, _Rule(force, kind, tuple(map(Path, reads))))
+    _write_by_rule(path.parent, {path.name: content}, _Rule(force, kind, tuple(map(Path, reads))))
 
 
 def write_page(
@@ -267,7 +263,7 @@ def is_ours(folder: Path, name: str) -> bool:
 
 
 class _Rule(NamedTuple):
-    """Rules for the files that a file may replace.
+    """Rules for the files that may be replaced or renamed.
 
     Attributes:
         force: keep anything else under another name, where that is possible.
@@ -279,13 +275,13 @@ class _Rule(NamedTuple):
     kind: str | None = None
     reads: tuple[Path, ...] = ()
 
-    def may_replace(self, path: Path, folder: Path, found: Manifest | None) -> bool:
+    def may_replace(self, path: Path, folder: Path, folder_manifest: Manifest | None) -> bool:
         """Tests whether the file at a path may be overwritten: written by this package, unchanged, same kind."""
         name, sealed = path.relative_to(folder).as_posix(), manifest.sealed_kind(path)
-        listed = found is not None and found.lists(name, path)
+        listed = folder_manifest is not None and folder_manifest.lists(name, path)
         if self.kind is not None:
             return sealed == self.kind or (sealed == "" and not listed)
-        return sealed == "" or (listed and sealed is None) or (name == manifest.NAME and found is not None)
+        return sealed == "" or (listed and sealed is None) or (name == manifest.NAME and folder_manifest is not None)
 
     def reason_to_stay(self, path: Path, folder: Path) -> str | None:
         """Returns the reason why the file at a path must not even be renamed; None where it may."""
@@ -306,29 +302,29 @@ class _Rule(NamedTuple):
                 return f"belongs to the work in {above}; give another place"
         return None
 
-    def files_to_set_aside(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
+    def files_to_set_aside(self, shown_folder: Path, folder: Path, names: Iterable[str]) -> list[str]:
         """Lists names of existing files that may not be overwritten, and must be renamed first.
 
         Raises:
-            InputError: when it must not, or that is not asked for.
+            InputError: when one must not be renamed, or `force` is not set.
         """
-        found = manifest.read(folder)
+        folder_manifest = manifest.read(folder)
         taken = [
             name
             for name in names
-            if os.path.lexists(folder / name) and not self.may_replace(folder / name, folder, found)
+            if os.path.lexists(folder / name) and not self.may_replace(folder / name, folder, folder_manifest)
         ]
         stays = [(name, reason) for name in taken if (reason := self.reason_to_stay(folder / name, folder))]
         if stays:
-            raise InputError(*(f"{shown / name}: {reason}" for name, reason in stays))
+            raise InputError(*(f"{shown_folder / name}: {reason}" for name, reason in stays))
         if taken and not self.force:
-            first, *others = (f"{shown / name}: is there already, and not as we wrote it" for name in taken)
+            first, *others = (f"{shown_folder / name}: is there already, and not as we wrote it" for name in taken)
             raise InputError(f"{first}; give another place, or --force to keep it as {Path(taken[0]).name}.1", *others)
         return taken
 
 
 def _require_folder_of(path: Path) -> None:
-    """Checks that a file's path is no folder, and that the folder it is in exists."""
+    """Checks that a file's path is no folder, and that its parent folder exists."""
     with _explain_os_error(path):
         if path.is_dir() or not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
@@ -344,35 +340,35 @@ def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> 
         rule.files_to_set_aside(folder, path, names)
 
 
-def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str | None = None) -> None:
-    """Writes files into a folder by a rule, and lists them in the manifest that it has, or gets if they are its own."""
+def _write_by_rule(folder: Path, files: Mapping[str, Written], rule: _Rule, manifest_id: str | None = None) -> None:
+    """Writes files into a folder by a rule, and lists them in its manifest."""
     with _explain_os_error(folder):
         path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)
-        with stage(path) as prepared:
-            ready = {name: prepared.partial / str(number) for number, name in enumerate(files)}
+        with stage(path) as staging:
+            temporary = {name: staging.partial / str(number) for number, name in enumerate(files)}
             for name, content in files.items():
                 if callable(content):
-                    content(ready[name])
+                    content(temporary[name])
                 else:
-                    ready[name].write_bytes(content)
+                    temporary[name].write_bytes(content)
             with lock_folder(path):
                 before = manifest.read(path)
-                if found is not None and (before is None or before.id != found):
+                if manifest_id is not None and (before is None or before.id != manifest_id):
                     raise InputError(f"{folder}: has been replaced meanwhile; try again")
                 own = [manifest.NAME] if rule.kind is None else []
                 for name in rule.files_to_set_aside(folder, path, [*files, *own]):
                     set_aside(path / name, path / name)
                 begun = before or (manifest.empty() if own else None)
                 if begun is None:
-                    _put_files(ready, path)
+                    _put_files(temporary, path)
                     return
-                entries = {name: manifest.entry(file) for name, file in ready.items()}
+                entries = {name: manifest.entry(file) for name, file in temporary.items()}
                 parents = {str(parent) for name in files for parent in list(Path(name).parents)[:-1]}
                 after = begun.model_copy(update={"folders": tuple(sorted({*begun.folders, *parents}))})
-                _write_manifest(after.model_copy(update={"pending": entries}), prepared.partial, path)
-                _put_files(ready, path)
-                _write_manifest(after.model_copy(update={"files": {**after.files, **entries}}), prepared.partial, path)
+                _write_manifest(after.model_copy(update={"pending": entries}), staging.partial, path)
+                _put_files(temporary, path)
+                _write_manifest(after.model_copy(update={"files": {**after.files, **entries}}), staging.partial, path)
 
 
 @contextlib.contextmanager
@@ -433,11 +429,12 @@ def _resolve_folder(target: Path) -> Path:
 
 
 def _resolve_path(path: str | Path) -> Path:
+    """Returns a path without symbolic links."""
     return Path(os.path.realpath(path))
 
 
 def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) -> None:
-    """Checks that a folder holds nothing to be read, and is no mount point nor above the current folder."""
+    """Checks that a folder holds nothing of what is read, is no mount point, nor the current folder or above it."""
     for source in map(Path, reads):
         real, link = _resolve_path(source), _resolve_path(source.parent) / source.name
         if path in (real, *real.parents, *link.parents) and real.exists():
@@ -448,18 +445,18 @@ def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) 
         raise InputError(f"{target}: is a mount point, which cannot be replaced; give a folder in it")
 
 
-def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
+def _require_apart(target: Path, path: Path, *inner_folders: Iterable[Path]) -> None:
     """Checks that a folder is not within a run or campaign, and that none would be moved with it.
 
     Args:
         target, path: as the user gave it, and without links.
-        held: folders of runs and of work that would be moved with it.
+        inner_folders: folders of runs and of work that would be moved with it.
     """
     for above in path.parents:
         owned = manifest.read(above)
         if (above / _MARKER).is_file() or (owned is not None and owned.holds(path.relative_to(above).as_posix())):
             raise InputError(f"{target}: is in the run or campaign in {above}; {_ELSEWHERE}")
-    for inner in chain(*held):
+    for inner in chain(*inner_folders):
         raise InputError(f"{target}: holds the run or campaign in {inner}, which stays where it is; {_ELSEWHERE}")
 
 
@@ -483,12 +480,16 @@ def _explain_os_error(target: Path) -> Iterator[None]:
         raise InputError(f"{target}: cannot be written: {reason}{hint}") from None
 
 
-def _require_only_ours(target: Path, path: Path, found: Manifest | None) -> None:
+def _require_only_ours(target: Path, path: Path, folder_manifest: Manifest | None) -> None:
     """Checks that a folder holds only files that its manifest lists, unchanged; else raises InputError."""
-    others = _foreign_in_words(path, found)
+    others = _foreign_in_words(path, folder_manifest)
     if not others:
         return
-    why = "" if found is not None else f" (it has no {manifest.NAME} of ours, which runs of 0.2 and before lack)"
+    why = (
+        ""
+        if folder_manifest is not None
+        else f" (it has no {manifest.NAME} of ours, which runs of 0.2 and before lack)"
+    )
     raise InputError(
         f"{target}: holds files that are not of an earlier run, or changed since{why}: {others}; "
         f"{_ELSEWHERE}, or {_force_hint(path)}"
@@ -496,20 +497,21 @@ def _require_only_ours(target: Path, path: Path, found: Manifest | None) -> None
 
 
 def _force_hint(path: Path) -> str:
+    """Returns the hint for messages that --force keeps a folder under another name."""
     return f"--force to keep what is there as {path.name}.1"
 
 
-def _foreign_in_words(path: Path, found: Manifest | None) -> str:
-    """Lists in words the first three files of a folder that are not ours, and how many more; "" if none."""
-    names = list(islice(manifest.foreign_entries(path, found), _COUNTED + 1))
+def _foreign_in_words(path: Path, folder_manifest: Manifest | None) -> str:
+    """Lists in words the first three foreign files of a folder, and the number of the others; "" if none."""
+    names = list(islice(manifest.foreign_entries(path, folder_manifest), _COUNTED + 1))
     more = f" and {'more than ' * (len(names) > _COUNTED)}{min(len(names), _COUNTED) - _NAMED} more"
     return ", ".join(names[:_NAMED]) + (more if len(names) > _NAMED else "")
 
 
-def _take_free_place(whole: Path, path: Path) -> bool:
-    """Moves a folder to a path that is free or an empty folder; False where something is there."""
+def _move_to_free_path(finished: Path, path: Path) -> bool:
+    """Moves a finished folder to a path that is free or an empty folder; False where something is there."""
     try:
-        whole.rename(path)
+        finished.rename(path)
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
             raise
@@ -518,16 +520,18 @@ def _take_free_place(whole: Path, path: Path) -> bool:
 
 
 def _is_empty(path: Path) -> bool:
+    """Tests whether a path is an empty folder, and no link."""
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
-def _put_files(ready: Mapping[str, Path], path: Path) -> None:
+def _put_files(temporary: Mapping[str, Path], folder: Path) -> None:
     """Moves temporary files to their names in a folder, making subfolders and replacing what is there."""
-    for name, file in ready.items():
-        (path / name).parent.mkdir(parents=True, exist_ok=True)
-        file.replace(path / name)
+    for name, file in temporary.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        file.replace(folder / name)
 
 
-def _write_manifest(content: Manifest, partial: Path, path: Path) -> None:
-    (partial / manifest.NAME).write_bytes(content.as_bytes())
-    (partial / manifest.NAME).replace(path / manifest.NAME)
+def _write_manifest(content: Manifest, temporary: Path, folder: Path) -> None:
+    """Writes a manifest in a temporary folder, then moves it into its folder."""
+    (temporary / manifest.NAME).write_bytes(content.as_bytes())
+    (temporary / manifest.NAME).replace(folder / manifest.NAME)

@@ -55,10 +55,9 @@ class Identifiability(NamedTuple):
 def unobservable_combinations(
     vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None
 ) -> Array:
-    """Computes combinations of parameters hidden wherever the center of mass lies, shape (k, 10).
+    """Computes the combinations of the ten parameters that no jet and no sensor of a vehicle shows, shape (k, 10).
 
-    A row each, as `observability.unobservable_combinations` gives them, in units of the 1-sigma at the start; not what
-    is hidden by chance with the center of mass where it is now.
+    A row each, in units of the 1-sigma at the start; those hidden wherever the center of mass lies.
 
     Args:
         vehicle: its jets.
@@ -77,14 +76,14 @@ def unobservable_combinations(
 
 @lru_cache(maxsize=64)
 def _hidden_combinations(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
-    """Computes hidden combinations, shape (k, 10), from array bytes, so that the result can be cached."""
+    """Computes unobservable combinations, shape (k, 10), from arrays as bytes, so that results can be cached."""
     jets = np.frombuffer(wrenches).reshape(-1, 6)
     jacobian = observability.impulse_jacobian(jets, np.frombuffer(parameters), accelerometer=accelerometer)
-    places = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
-    found = observability.unobservable_combinations(jacobian[:, places], np.frombuffer(scale)[places])
-    whole = np.zeros((found.shape[0], 10))
-    whole[:, places] = found
-    return whole
+    indices = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
+    combinations = observability.unobservable_combinations(jacobian[:, indices], np.frombuffer(scale)[indices])
+    result = np.zeros((combinations.shape[0], 10))
+    result[:, indices] = combinations
+    return result
 
 
 def classify_parameters(
@@ -124,7 +123,7 @@ def classify_parameters(
         left = float(left_by[element]) if useful else None
         possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
         ratios = float(deviation[element] / limit[element]), float(least[element] / limit[element])
-        reason = _reason(flag, share, ratios, jet, left)
+        reason = _explain_flag(flag, share, ratios, jet, left)
         entries.append(
             Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left, possible)
         )
@@ -150,9 +149,11 @@ def increments_noise(scenario: Scenario) -> Array:
     return np.block([[noise, nothing], [nothing, increment_noise(min(speeds, default=_UNMEASURED))]])
 
 
-def _reason(flag: Flag, share: float, ratios: tuple[float, float], jet: str | None, left: float | None) -> str:
-    """Explains a flag other than identified; `ratios`: 1-sigma, and the least possible one, over the limit asked."""
-    excess, least = ratios
+def _explain_flag(
+    flag: Flag, sigma_share: float, sigma_ratios: tuple[float, float], jet: str | None, share_left: float | None
+) -> str:
+    """Explains a flag in words; `sigma_ratios`: 1-sigma, and the least possible one, over the requested limit."""
+    excess, least = sigma_ratios
     if flag == Flag.IDENTIFIED:
         return ""
     if flag == Flag.FIXED:
@@ -161,49 +162,44 @@ def _reason(flag: Flag, share: float, ratios: tuple[float, float], jet: str | No
         return "no jet and no sensor in use shows it alone"
     allowed = f" (the flight allows {least:.2g})" if least < 1.0 < excess else ""
     if flag == Flag.WEAK:
-        told = f"1-sigma is {excess:.3g}{allowed} times what is asked"
-    elif share > _GROWN:  # by what propellant or a payload has changed
-        told = f"1-sigma has grown to {share:.3g} times the start's"
+        state = f"1-sigma is {excess:.3g}{allowed} times what is asked"
+    elif sigma_share > _GROWN:  # by what propellant or a payload has changed
+        state = f"1-sigma has grown to {sigma_share:.3g} times the start's"
     else:
-        told = f"1-sigma is still {100.0 * share:.3g} % of the start's"
-    if jet is None or left is None:
-        return f"{told}; no jet would tell much of it"
-    return f"{told}; a second of {jet} would leave {100.0 * left:.2g} % of it"
+        state = f"1-sigma is still {100.0 * sigma_share:.3g} % of the start's"
+    if jet is None or share_left is None:
+        return f"{state}; no jet would tell much of it"
+    return f"{state}; a second of {jet} would leave {100.0 * share_left:.2g} % of it"
 
 
-def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
-    """Lists (parameter and flag, reason) in words for parameters that are not identified; fixed ones together.
-
-    Args:
-        found: of the ten parameters.
-        symbols: of each.
-    """
-    told = [(one, symbol) for one, symbol in zip(found, symbols, strict=False) if one.flag != Flag.IDENTIFIED]
+def in_words(entries: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
+    """Lists (parameter and flag, reason) in words for parameters that are not identified; fixed ones together."""
+    told = [(one, symbol) for one, symbol in zip(entries, symbols, strict=False) if one.flag != Flag.IDENTIFIED]
     said = [(f"{symbol} {one.flag.replace('_', ' ')}", one.reason) for one, symbol in told if one.flag != Flag.FIXED]
     fixed = [(one.reason, symbol) for one, symbol in told if one.flag == Flag.FIXED]
     return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
 
 
 def bound_in_words(
-    deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
+    deviations: Sequence[float], entries: Sequence[Identifiability], symbols: Sequence[str], *, has_failed: bool = False
 ) -> str:
     """Describes the range of final 1-sigma over its Cramér-Rao bound, in words; "" where no bound is known.
 
-    Readings that change tell more than that, when a mark was crossed: a ratio below 1 is no fault. What a flight with
-    failed jets allows is not known, since the bound has them as they were told to be.
+    A ratio below 1 is no fault: a quantized reading that changes tells more than the bound assumes.
 
     Args:
         deviations: 1-sigma of the ten parameters.
-        found: of each.
-        symbols: of each.
-        failed: whether jets were declared.
+        entries, symbols: of each.
+        has_failed: whether jets were declared failed; the bound is of healthy ones.
     """
-    each = zip(deviations, found, symbols, strict=False)
+    each = zip(deviations, entries, symbols, strict=False)
     ratios = [(deviation / one.bound, symbol) for deviation, one, symbol in each if one.bound]
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
-    assumed = "computed as if no jet had failed and rounding were noise" if failed else "with rounding taken as noise"
+    assumed = (
+        "computed as if no jet had failed and rounding were noise" if has_failed else "with rounding taken as noise"
+    )
     same = _format_ratio(least) == _format_ratio(most)
     above = f"{_format_ratio(least)}{'' if same else f' to {_format_ratio(most)} ({high})'}"
     span = above if least >= _LESS else f"{_format_ratio(least)} ({low}) to {_format_ratio(most)} ({high})"

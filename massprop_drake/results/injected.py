@@ -89,119 +89,114 @@ _OUTCOME_TEXTS: dict[InjectedOutcome, str] = {
 
 
 def injected_outcomes(
-    scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
+    scenario: Scenario, signals: Mapping[str, Array], detections: Sequence[DetectionRecord]
 ) -> tuple[InjectedRecord, ...]:
     """Compares each injected failure and payload jump with the declarations: named, wrong, missed and so on.
 
     Args:
         scenario: as run.
         signals: of the run, by name, with `time_s`.
-        found: all that was declared, in its order.
+        detections: all declarations, in their order.
 
     Returns:
         A record each, failures of jets first, in the scenario's order.
     """
-    followed = _make_followers(scenario)
-    if not followed:
+    followers = _make_followers(scenario)
+    if not followers:
         return ()
     names = [name for name in ("command", "thrust", "tested", "alarm") if name in signals]
     for block in blocks(signals, "time_s", *names):
-        for one in followed:
-            one.add(block["time_s"], block)
+        for follower in followers:
+            follower.add(block["time_s"], block)
     vehicle = scenario.vehicle_data
-    right = _match_declarations(vehicle, [one.record for one in followed], found)
-    free = [index for index in range(len(found)) if index not in right.values()]
+    matched = _match_declarations(vehicle, [follower.record for follower in followers], detections)
+    unmatched = [index for index in range(len(detections)) if index not in matched.values()]
     records = []
-    for number, one in enumerate(followed):
-        record = one.record
+    for number, follower in enumerate(followers):
+        record = follower.record
         acted = record.first_acted_s
-        if number in right:
-            entry = found[right[number]]
+        if number in matched:
+            entry = detections[matched[number]]
             named = record.is_jump or entry.isolated_to == "jet"
             record = _with_declaration(record._replace(outcome="named" if named else "group"), entry)
             if acted is not None and entry.time_s < acted - _ACTS:  # it was known when it acted again
                 record = record._replace(declared_s=acted)
         elif acted is not None:
-            wrong = next((index for index in free if found[index].time_s >= acted - _ACTS), None)
+            wrong = next((index for index in unmatched if detections[index].time_s >= acted - _ACTS), None)
             if wrong is not None:
-                free.remove(wrong)
+                unmatched.remove(wrong)
                 record = _with_declaration(
-                    record._replace(outcome="wrong", taken_for=_name_declared(found[wrong])), found[wrong]
+                    record._replace(outcome="wrong", taken_for=_name_declared(detections[wrong])), detections[wrong]
                 )
             else:
-                record = record._replace(outcome="missed" if one.tested else "not_tested")
+                record = record._replace(outcome="missed" if follower.tested else "not_tested")
         records.append(_drop_late_alarm(record))
     return tuple(records)
 
 
 def false_declarations(
-    vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
+    vehicle: Vehicle, injected: Sequence[InjectedRecord], detections: Sequence[DetectionRecord]
 ) -> dict[int, Cause]:
     """Maps the index of each declaration that no injected event explains to its cause.
 
-    Args:
-        vehicle: whose jets they are.
-        injected: as `injected_outcomes` tells.
-        found: all that was declared, in its order.
-
-    Returns:
-        The cause is what had acted last before: "healthy" (nothing), "failure" or "jump".
+    The cause is the last event that had acted before: "healthy" (none), "failure" or "jump".
     """
-    right = _match_declarations(vehicle, injected, found).values()
-    acted = [(one.first_acted_s, one.is_jump) for one in injected if one.first_acted_s is not None]
+    matched = _match_declarations(vehicle, injected, detections).values()
+    acted = [(event.first_acted_s, event.is_jump) for event in injected if event.first_acted_s is not None]
     causes: dict[int, Cause] = {}
-    for index, entry in enumerate(found):
-        if index not in right:
-            _, jumped = max((each for each in acted if each[0] <= entry.time_s), default=(0.0, None))
+    for index, entry in enumerate(detections):
+        if index not in matched:
+            _, jumped = max((action for action in acted if action[0] <= entry.time_s), default=(0.0, None))
             causes[index] = "healthy" if jumped is None else "jump" if jumped else "failure"
     return causes
 
 
 def _match_declarations(
-    vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
+    vehicle: Vehicle, injected: Sequence[InjectedRecord], detections: Sequence[DetectionRecord]
 ) -> dict[int, int]:
     """Maps the index of each injected event to the index of the declaration that names it correctly.
 
-    Each declaration is right for one; one that stands is so for whatever else its jet does.
+    Each declaration matches one event; one that stands matches later failures of its jet, too.
     """
-    right: dict[int, int] = {}
-    for number, one in sorted(enumerate(injected), key=lambda item: item[1].start_s):
-        if one.first_acted_s is None:
+    matched: dict[int, int] = {}
+    for number, event in sorted(enumerate(injected), key=lambda item: item[1].start_s):
+        if event.first_acted_s is None:
             continue
-        standing = next((index for index in right.values() if _is_true_declaration(one, found[index])), None)
-        for index, entry in enumerate(found):
+        standing = next((index for index in matched.values() if _is_true_declaration(event, detections[index])), None)
+        for index, entry in enumerate(detections):
             if (
-                index not in right.values()
-                and entry.time_s >= one.first_acted_s - _ACTS
-                and _is_match(vehicle, one, entry)
+                index not in matched.values()
+                and entry.time_s >= event.first_acted_s - _ACTS
+                and _is_match(vehicle, event, entry)
             ):
-                right[number] = index
+                matched[number] = index
                 break
         else:
             if standing is not None:
-                right[number] = standing
-    return right
+                matched[number] = standing
+    return matched
 
 
-def _is_true_declaration(one: InjectedRecord, entry: DetectionRecord) -> bool:
+def _is_true_declaration(failure: InjectedRecord, detection: DetectionRecord) -> bool:
     """Tests whether a declaration names the failure's jet and still stands when the failure acts."""
-    acted = one.first_acted_s
-    over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
-    return one.jet is not None and entry.jet == one.jet and not over
+    acted = failure.first_acted_s
+    is_withdrawn = detection.withdrawn_s is not None and acted is not None and detection.withdrawn_s < acted
+    return failure.jet is not None and detection.jet == failure.jet and not is_withdrawn
 
 
-def _is_match(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
+def _is_match(vehicle: Vehicle, event: InjectedRecord, detection: DetectionRecord) -> bool:
     """Tests whether a declaration names the injected jet, or a group or cluster with it; or both are jumps."""
-    if one.jet is None or entry.kind == JUMP:
-        return one.jet is None and entry.kind == JUMP
-    if entry.jet is not None:
-        return entry.jet == one.jet
-    if entry.jets:
-        return one.jet in entry.jets
-    return entry.cluster == vehicle.jets[vehicle.designations.index(one.jet)].cluster
+    if event.jet is None or detection.kind == JUMP:
+        return event.jet is None and detection.kind == JUMP
+    if detection.jet is not None:
+        return detection.jet == event.jet
+    if detection.jets:
+        return event.jet in detection.jets
+    return detection.cluster == vehicle.jets[vehicle.designations.index(event.jet)].cluster
 
 
 def _with_declaration(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
+    """Returns the record with time and force of a declaration."""
     return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
 
 
@@ -213,7 +208,7 @@ def _drop_late_alarm(record: InjectedRecord) -> InjectedRecord:
 
 
 def _name_declared(entry: DetectionRecord) -> str:
-    """Returns what a detection names: designation of a jet, "mass_property_jump" or "cluster 2"."""
+    """Returns the name that a detection declares: designation of a jet, "mass_property_jump" or "cluster 2"."""
     return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
 
 
@@ -221,19 +216,19 @@ def _name_declared(entry: DetectionRecord) -> str:
 
 
 def _make_followers(scenario: Scenario) -> list[_EventFollower]:
-    """Makes, for each injected failure and payload jump, the object that records when it acts in a run."""
+    """Makes for each injected failure and payload jump a follower, which records when it acts in a run."""
     vehicle = scenario.vehicle_data
     thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
     lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
-    followed = []
+    followers = []
     for failure in true_params.jet_failures(scenario):
         kind, jet = failure.kind.name.lower(), failure.jet
         record = _unacted_record(kind, vehicle.designations[jet], failure.start_s)
         response = float(lag.remaining[jet]), float(lag.mean[jet])
-        followed.append(
+        followers.append(
             _EventFollower(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s)
         )
-    return followed + [
+    return followers + [
         _EventFollower(_unacted_record(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps
     ]
 

@@ -22,8 +22,8 @@ def null_for_nan(values: Array) -> Any:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
-def write_onsets(onset_s: Array) -> dict[str, Any]:
-    """Returns {"command_onset": onsets, s, None for a level} for a saved state; {} where all are levels."""
+def onsets_as_json(onset_s: Array) -> dict[str, Any]:
+    """Returns the entry {"command_onset": onsets, s, null for a level} of a saved state; {} where all are levels."""
     return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
 
 

@@ -25,6 +25,8 @@ _SEAL_SIZE = 128  # bytes, at most
 
 
 class _Model(BaseModel):
+    """Part of `manifest.json`, which has no other keys."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -59,8 +61,8 @@ class Manifest(_Model):
     def has(self, path: Path, folder: Path) -> bool:
         """Tests whether a path is a listed file of the folder, by its name, in other case, or as the same file."""
         name = path.relative_to(folder).as_posix()
-        alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
-        return any(one == name or _is_same_file(folder / one, path) for one in alike)
+        candidates = (listed for listed in (*self.files, *self.pending, NAME) if listed.casefold() == name.casefold())
+        return any(listed == name or _is_same_file(folder / listed, path) for listed in candidates)
 
     def holds(self, folder: str) -> bool:
         """Tests whether the manifest lists a subfolder, by relative path, or files in it."""
@@ -100,7 +102,7 @@ def read(folder: Path) -> Manifest | None:
 
 
 def foreign_entries(folder: Path, manifest: Manifest | None) -> Iterator[str]:
-    """Yields names of files and empty folders that the manifest does not list, or lists otherwise."""
+    """Yields names of files and empty folders that are not listed in the manifest, or have changed since."""
     for name, path in _walk(folder):
         if manifest is not None and name == NAME:
             continue
@@ -137,7 +139,7 @@ def entry(path: Path) -> FileEntry:
 
 
 def seal_page(text: str, kind: str, *, yaml: bool = False) -> bytes:
-    """Returns a page's text with a last line that holds its kind and digest, by which changes are found.
+    """Returns a page's text with a last line that holds its kind and digest, which reveals changes.
 
     Args:
         text: of the page.
@@ -150,7 +152,7 @@ def seal_page(text: str, kind: str, *, yaml: bool = False) -> bytes:
 
 
 def sealed_kind(path: Path) -> str | None:
-    """Returns the kind of an unchanged page of `seal_page`, "" where its seal has none; None: no such page."""
+    """Returns the kind of a page sealed by `seal_page` and unchanged, "" where its seal has none; None for others."""
     if not _is_plain(path):
         return None
     with path.open("rb") as file:
@@ -185,4 +187,5 @@ def _is_same_file(one: Path, other: Path) -> bool:
 
 
 def _is_plain(path: Path) -> bool:
+    """Tests whether a path is a regular file, and no link."""
     return path.is_file() and not path.is_symlink()

@@ -110,11 +110,11 @@ class FlightMonitor:
         return bool(detector_report[place] != 0.0)
 
     def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Returns the counts of innovations advanced by a sample, same shape as before it.
+        """Returns the counts of innovations with those of a sample added.
 
         Args:
-            counts: before it.
-            time_s: of it, s.
+            counts: before the sample.
+            time_s: of the sample, s.
             reports: by port.
         """
         after = counts.copy()
@@ -132,15 +132,19 @@ class FlightMonitor:
                 after[self._layout.slice(name)] = self._value(name, reports)
         return after
 
-    def _filter_result(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
-        """Returns (1 if used, NIS, components) of a filter at one sample, from the reports."""
-        used, nis = (self._value(f"{name}_{what}", reports) for what in ("used", "nis"))
-        return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
+    def _filter_result(self, filter_name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
+        """Returns use (1 or 0), NIS and its expectation of a filter at one sample, from the reports by port."""
+        used, nis = (self._value(f"{filter_name}_{what}", reports) for what in ("used", "nis"))
+        return (
+            used,
+            nis,
+            self._value(COMPONENTS[filter_name], reports) if COMPONENTS[filter_name] in self._places else 3.0,
+        )
 
-    def _recent(self, counts: Array, name: str) -> Recent:
-        """Unpacks a filter's innovations, older counts and newest samples, from the array of counts."""
-        rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, _COLUMNS)
-        return Recent(counts[self._layout.slice(name)], rows)
+    def _recent(self, counts: Array, filter_name: str) -> Recent:
+        """Unpacks the innovations of a filter, older counts and newest samples, from the array of counts."""
+        rows = counts[self._layout.slice(f"recent_{filter_name}")].reshape(-1, _COLUMNS)
+        return Recent(counts[self._layout.slice(filter_name)], rows)
 
     def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
         """Returns a signal's number, or array, at one sample from the reports by port."""
@@ -148,17 +152,17 @@ class FlightMonitor:
         return reports[port][place]
 
     def update_declarations(
-        self, declared_before: Declarations, counts: Array, time_s: float, reports: Mapping[str, Array]
+        self, declarations: Declarations, counts: Array, time_s: float, reports: Mapping[str, Array]
     ) -> Declarations:
-        """Adds a sample's events to the declarations, if any; arguments as `count_innovations`."""
+        """Adds the events of a sample to the declarations; arguments as `count_innovations`."""
         signals = self._signals(reports)
-        events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, declared_before.events)
-        records = update_detections(self._vehicle, events, declared_before.detections)
+        events = list_events(self._vehicle, self._sensors, np.array([time_s]), signals, declarations.events)
+        records = update_detections(self._vehicle, events, declarations.detections)
         if "verdict" not in signals:
             last = self._layout.columns(np.vstack([counts, self.count_innovations(counts, time_s, reports)]))
             times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
             records = note_mass_before_jumps(records, times_s, reciprocal, np.sqrt(variance))
-        return Declarations((*declared_before.events, *events), tuple(records))
+        return Declarations((*declarations.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
         """Maps each signal of the reports to its values at one sample, shape (1, components)."""
@@ -168,16 +172,16 @@ class FlightMonitor:
             for name, values in self._reports[port].columns(row[None]).items()
         }
 
-    def detections(self, declared: Declarations, counts: Array) -> tuple[DetectionRecord, ...]:
-        """Returns detections so far, with jump masses and forces by the estimates now."""
-        now = self._layout.read(counts)
-        forces = now.known_force, now.known_force_variance
-        return finalize_detections(declared.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
+    def detections(self, declarations: Declarations, counts: Array) -> tuple[DetectionRecord, ...]:
+        """Returns the detections so far, with jump masses and forces by the newest estimates."""
+        latest = self._layout.read(counts)
+        forces = latest.known_force, latest.known_force_variance
+        return finalize_detections(declarations.detections, *forces, latest.mass_reciprocal, math.sqrt(latest.variance))
 
-    def failed_jets(self, declared: Declarations) -> Array:
-        """Flags with 1.0 the jets of unwithdrawn failures, groups and clusters included, (n_jets,)."""
+    def failed_jets(self, declarations: Declarations) -> Array:
+        """Flags with 1.0 the jets declared failed, alone, in a group or in a cluster, and not withdrawn, (n_jets,)."""
         failed = self._no_force.copy()
-        for record in declared.detections:
+        for record in declarations.detections:
             if record.kind != JUMP and record.withdrawn_s is None:
                 of_cluster = (jet.designation for jet in self._vehicle.jets if jet.cluster == record.cluster)
                 for jet in record.jets or of_cluster:
@@ -205,17 +209,15 @@ class Recent(NamedTuple):
     rows: Array
 
     def append_sample(self, time_s: float, used: float, nis: float, components: float) -> Recent:
-        """Appends a sample; the oldest goes to the counts if it was used. Arguments: see `Innovations`."""
+        """Appends a sample, and moves the oldest to the counts if it was used; arguments see `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
         was_used = rows[0, 1] != 0.0
         return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replace_history(self, since_s: float, nis: float, components: float) -> Recent:
-        """Replaces NIS since a fork by the likeliest history's mean; of an old fork the share in the rows.
+        """Replaces NIS since a fork, s, by the likeliest history's mean; arguments see `Forks`.
 
-        Args:
-            since_s: time of the fork, s.
-            nis, components: see `Forks`.
+        Of a fork older than the rows only their share counts.
         """
         first_s, last_s = self.rows[[0, -1], 0].tolist()
         share = min((last_s - first_s) / (last_s - since_s), 1.0) if since_s < last_s else 1.0
@@ -227,7 +229,7 @@ class Recent(NamedTuple):
     @property
     def tally(self) -> Tally:
         """Tally of all innovations: older counts and newest samples together."""
-        return Tally.of(_add_counts(self.older, self.rows))
+        return Tally.from_counts(_add_counts(self.older, self.rows))
 
 
 def empty_recent(window: int) -> Recent:
@@ -245,6 +247,6 @@ def _innovations(rows: Array) -> Innovations:
 
 def _add_counts(older: Array, rows: Array) -> Array:
     """Returns counts, see `Tally.NUMBERS`, with the used samples of rows, shape (n, 5), added."""
-    tally = Tally.of(older)
+    tally = Tally.from_counts(older)
     tally.add_innovations(_innovations(rows))
     return tally.numbers

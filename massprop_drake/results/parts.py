@@ -39,15 +39,15 @@ class PartsMade:
         self.missing: list[str] = []
         self.error: Exception | None = None
 
-    def make(self, name: str, make: Callable[[], _Part], otherwise: _Part) -> _Part:
-        """Returns what the callable returns; where it raises, notes name and reason, and returns the substitute."""
+    def make(self, name: str, make: Callable[[], _Part], substitute: _Part) -> _Part:
+        """Returns the result of a callable; where it raises, notes name and reason, and returns a substitute."""
         try:
             return make()
         except Exception as error:
             if self._strict:
                 raise
             self.note(name, error)
-            return otherwise
+            return substitute
 
     def note(self, name: str, error: Exception) -> None:
         """Appends name and reason to the list of missing parts, and stores the first error."""

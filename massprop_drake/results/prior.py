@@ -45,13 +45,13 @@ class _Departure(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """Tests whether the largest ratio of the parameters may be chance, at a probability of 1e-6."""
+        """True if the largest ratio of the parameters may be chance, at a probability of 1e-6."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
         return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
 
     @property
     def is_allowed(self) -> bool:
-        """Tests whether the chi-square of all parameters, and the largest ratio, may be chance."""
+        """True if the chi-square of all parameters, and the largest ratio, may be chance."""
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
@@ -69,21 +69,21 @@ class _Prior(NamedTuple):
     tested: NDArray[np.bool_]
 
     def departure(self, estimate: Array) -> _Departure:
-        """Computes how far estimates are from the prior: chi-square and sigmas of each parameter.
+        """Computes the distance of estimates from the prior: chi-square, and sigmas of each parameter.
 
         A scale that is larger counts by its logarithm, so that a truth is no farther off where it was drawn by a
         factor than where it was drawn by a difference.
         """
-        off = estimate - self.values
-        larger = _SCALES & (off > 0.0) & (self.values > 0.0)
-        off[larger] = self.values[larger] * np.log(estimate[larger] / self.values[larger])
+        change = estimate - self.values
+        is_larger = _SCALES & (change > 0.0) & (self.values > 0.0)
+        change[is_larger] = self.values[is_larger] * np.log(estimate[is_larger] / self.values[is_larger])
         deviation = np.sqrt(self.covariance.diagonal())
-        unit = (off / deviation)[self.tested]
+        scaled = (change / deviation)[self.tested]
         correlation = (self.covariance / np.outer(deviation, deviation))[np.ix_(self.tested, self.tested)]
         return _Departure(
-            float(unit @ np.linalg.lstsq(correlation, unit, rcond=None)[0]),
-            unit.size,
-            np.where(self.tested, off / deviation, np.nan),
+            float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0]),
+            scaled.size,
+            np.where(self.tested, change / deviation, np.nan),
         )
 
 
@@ -98,50 +98,50 @@ def find_contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> D
     if scenario.estimation.start == "zero":
         return None
     used = used_propellant(scenario, signals, scenario.vehicle_data.mass_flows)
-    begun = estimate.copy()
-    if begun[MASS_RECIPROCAL] > 0.0:
-        begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
-    start = _make_prior(scenario, signals, begun, used)
-    if not start.tested.any():
+    at_start = estimate.copy()
+    if at_start[MASS_RECIPROCAL] > 0.0:
+        at_start[MASS_RECIPROCAL] /= 1.0 + at_start[MASS_RECIPROCAL] * used
+    prior = _make_prior(scenario, signals, at_start, used)
+    if not prior.tested.any():
         return None
-    found = start.departure(begun)
+    result = prior.departure(at_start)
     explaining: list[tuple[float, _Group, float]] = []
-    for group in _scale_groups(scenario, start, begun):
-        factor, sigmas = _common_factor(start, begun, group.members)
-        left = start.departure(_divide_by_factor(begun, group.members, factor))
-        if not left.is_allowed:
+    for group in _scale_groups(scenario, prior, at_start):
+        factor, sigmas = _common_factor(prior, at_start, group.members)
+        remainder = prior.departure(_divide_by_factor(at_start, group.members, factor))
+        if not remainder.is_allowed:
             continue
-        beyond = sigmas**2 > chi_square_limit(_COMMON, 1)
-        if not beyond and group.of_jets and found.is_near:  # scales may have their errors in common
+        is_significant = sigmas**2 > chi_square_limit(_COMMON, 1)
+        if not is_significant and group.of_jets and result.is_near:  # scales may have their errors in common
             return None
-        if beyond and (group.of_jets or not found.is_allowed):
-            explaining.append((left.statistic, group, factor))
-    if not explaining and found.is_allowed:
+        if is_significant and (group.of_jets or not result.is_allowed):
+            explaining.append((remainder.statistic, group, factor))
+    if not explaining and result.is_allowed:
         return None
-    direct = np.abs(begun - start.values) / np.sqrt(start.covariance.diagonal())
-    limit = chi_square_limit(_CHANCE, found.degrees)
+    direct = np.abs(at_start - prior.values) / np.sqrt(prior.covariance.diagonal())
+    limit = chi_square_limit(_CHANCE, result.degrees)
     if explaining:
         _, group, factor = min(explaining, key=lambda one: one[0])
         sigmas = direct[group.members].max()
         words = f"{group.ends} at {format_factor(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
-        return Diagnosis("factor", f"{words}, {group.in_words(factor)}", found.statistic, limit)
-    worst = int(np.argmax(np.where(start.tested, direct, -1.0)))
+        return Diagnosis("factor", f"{words}, {group.in_words(factor)}", result.statistic, limit)
+    worst = int(np.argmax(np.where(prior.tested, direct, -1.0)))
     words = f"{SYMBOLS[worst]} ends {direct[worst]:.3g} of the start's sigmas from it"
-    if found.degrees > 1:
-        words += f"; all {found.degrees} together have a chi-square of {found.statistic:.3g} ({limit:.3g} is allowed)"
-    return Diagnosis("start", words, found.statistic, limit)
+    if result.degrees > 1:
+        words += f"; all {result.degrees} together have a chi-square of {result.statistic:.3g} ({limit:.3g} is allowed)"
+    return Diagnosis("start", words, result.statistic, limit)
 
 
-def _make_prior(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> _Prior:
+def _make_prior(scenario: Scenario, signals: Spool, estimate: Array, propellant_mass: float) -> _Prior:
     """Makes the prior of the ten parameters; its covariance includes propellant drift and the final 1-sigma."""
     values, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
     known = covariance.diagonal() > 0.0
-    tested = known & np.isfinite(estimate) & ~params.known_parameters(scenario)
+    is_tested = known & np.isfinite(estimate) & ~params.known_parameters(scenario)
     vehicle = scenario.vehicle_data
-    drift = propellant_drift(values, used, vehicle.tank_fraction, vehicle.rms_arm)
+    drift = propellant_drift(values, propellant_mass, vehicle.tank_fraction, vehicle.rms_arm)
     deviation = np.nan_to_num(signals.last("standard_deviation"))
     covariance = covariance + np.diag(np.where(known, drift + deviation**2, 1.0))
-    return _Prior(values, covariance, tested)
+    return _Prior(values, covariance, is_tested)
 
 
 class _Group(NamedTuple):
@@ -162,41 +162,41 @@ class _Group(NamedTuple):
     of_jets: bool
 
     def in_words(self, factor: float) -> str:
-        """Describes an error by a factor in the inverse inertia or 1/m, with the mistake that would make it."""
+        """Describes an error by a factor in the inverse inertia or 1/m, with the likely mistake behind it."""
         size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
         found = factors.factors_near(size, self.known)
         likely = f"; {found[0].name} would make it {format_factor(found[0].size)}" if found else ""
         return f"as if {self.cause} were {format_factor(size)} times what acts{likely}"
 
 
-def _scale_groups(scenario: Scenario, start: _Prior, estimate: Array) -> Iterator[_Group]:
+def _scale_groups(scenario: Scenario, prior: _Prior, estimate: Array) -> Iterator[_Group]:
     """Yields groups of diagonal inverse inertias and 1/m that one error of scale would change together."""
     units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
-    usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
+    usable = prior.tested & _SCALES & (prior.values > 0.0) & (estimate > 0.0)
     of_mass = np.arange(10) == MASS_RECIPROCAL
     inertia, mass = usable & ~of_mass, usable & of_mass
     if usable.sum() >= _FEWEST:
-        said, ends = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
-        yield _Group(usable, said, ends, factors.impulse_factors(units, period_s), True)
+        cause, ends = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
+        yield _Group(usable, cause, ends, factors.impulse_factors(units, period_s), True)
     if inertia.any() and mass.any():
         yield _Group(inertia, "rates", "inertia alone ends", factors.rate_factors(period_s), False)
         yield _Group(mass, "accelerometers", "mass alone ends", factors.velocity_factors(units, period_s), False)
 
 
-def _common_factor(start: _Prior, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
-    """Computes the mean factor of estimates over the prior for some parameters, and its size in sigmas."""
-    logarithms = np.log(estimate[members] / start.values[members])
-    relative = np.sqrt(start.covariance.diagonal()[members]) / start.values[members]
+def _common_factor(prior: _Prior, estimate: Array, mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Computes the mean factor of estimates over the prior for the masked parameters, and its size in sigmas."""
+    logarithms = np.log(estimate[mask] / prior.values[mask])
+    relative = np.sqrt(prior.covariance.diagonal()[mask]) / prior.values[mask]
     weights = 1.0 / relative**2
     mean = float(weights @ logarithms / weights.sum())
     return math.exp(mean), abs(mean) / float(relative.max())
 
 
-def _divide_by_factor(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
-    """Divides the inverse inertia, 1/m, or both by a factor, where in `members`; returns ten parameters."""
+def _divide_by_factor(estimate: Array, mask: NDArray[np.bool_], factor: float) -> Array:
+    """Divides the inverse inertia, 1/m, or both, as masked, by a factor; returns the ten parameters."""
     result = estimate.copy()
-    if members[_DIAGONAL].any():
+    if mask[_DIAGONAL].any():
         result[:6] /= factor
-    if members[MASS_RECIPROCAL]:
+    if mask[MASS_RECIPROCAL]:
         result[MASS_RECIPROCAL] /= factor
     return result

@@ -37,17 +37,12 @@ np.empty(1 << 21)
 
 
 def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
-    """Yields a record's stretches without gaps, at most 1024 intervals each; propellant counts from the beginning.
-
-    Args:
-        scenario: as run.
-        signals: with `time_s`, commands and readings.
-    """
+    """Yields a record's stretches without gaps, at most 1024 intervals each; propellant counts from the beginning."""
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     optional = ("gap", "outside_wrench", "command_onset")
     wanted = ["time_s", "command", *(name for name in optional if name in signals)]
     flows, lengths_s = scenario.vehicle_data.mass_flows, _interval_lengths(scenario)
-    felt = _lingering_intervals(scenario)
+    felt = _lag_intervals(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
     fired_s, has_tanks = np.zeros(flows.size), bool(scenario.vehicle_data.tanks)
     opened = level_onsets((felt, flows.size))  # onsets of these
@@ -99,41 +94,41 @@ class _EngineBurns(NamedTuple):
     setting: EngineSettings | None  # after the last row
 
 
-def _engine_burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _EngineBurns:
+def _engine_burns(scenario: Scenario, block: dict[str, Array], setting: EngineSettings | None) -> _EngineBurns:
     """Computes the engines' burns and propellant used per interval of a block, and their final setting."""
     vehicle, rows = scenario.vehicle_data, block["time_s"].size
     used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
     if not any(engine.name in block for engine in vehicle.engines):
-        return _EngineBurns(None, used, loose, before)
+        return _EngineBurns(None, used, loose, setting)
     setup = params.filter_setup(scenario)
-    made, has, period_s = setup.engines, channel_mask(setup.engines), setup.period_s
-    least = np.sqrt([each.min(initial=np.inf) for each in (setup.gyro_variances, setup.accelerometer_variances)])
-    read, nothing = np.zeros((rows, *has.shape)), np.zeros(setup.engine_sigmas.size)
-    each = (block.get(one.name, np.full((rows, len(one.columns)), np.nan)) for one in vehicle.engines)
-    read[:, has] = np.hstack(list(each))
-    points = np.zeros((rows, len(has), 3, N_CHANNELS))
-    if before is None:
-        _, before = make_burn(shut_engine_settings(len(has)), read[0], period_s, made)
+    engines, has_channel, period_s = setup.engines, channel_mask(setup.engines), setup.period_s
+    least = np.sqrt([item.min(initial=np.inf) for item in (setup.gyro_variances, setup.accelerometer_variances)])
+    read, nothing = np.zeros((rows, *has_channel.shape)), np.zeros(setup.engine_sigmas.size)
+    item = (block.get(one.name, np.full((rows, len(one.columns)), np.nan)) for one in vehicle.engines)
+    read[:, has_channel] = np.hstack(list(item))
+    points = np.zeros((rows, len(has_channel), 3, N_CHANNELS))
+    if setting is None:
+        _, setting = make_burn(shut_engine_settings(len(has_channel)), read[0], period_s, engines)
     lengths_s = np.broadcast_to(_interval_lengths(scenario)(block["time_s"]), rows - 1)
     for row in range(1, rows):
         length_s = float(lengths_s[row - 1])
-        burn, before = make_burn(before, read[row], length_s, made)
+        burn, setting = make_burn(setting, read[row], length_s, engines)
         if burn.points.any():
-            given = engine_impulse(burn, nothing, length_s, made)
-            points[row - 1], used[row - 1] = burn.points, given.used
-            loose[row - 1] = (motion_sigma(given.noise, vehicle.nominal) > least).any()
-    return _EngineBurns(points, used, loose, before)
+            impulse = engine_impulse(burn, nothing, length_s, engines)
+            points[row - 1], used[row - 1] = burn.points, impulse.used
+            loose[row - 1] = (motion_sigma(impulse.noise, vehicle.nominal) > least).any()
+    return _EngineBurns(points, used, loose, setting)
 
 
-def _lingering_intervals(scenario: Scenario) -> int:
-    """Computes for how many intervals after unknown commands their thrust lags on, at least 1."""
+def _lag_intervals(scenario: Scenario) -> int:
+    """Computes the number of intervals over which thrust lags after unknown commands, at least 1."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
     return max(1, math.ceil(longest * params.filter_step_rates(scenario).steps * math.log(1.0 / _LINGERS)))
 
 
 def _interval_lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
-    """Returns the function from row times to interval lengths, s: their differences, or the sample period."""
+    """Makes the function that converts row times to interval lengths, s: their differences, or the sample period."""
     if params.steps_by_readings(scenario):
         return np.diff
     return lambda _: scenario.vehicle_data.sample_period_s
@@ -146,19 +141,19 @@ def used_propellant(scenario: Scenario, signals: Spool, flows: Array, *, by_thru
         scenario: as run.
         signals: with `time_s`, and commands or thrusts.
         flows: of each jet at full thrust, slug/s or kg/s, shape (n_jets,).
-        by_thrust: whether thrusts count; else commands do.
+        by_thrust: whether to integrate thrusts in place of commands.
     """
     vehicle = scenario.vehicle_data
     name, full = ("thrust", np.linalg.norm(vehicle.thrusts, axis=1)) if by_thrust else ("command", np.ones(flows.size))
-    flow = np.concatenate([np.nansum(part[name] / full * flows, axis=1) for part in signals.blocks(name)])[:-1]
+    flow = np.concatenate([np.nansum(block[name] / full * flows, axis=1) for block in signals.blocks(name)])[:-1]
     if params.steps_by_readings(scenario) and not by_thrust:  # of a simulation every row is a sample
         return float(flow @ np.diff(signals["time_s"]))
     return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _find_runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _find_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Returns (first index, one past the last) of each run of True in a mask."""
-    edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
@@ -177,60 +172,53 @@ def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
 
 def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
     """Returns a record's stretches without gaps; propellant after each row is that used until the record's end."""
-    parts = list(stretches(scenario, signals))
-    used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
-    return _recount_propellant(parts, used)
+    pieces = list(stretches(scenario, signals))
+    used = max((-float(part.used_after[-1]) for part in pieces), default=0.0)
+    return _recount_propellant(pieces, used)
 
 
-def _recount_propellant(parts: Sequence[Stretch], used: float) -> list[Stretch]:
-    """Adds slug or kg to the propellant used after each row; recounts jet seconds to the end of the last."""
-    found = [part._replace(used_after=part.used_after + used) for part in parts]
-    if not parts or parts[-1].seconds is None:
+def _recount_propellant(pieces: Sequence[Stretch], propellant_mass: float) -> list[Stretch]:
+    """Adds propellant, slug or kg, to that used after each row; recounts jet seconds to the end of the last row."""
+    found = [part._replace(used_after=part.used_after + propellant_mass) for part in pieces]
+    if not pieces or pieces[-1].seconds is None:
         return found
-    later = np.stack((np.zeros_like(parts[-1].seconds[-1, 1]), parts[-1].seconds[-1, 1]))
-    return [one._replace(seconds=one.seconds - later) for one in found if one.seconds is not None]
+    later = np.stack((np.zeros_like(pieces[-1].seconds[-1, 1]), pieces[-1].seconds[-1, 1]))
+    return [piece._replace(seconds=piece.seconds - later) for piece in found if piece.seconds is not None]
 
 
-def remove_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
-    """Sets readings declared false to NaN, onset to 2 s after; cuts stretches at wheel or engine faults."""
+def remove_false_readings(pieces: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
+    """Sets readings declared false to NaN, from onset to 2 s after; cuts stretches at wheel or engine faults."""
     sensors = [*names.gyros, *names.accelerometers]
-    false = [each for each in events if each.kind == "false_reading"]
-    lies, found = [each for each in false if each.sensor in sensors], list(parts)
-    ends = [each.onset_s for each in false if each.sensor in names.wheels]
-    unheard_s = min([*ends, *(each.onset_s for each in events if each.kind == "engine_failed")], default=math.inf)
+    false = [event for event in events if event.kind == "false_reading"]
+    lies, result = [event for event in false if event.sensor in sensors], list(pieces)
+    ends = [event.onset_s for event in false if event.sensor in names.wheels]
+    unheard_s = min([*ends, *(event.onset_s for event in events if event.kind == "engine_failed")], default=math.inf)
     if unheard_s < math.inf:  # then gyros do not show what has acted on the vehicle, and it may be so from there on
-        found = [cut for part in parts if (cut := cut_at(part, unheard_s)).time_s.size > 2]
-    for number, part in enumerate(found if lies else ()):
-        readings = part.readings.copy()
+        result = [cut for piece in pieces if (cut := cut_at(piece, unheard_s)).time_s.size > 2]
+    for number, piece in enumerate(result if lies else ()):
+        readings = piece.readings.copy()
         for lie in lies:
-            rows = (part.time_s > lie.onset_s) & (part.time_s <= lie.time_s + _LIES_ON_S)
+            rows = (piece.time_s > lie.onset_s) & (piece.time_s <= lie.time_s + _LIES_ON_S)
             readings[rows, sensors.index(str(lie.sensor)), "xyz".index(str(lie.axis))] = np.nan
-        found[number] = part._replace(readings=readings)
-    return found
+        result[number] = piece._replace(readings=readings)
+    return result
 
 
-def select_short_pieces(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
-    """Cuts stretches at a time, and into pieces short enough for regression; every k-th if too many."""
-    seen = (piece for part in parts for piece in _split_at_lost_rates(cut_at(part, until_s), made))
-    every = [piece for part in seen for piece in _split_by_coupling(part, made)]
-    rows = sum(piece.time_s.size for piece in every)
-    return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
+def select_short_pieces(pieces: Sequence[Stretch], until_s: float, model: FlightModel) -> list[Stretch]:
+    """Cuts stretches at a time, s, and into pieces short enough for regression; every k-th if too many."""
+    read_pieces = (piece for long_piece in pieces for piece in _split_at_lost_rates(cut_at(long_piece, until_s), model))
+    short = [piece for long_piece in read_pieces for piece in _split_by_coupling(long_piece, model)]
+    rows = sum(piece.time_s.size for piece in short)
+    return short[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
 
 
-def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
-    """Returns a record's stretches up to a time, cut into pieces short enough for regression.
-
-    Args:
-        scenario: as run.
-        signals: with `time_s`, commands and readings.
-        until_s: up to when, s; infinity: all of it.
-        made: see `model`.
-    """
-    return select_short_pieces(whole_record(scenario, signals), until_s, made)
+def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, model: FlightModel) -> list[Stretch]:
+    """Returns a record's stretches up to a time, s, cut into pieces short enough for regression."""
+    return select_short_pieces(whole_record(scenario, signals), until_s, model)
 
 
 def trusted_stretches(
-    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
+    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], model: FlightModel
 ) -> tuple[list[Stretch], bool]:
     """Returns a record's stretches up to a time, false readings as NaN; 1/m refers to the end of the last.
 
@@ -238,72 +226,74 @@ def trusted_stretches(
         scenario: as run.
         signals: with `time_s`, commands and readings.
         until_s: up to when, s; infinity: all of it.
-        events: what was said of the run.
-        made: see `model`.
+        events: declared in the run.
+        model: see `make_model`.
 
     Returns:
         Stretches, and whether their stamps lie on the ticks at which commands switch.
     """
-    parts = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
-    found = [cut for part in parts if (cut := cut_at(part, until_s)).time_s.size > 2]
-    found = _recount_propellant(found, -found[-1].used_after[-1] if found else 0.0)
-    return found, bool(made.at_stamps) or not is_off_ticks(found, made)
+    pieces = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
+    trusted = [cut for piece in pieces if (cut := cut_at(piece, until_s)).time_s.size > 2]
+    trusted = _recount_propellant(trusted, -trusted[-1].used_after[-1] if trusted else 0.0)
+    return trusted, bool(model.at_stamps) or not is_off_ticks(trusted, model)
 
 
-def cut_at(part: Stretch, time_s: float) -> Stretch:
+def cut_at(stretch: Stretch, time_s: float) -> Stretch:
     """Returns the rows of a stretch before a time, s."""
-    return take_rows(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
+    return take_rows(stretch, slice(0, int(np.searchsorted(stretch.time_s, time_s))))
 
 
-def take_rows(part: Stretch, rows: slice) -> Stretch:
+def take_rows(stretch: Stretch, rows: slice) -> Stretch:
     """Returns some rows of a stretch, with the commands before them, whose thrust still lags."""
-    own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
-    return prepend_rows(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
+    own = {name: value for name, value in stretch._asdict().items() if name not in _BEFORE and value is not None}
+    return prepend_rows(
+        stretch._replace(**{name: value[rows] for name, value in own.items()}), stretch, slice(rows.start)
+    )
 
 
-def prepend_rows(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
-    """Sets the commands before a cut stretch to the newest of the original's, with some of its rows appended."""
-    cut = cut._replace(before=_append_rows(part.before, part.commands[rows]))
-    if part.onsets_s is None or part.before_onsets_s is None:
-        return cut
-    return cut._replace(before_onsets_s=_append_rows(part.before_onsets_s, part.onsets_s[rows]))
+def prepend_rows(shorter: Stretch, stretch: Stretch, rows: slice) -> Stretch:
+    """Sets the commands before a cut stretch to those before the original, with some of its rows appended."""
+    shorter = shorter._replace(before=_append_rows(stretch.before, stretch.commands[rows]))
+    if stretch.onsets_s is None or stretch.before_onsets_s is None:
+        return shorter
+    return shorter._replace(before_onsets_s=_append_rows(stretch.before_onsets_s, stretch.onsets_s[rows]))
 
 
-def _append_rows(before: Array, later: Array) -> Array:
+def _append_rows(before: Array, new_rows: Array) -> Array:
     """Appends rows to the commands before a stretch, and drops as many of the oldest."""
     rows = before.shape[0]
-    return np.concatenate((before, later[-rows:]))[-rows:]
+    return np.concatenate((before, new_rows[-rows:]))[-rows:]
 
 
-def _split_at_lost_rates(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+def _split_at_lost_rates(stretch: Stretch, model: FlightModel) -> Iterator[Stretch]:
     """Yields the pieces of a stretch between holes in which an axis of the rate is not read for long."""
-    unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
+    unread = np.asarray(np.isnan(stretch.readings[:, : model.gyros]).all(axis=1))
     lost, hole = np.asarray(unread.any(axis=1)), _HOLE
-    if made.own_times:  # rows of other sensors have no rate
+    if model.own_times:  # rows of other sensors have no rate
         hole = max(
-            _HOLE, math.ceil(_HOLE * made.period_s / float(np.median(np.diff(part.time_s)))) if lost.size > 1 else 0
+            _HOLE, math.ceil(_HOLE * model.period_s / float(np.median(np.diff(stretch.time_s)))) if lost.size > 1 else 0
         )
     for first, last in _find_runs(lost):
         if last - first <= hole:
             lost[first:last] = False
     for first, last in _find_runs(~lost):
-        yield take_rows(part, slice(first, last))
+        yield take_rows(stretch, slice(first, last))
 
 
-def _split_by_coupling(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+def _split_by_coupling(stretch: Stretch, model: FlightModel) -> Iterator[Stretch]:
     """Yields pieces of a stretch so short that dynamic coupling does not accumulate rate noise."""
-    n = part.time_s.size
+    n = stretch.time_s.size
     if n <= 2:
         return
-    rates = part.readings[:, : made.gyros]
-    length_s = float(part.time_s[-1] - part.time_s[0]) / (n - 1) if made.own_times else made.period_s
+    rates = stretch.readings[:, : model.gyros]
+    length_s = float(stretch.time_s[-1] - stretch.time_s[0]) / (n - 1) if model.own_times else model.period_s
     fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * length_s
     rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
     if rows >= _SHORTEST:
         for first in range(0, n - 2, rows):
-            yield take_rows(part, slice(first, min(first + rows + 1, n)))
+            yield take_rows(stretch, slice(first, min(first + rows + 1, n)))
 
 
-def is_off_ticks(parts: Sequence[Stretch], made: FlightModel) -> bool:
+def is_off_ticks(pieces: Sequence[Stretch], model: FlightModel) -> bool:
     """Tests whether time stamps of any stretch are off the regular ticks of the sample period."""
-    return any(thrust_course.is_off_ticks(part, made) for part in parts)
+    return any(thrust_course.is_off_ticks(piece, model) for piece in pieces)

@@ -60,14 +60,14 @@ def vehicle_names(scenario: Scenario) -> Names:
 
 
 def make_model(scenario: Scenario) -> FlightModel:
-    """Makes the flight model of the batch regression, prior and 1-sigma included, from filter settings."""
+    """Makes the flight model of the batch regression, with prior and 1-sigma, from a scenario's filter settings."""
     setup, vehicle = params.filter_setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
     n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
     mounting = thrust.mounting if joint else EXACT
-    of_others = setup.engine_sigmas.size, mounting.jets.size, setup.modes.sigmas.size, 2 * len(vehicle.tanks), 9
-    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + sum(of_others)
+    counts_of_others = setup.engine_sigmas.size, mounting.jets.size, setup.modes.sigmas.size, 2 * len(vehicle.tanks), 9
+    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + sum(counts_of_others)
     of_kinds = np.array([thrust.time_constants_s[thrust.kinds == kind].max(initial=0.0) for kind in range(n_kinds)])
     if joint:
         block = scenario.joint
@@ -79,11 +79,11 @@ def make_model(scenario: Scenario) -> FlightModel:
         of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
     prior = np.concatenate((setup.nominal, np.zeros(n_jets + n_kinds + n_others)))
     sigma = np.zeros_like(prior)
-    misread = setup.wheels.inertias * setup.wheels.speed_std  # moves the rate that is compared with a gyro's
-    turned = (misread * (np.linalg.inv(vehicle.nominal.inertia) @ setup.wheels.axes.T)) ** 2
-    of_wheels = float(turned.sum(axis=1).max())
+    momentum_std = setup.wheels.inertias * setup.wheels.speed_std  # moves the rate that is compared with a gyro's
+    rate_variances = (momentum_std * (np.linalg.inv(vehicle.nominal.inertia) @ setup.wheels.axes.T)) ** 2
+    of_wheels = float(rate_variances.sum(axis=1).max())
     variances = np.concatenate((setup.gyro_variances + of_wheels, setup.accelerometer_variances))
-    made = FlightModel(
+    model = FlightModel(
         period_s=setup.period_s,
         wrenches=thrust.wrenches,
         flows=thrust.flows,
@@ -106,7 +106,7 @@ def make_model(scenario: Scenario) -> FlightModel:
         mounting=mounting,
         modes=setup.modes,
     )
-    places = flight_model.columns(made)
+    places = flight_model.columns(model)
     sigma[places.properties] = _PRIOR * setup.widest
     sigma[places.thrust] = of_thrust
     sigma[places.lag] = of_lag
@@ -121,52 +121,52 @@ def make_model(scenario: Scenario) -> FlightModel:
     if (thrust.flows * (1.0 - fed)).any():  # one way, by as much as what drifts has become once so much has been used
         share = setup.nominal[9] / _DRIFTED
         sigma[places.shift] = np.sqrt(propellant_variances(scenario, setup.nominal)[:9] * share)
-    return made
+    return model
 
 
 def _random_walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
     """Computes random walks of rate and velocity, 1-sigma after 1 s: stated ones, and engine reading errors.
 
-    By so much a flight with engines may drift all through, though it does so as long as they burn alone.
+    A flight with engines may drift by this much all through, though it does so only while they burn.
     """
-    at = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
-    at[:, :, 0] = 1.0
+    full_burn = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
+    full_burn[:, :, 0] = 1.0
     full = engine_impulse(
-        Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines
+        Burn(full_burn, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines
     )
-    gathered = motion_sigma(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
+    walks = motion_sigma(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
     least = (setup.gyro_variances, setup.accelerometer_variances)
-    for place, variances in enumerate(least):
-        if gathered[place] * math.sqrt(_GATHERS_S) < math.sqrt(variances.min(initial=math.inf)):
-            gathered[place] = 0.0
-    rate, velocity = np.hypot((scenario.joint.rate_walk, scenario.joint.velocity_walk), gathered).tolist()
+    for index, variances in enumerate(least):
+        if walks[index] * math.sqrt(_GATHERS_S) < math.sqrt(variances.min(initial=math.inf)):
+            walks[index] = 0.0
+    rate, velocity = np.hypot((scenario.joint.rate_walk, scenario.joint.velocity_walk), walks).tolist()
     return rate, velocity
 
 
-def motion_sigma(noise: Array, body: MassProperties) -> Array:
+def motion_sigma(impulses: Array, body: MassProperties) -> Array:
     """Computes 1-sigma of a body's rate and velocity changes by independent impulses, largest axis, shape (2,).
 
     Args:
-        noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
+        impulses: about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
         body: its mass properties.
     """
-    moments = noise[:, :3] + np.cross(noise[:, 3:], body.center_of_mass)
+    moments = impulses[:, :3] + np.cross(impulses[:, 3:], body.center_of_mass)
     rates = np.linalg.solve(np.asarray(body.inertia), moments.T).T
-    return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, noise[:, 3:] / body.mass)])
+    return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, impulses[:, 3:] / body.mass)])
 
 
-def without_shifts(made: FlightModel) -> FlightModel:
+def without_shifts(model: FlightModel) -> FlightModel:
     """Returns the model with the systematic change of center of mass and inertia per propellant fixed to zero."""
-    sigma = made.sigma.copy()
-    sigma[flight_model.columns(made).shift] = 0.0
-    return made._replace(sigma=sigma)
+    sigma = model.sigma.copy()
+    sigma[flight_model.columns(model).shift] = 0.0
+    return model._replace(sigma=sigma)
 
 
-def propellant_variances(scenario: Scenario, at: Array) -> Array:
+def propellant_variances(scenario: Scenario, parameters: Array) -> Array:
     """Computes the ten parameters' variances per unit of propellant, (10,); 0 unless the filter adds them."""
     joint, vehicle = scenario.joint, scenario.vehicle_data
     fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)
     if scenario.estimation.filter != "joint" or (fed and vehicle.tank_geometry.feeds.sum(axis=0).all()):
         return np.zeros(10)
     fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
-    return propellant_drift(at, 1.0, fraction, vehicle.rms_arm)
+    return propellant_drift(parameters, 1.0, fraction, vehicle.rms_arm)

@@ -71,7 +71,7 @@ def read_summary(folder: Path) -> Summary:
 
 
 def _runs_like(folder: Path) -> str:
-    """Returns the end of a message that suggests a similar run or the command that makes it."""
+    """Returns a hint for messages: a similar run, or the command that makes one."""
     found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
     there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
@@ -146,6 +146,7 @@ class RunContent:
 
     @property
     def _n_rows(self) -> int:
+        """Number of samples."""
         return self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
 
     @cached_property
@@ -189,18 +190,13 @@ class RunContent:
             return self
         keys = (params.main_sensor(self.scenario),)
         rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
-        signals = pick_rows(self._rows, rows, leaving_out=_NOT_SHOWN)
+        signals = pick_rows(self._rows, rows, excluded=_NOT_SHOWN)
         thinned = type(self)(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         thinned.thinned = True
         return thinned
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
-        """Stores in the results the time and reason of an early end, or the reason why a part is missing.
-
-        Args:
-            error: what was raised.
-            early: whether before the end of the scenario or the record.
-        """
+        """Stores in the results the time and reason of an early end, or the reason why a part is missing."""
         why = in_words(error)
         if early:
             self.__dict__.pop("summary", None)
@@ -209,7 +205,7 @@ class RunContent:
             self.note_missing(why)
 
     def note_missing(self, part: str) -> None:
-        """Adds to the results a line on a part of the output that is missing, with the reason."""
+        """Adds to the results a line on a missing part of the output, with the reason."""
         self.__dict__.pop("summary", None)
         self.results = replace(self.results, missing=(*self.results.missing, part))
 
@@ -254,17 +250,17 @@ class RunContent:
         named = [sensor.name for sensor in tracked if sensor.name in self.signals]
         recorded = "gap" in self.signals
         optional = [name for name in ("gap", "outside_wrench", "command_onset") if name in self.signals]
-        left = self._n_rows
+        rows_left = self._n_rows
         for block in blocks(self._rows, "time_s", "command", *sensors, *named, *optional):
-            left -= block["time_s"].size
+            rows_left -= block["time_s"].size
             commands, readings = block["command"], {name: block[name] for name in sensors}
-            if not (recorded or left):
+            if not (recorded or rows_left):
                 commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
-            there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
+            is_present = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
             unread = (np.full((len(commands), len(sensor.columns)), np.nan) for sensor in tracked)
-            read = [block.get(one.name, none) for one, none in zip(tracked, unread, strict=True)]
+            read = [block.get(sensor_read.name, none) for sensor_read, none in zip(tracked, unread, strict=True)]
             followed = np.hstack(read) if read else None
-            more = block.get("outside_wrench"), there, followed, block.get("command_onset")
+            more = block.get("outside_wrench"), is_present, followed, block.get("command_onset")
             yield rows.Rows(block["time_s"], readings, commands, *more)
 
     def write_history(self, path: Path) -> None:

@@ -21,6 +21,8 @@ _LEVEL = 1  # of compression: signals are mostly constant, so a higher level cos
 
 
 class _Piece(NamedTuple):
+    """Place of a compressed piece of a signal in the file, bytes, and the shape of its array."""
+
     offset: int
     size: int
     shape: tuple[int, ...]
@@ -175,12 +177,14 @@ class Spool(Mapping[str, Array]):
         self._waiting = [rest] if self._n_waiting else []
 
     def _create_file(self) -> IO[bytes]:
+        """Creates the unnamed temporary file; InputError where it cannot."""
         try:
             return tempfile.TemporaryFile(dir=self._folder)
         except OSError as error:
             raise self._make_write_error(error) from None
 
     def _make_write_error(self, error: OSError) -> InputError:
+        """Makes the error for a folder that cannot be written."""
         return InputError(f"{self._folder or tempfile.gettempdir()}: cannot be written: {error.strerror}")
 
     def blocks(self, *names: str) -> Iterator[dict[str, Array]]:
@@ -211,13 +215,7 @@ def blocks(signals: Mapping[str, Array], *names: str) -> Iterator[Mapping[str, A
 
 
 def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str, Any]) -> None:
-    """Writes signals, and their description as JSON, as a compressed NPZ file, block by block.
-
-    Args:
-        path: of the archive.
-        signals: by name.
-        description: of each signal, stored as JSON under `_description`.
-    """
+    """Writes signals, and their description as JSON, as a compressed NPZ file, block by block."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
         for name in signals.names if isinstance(signals, Spool) else signals:
             _write_member(archive, name, blocks(signals, name), _shape(signals, name))
@@ -228,24 +226,25 @@ def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str
 
 def _archive_entry(name: str) -> zipfile.ZipInfo:
     """Makes the header of a signal's member in an NPZ file, without a date so that bytes repeat."""
-    member = zipfile.ZipInfo(f"{name}.npy")  # without a date, so the same bytes each time
+    member = zipfile.ZipInfo(f"{name}.npy")
     member.compress_type = zipfile.ZIP_DEFLATED
     member.external_attr = 0o644 << 16
     return member
 
 
 def _shape(signals: Mapping[str, Array], name: str) -> tuple[int, ...]:
+    """Returns the shape of a signal, (n_samples, components), without reading all of it."""
     if isinstance(signals, Spool):
         return (signals.n_rows, *next(signals.blocks(name))[name].shape[1:])
     return signals[name].shape
 
 
 def _write_member(
-    archive: zipfile.ZipFile, name: str, parts: Iterator[Mapping[str, Array]], shape: tuple[int, ...]
+    archive: zipfile.ZipFile, name: str, row_blocks: Iterator[Mapping[str, Array]], shape: tuple[int, ...]
 ) -> None:
     """Writes blocks of one signal as a member of an NPZ file, its total shape known before."""
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
     with archive.open(_archive_entry(name), "w", force_zip64=True) as file:
         np.lib.format.write_array_header_1_0(file, header)
-        for part in parts:
-            file.write(np.ascontiguousarray(part[name], dtype="<f8").tobytes())
+        for block in row_blocks:
+            file.write(np.ascontiguousarray(block[name], dtype="<f8").tobytes())

@@ -68,36 +68,34 @@ def _parse_finite(text: str) -> float:
     return value
 
 
-def reduce_to_storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
-    """Replaces NaN and infinity in JSON content by None, and drops list records that cannot do without.
-
-    A record in a list that cannot be without such a number is left out.
+def reduce_to_storable(content: Any, schema: type[BaseModel], parts_made: PartsMade) -> Any:
+    """Replaces NaN and infinity in JSON content by None, and drops records in lists that then fail the schema.
 
     Args:
-        content: as it is to be stored.
+        content: to store.
         schema: of the file.
-        parts: is told each such number.
+        parts_made: notes the key of each such number.
     """
-    kept = _replace_infinite(content, (), parts)
-    if not parts.missing:
+    kept = _replace_infinite(content, (), parts_made)
+    if not parts_made.missing:
         return kept
     try:
         schema.model_validate(kept)
     except ValidationError as error:
-        places = {place[:2] for place in (one["loc"] for one in error.errors()) if len(place) > 1}
-        for name, index in sorted((place for place in places if isinstance(place[1], int)), reverse=True):
+        locations = {location[:2] for location in (problem["loc"] for problem in error.errors()) if len(location) > 1}
+        for name, index in sorted((location for location in locations if isinstance(location[1], int)), reverse=True):
             del kept[name][index]
     return kept
 
 
-def _replace_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
+def _replace_infinite(content: Any, path: tuple[str | int, ...], parts_made: PartsMade) -> Any:
     """Replaces NaN and infinity by None at any depth; notes the key of each as a missing part."""
     if isinstance(content, Mapping):
-        return {key: _replace_infinite(value, (*path, key), parts) for key, value in content.items()}
+        return {key: _replace_infinite(value, (*path, key), parts_made) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [_replace_infinite(value, (*path, index), parts) for index, value in enumerate(content)]
+        return [_replace_infinite(value, (*path, index), parts_made) for index, value in enumerate(content)]
     if isinstance(content, float) and not math.isfinite(content):
-        parts.note(dotted(path), ArithmeticError("is no finite number"))
+        parts_made.note(dotted(path), ArithmeticError("is no finite number"))
         return None
     return content
 
@@ -134,6 +132,7 @@ class EstimatorState(Model):
 
     @model_validator(mode="after")
     def _require_origin(self) -> EstimatorState:
+        """Checks that a state of format 2 names its vehicle and settings."""
         if self.format > 1 and self.made_with is None:
             raise ValueError("has no 'made_with': nothing says which vehicle and settings it is of")
         return self
@@ -159,12 +158,14 @@ class FilterState(EstimatorState):
     @field_validator("recent_s")
     @classmethod
     def _require_increasing_times(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        """Checks that sample times increase."""
         if any(later <= earlier for earlier, later in pairwise(value)):
             raise ValueError("must go forward")
         return value
 
     @model_validator(mode="after")
     def _require_matching_counts_and_end(self) -> FilterState:
+        """Checks that counts are given for each jet, and that the recent times end at the state's."""
         jets = len(self.command)
         if self.commanded and [len(row) for row in self.commanded] != [jets, jets]:
             raise ValueError(f"commanded: must be two counts for each of {jets} jets")
@@ -197,21 +198,21 @@ def _settings(scenario: Scenario) -> dict[str, Any]:
 def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) -> None:
     """Checks that a saved state is of this vehicle and of these estimator settings.
 
-    One of format 1 does not say; that is told in a warning, once more.
+    A state of format 1 does not say; a warning tells so.
 
     Args:
         state: as saved.
         scenario: to go on with.
-        source: where the state comes from, for messages.
+        source: of the state, for messages.
 
     Raises:
-        InputError: when it is of others; the message says of which, and what differs.
+        InputError: when it is of others; the message says what differs.
     """
-    vehicle, made = scenario.vehicle_data, state.made_with
+    vehicle, origin = scenario.vehicle_data, state.made_with
     n_jets = len(vehicle.jets)
-    if made is not None and made.vehicle_sha256 != digest(vehicle):
+    if origin is not None and origin.vehicle_sha256 != digest(vehicle):
         raise InputError(
-            f"{source}: is of vehicle '{made.vehicle}' with the digest {made.vehicle_sha256[:12]}, and "
+            f"{source}: is of vehicle '{origin.vehicle}' with the digest {origin.vehicle_sha256[:12]}, and "
             f"'{vehicle.name}' here has {digest(vehicle)[:12]}; go on with the vehicle of that run"
         )
     if len(state.command) != n_jets or len(state.command_onset or state.command) != n_jets:
@@ -219,7 +220,7 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
             f"{source}: is of a vehicle with {len(state.command)} jets, and '{vehicle.name}' has {n_jets}; go on with "
             "the vehicle of that run"
         )
-    if made is None:
+    if origin is None:
         warnings.warn(
             f"{source}: is of format 1, of version 0.2 or earlier, which does not say of which vehicle and settings: "
             "these here are taken for them; version 0.4 will refuse it",
@@ -228,10 +229,10 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
         )
         return
     here = _settings(scenario)
-    if made.settings == here:
+    if origin.settings == here:
         return
-    there = validate_data(Scenario, made.settings, source=f"{source}: made_with.settings")  # with what is new since
-    differences = list(_changed_settings(_settings(there), here))
+    stored = validate_data(Scenario, origin.settings, source=f"{source}: made_with.settings")  # with what is new since
+    differences = list(_changed_settings(_settings(stored), here))
     if differences:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise InputError(
@@ -239,13 +240,13 @@ def require_same_origin(state: EstimatorState, scenario: Scenario, source: str) 
         )
 
 
-def _changed_settings(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
+def _changed_settings(old: Any, new: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
     """Yields "key was old and is new" in words for each setting that differs, keys dotted."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key in dict.fromkeys([*here, *there]):
-            yield from _changed_settings(there.get(key), here.get(key), (*path, key))
-    elif there != here:
-        yield f"{dotted(path)} was {reprlib.repr(there)} and is {reprlib.repr(here)}"
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys([*new, *old]):
+            yield from _changed_settings(old.get(key), new.get(key), (*path, key))
+    elif old != new:
+        yield f"{dotted(path)} was {reprlib.repr(old)} and is {reprlib.repr(new)}"
 
 
 # ---------------------------------------------------------------------------------------- histories
@@ -268,7 +269,7 @@ _AT_ONCE = 2**20  # bytes
 
 
 def read_history(
-    path: Path, vehicle: Vehicle, *, joints: int = 0, whole: bool = True
+    path: Path, vehicle: Vehicle, *, joints: int = 0, is_complete: bool = True
 ) -> tuple[Array, dict[str, Array]]:
     """Reads sample times and signals of a run from `history.npz`, with their shapes checked.
 
@@ -278,7 +279,7 @@ def read_history(
         path: of `history.npz`.
         vehicle: whose sensors and jets they are of.
         joints: number of positions that its joints have.
-        whole: whether the run came to its end; numbers of one that did not may be anything.
+        is_complete: whether the run came to its end; else its numbers are not checked.
 
     Returns:
         Sample times, s, shape (n,), and the signals by name, shape (n, components).
@@ -301,7 +302,7 @@ def read_history(
         raise InputError(f"{path}: is too large for the memory of this machine") from None
     except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: holds no signals that can be read: {error}") from None
-    if whole:
+    if is_complete:
         _require_sound(path, time_s, signals, vehicle)
     return time_s, signals
 
@@ -315,7 +316,7 @@ def _require_groups(names: set[str], vehicle: Vehicle) -> None:
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int | None) -> Array:
-    """Reads one array of an NPZ file, (n,) or (n, columns); raises ValueError for another type or shape.
+    """Reads one array of an NPZ file, shape (n,) or (n, columns).
 
     Args:
         archive: to read from.

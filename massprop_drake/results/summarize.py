@@ -49,20 +49,20 @@ Array = NDArray[np.float64]
 def summarize(
     scenario: Scenario,
     signals: Spool,
-    found: Findings,
+    findings: Findings,
     covariance: Array,
     timing: RunTiming,
-    parts: PartsMade,
+    parts_made: PartsMade,
 ) -> Summary:
     """Makes a simulated run's summary, without the batch analysis, which `add_batch_analysis` adds.
 
     Args:
         scenario: as run.
         signals: all of them, by name, with `time_s`.
-        found: what the detector made of it.
+        findings: of the detector.
         covariance: of the ten estimates at the end, shape (10, 10).
-        timing: how long it took.
-        parts: makes what may fail.
+        timing: of the run.
+        parts_made: makes the parts that may fail.
     """
     estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
     truth = _final_truth(scenario, signals)
@@ -73,16 +73,16 @@ def summarize(
         deviation=deviation,
         covariance=covariance,
         truth=truth,
-        found=found,
-        consistency=parts.make(
+        findings=findings,
+        consistency=parts_made.make(
             "consistency",
-            lambda: _judge_run(signals, estimate, deviation, truth, found.detections),
+            lambda: _judge_run(signals, estimate, deviation, truth, findings.detections),
             Consistency(None, None, 0, TOO_LITTLE),
         ),
         bound=None,
-        autopilot=parts.make("autopilot", lambda: _autopilot_summary(scenario, signals), AutopilotSummary(0, 0.0)),
+        autopilot=parts_made.make("autopilot", lambda: _autopilot_summary(scenario, signals), AutopilotSummary(0, 0.0)),
         timing=timing,
-        injected=parts.make("injected", lambda: injected_outcomes(scenario, signals, found.detections), None)
+        injected=parts_made.make("injected", lambda: injected_outcomes(scenario, signals, findings.detections), None)
         if "thrust" in signals
         else None,
     )
@@ -91,7 +91,7 @@ def summarize(
 def _final_truth(scenario: Scenario, signals: Spool) -> Array:
     """Returns the true ten parameters at the end, NaN where unknown, shape (10,).
 
-    Where the estimators are told of parts that swing, and follow them, those at the start, when a model's parts rest.
+    Where the estimators track swinging parts, those at the start, when a model's parts rest.
     """
     if "truth" not in signals:
         return np.full(10, np.nan)
@@ -155,13 +155,13 @@ def _judge_run(
     estimate: Array,
     deviation: Array,
     truth: Array,
-    found: Sequence[DetectionRecord],
+    detections: Sequence[DetectionRecord],
     diagnoses: Sequence[Diagnosis] = (),
 ) -> Consistency:
     """Judges a run's consistency by both filters' NIS, and by parameter errors over 1-sigma where known."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
-    rotation, mass = (_tally_nis(signals, name, found) for name in ("rotation", "mass"))
+    rotation, mass = (_tally_nis(signals, name, detections) for name in ("rotation", "mass"))
     return judge_consistency(rotation, mass, ratios, SYMBOLS, diagnoses)
 
 
@@ -173,7 +173,7 @@ def compose_summary(
     deviation: Array,
     covariance: Array,
     truth: Array,
-    found: Findings,
+    findings: Findings,
     consistency: Consistency,
     bound: Array | None,
     autopilot: AutopilotSummary,
@@ -192,18 +192,18 @@ def compose_summary(
         estimate, deviation: of the ten parameters at the end, shape (10,).
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
-        found: what the detector made of it.
+        findings: of the detector.
         bound: least 1-sigma that the run allows for rounding taken as noise, NaN where not known, shape (10,); None:
-            what is identified will be said later.
+            identifiability is added later.
         consistency, autopilot, timing: taken as they are.
-        telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
-        injected: of a simulated run, what became of its failures and jumps.
-        losses: what could not be read of a record.
+        telemetry, telemetry_sha256, data_quality: name, digest and quality of a record.
+        injected: outcomes of the failures and jumps of a simulated run.
+        losses: unreadable parts of a record.
     """
     vehicle = scenario.vehicle_data
     known = params.known_parameters(scenario)
-    certain = covariance.copy()  # what is not estimated is taken for known
-    certain[known], certain[:, known] = 0.0, 0.0
+    reduced = covariance.copy()  # what is not estimated is taken for known
+    reduced[known], reduced[:, known] = 0.0, 0.0
     return Summary(
         version=version("massprop-drake"),
         scenario=scenario.name,
@@ -214,10 +214,10 @@ def compose_summary(
         estimates=estimate,
         standard_deviations=deviation,
         covariance=covariance,
-        derived=mass_properties.derive_mass_and_inertia(estimate, certain),
+        derived=mass_properties.derive_mass_and_inertia(estimate, reduced),
         truth=truth,
         percent_error=mass_properties.percent_error(estimate, truth),
-        detections=found.detections,
+        detections=findings.detections,
         consistency=consistency,
         autopilot=autopilot,
         provenance=Provenance(
@@ -233,12 +233,12 @@ def compose_summary(
         data_quality=data_quality,
         injected=injected,
         identifiability=() if bound is None else classify_parameters(scenario, estimate, covariance, bound),
-        events=found.events,
-        unconfirmed=found.unconfirmed,
-        untested=found.untested,
-        fault_probability=found.fault_probability,
+        events=findings.events,
+        unconfirmed=findings.unconfirmed,
+        untested=findings.untested,
+        fault_probability=findings.fault_probability,
         completeness=completeness(losses),
-        completeness_detail=tuple(one.text for one in losses),
+        completeness_detail=tuple(loss.text for loss in losses),
     )
 
 
@@ -277,59 +277,59 @@ def _count_run_firings(signals: Spool) -> int:
     return count - count_firings(before[None], earlier)
 
 
-def _tally_nis(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """Counts a filter's NIS over a run, in one sum however stored; explained samples are no faults."""
+def _tally_nis(signals: Spool, filter_name: str, detections: Sequence[DetectionRecord]) -> Tally:
+    """Tallies the NIS of a filter over a run; samples that declarations explain are no faults."""
     tally = Tally()
-    if f"{name}_nis" in signals:
-        parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
+    if f"{filter_name}_nis" in signals:
+        parts = [used_nis(filter_name, block) for block in blocks(signals, *_nis_signals(filter_name, signals))]
         tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    return exclude_explained(tally, signals, name, found)
+    return exclude_explained(tally, signals, filter_name, detections)
 
 
-def _nis_signals(name: str, signals: Spool) -> list[str]:
+def _nis_signals(filter_name: str, signals: Spool) -> list[str]:
     """Lists the names of a filter's signals for `used_nis`: NIS, use, and components if logged."""
-    return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
+    return [one for one in (f"{filter_name}_nis", f"{filter_name}_used", COMPONENTS[filter_name]) if one in signals]
 
 
-def exclude_explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
+def exclude_explained(tally: Tally, signals: Spool, filter_name: str, detections: Sequence[DetectionRecord]) -> Tally:
     """Excludes samples that later declarations explain from a filter's NIS tally, and returns it.
 
-    Where hypotheses are followed it is the tally of the likeliest history in hindsight. Of other detectors those
-    samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
+    Where hypotheses are followed it is the tally of the likeliest history in hindsight. Other detectors explain the
+    samples between an onset and its declaration, of a payload or of a jet named alone, if it is not withdrawn.
 
     Args:
         tally: of all samples.
         signals: of the run.
-        name: see `used_nis`.
-        found: what was declared; what was withdrawn explains nothing.
+        filter_name: see `used_nis`.
+        detections: declared in the run.
     """
-    if f"{name}_nis" not in signals:
+    if f"{filter_name}_nis" not in signals:
         return tally
     if gives_probabilities(signals):
-        return _tally_likeliest_history(tally, signals, name)
-    named = [one for one in found if one.kind == JUMP or one.isolated_to == "jet"]
+        return _tally_likeliest_history(tally, signals, filter_name)
+    named = [one for one in detections if one.kind == JUMP or one.isolated_to == "jet"]
     spans = [(one.onset_s, one.time_s) for one in named if one.withdrawn_s is None]
     if spans:
-        names, parts = _nis_signals(name, signals), []
+        names, parts = _nis_signals(filter_name, signals), []
         for block in blocks(signals, "time_s", *names):
             within = np.zeros(block["time_s"].shape[0], dtype=np.bool_)
             for onset_s, declared_s in spans:
                 within |= (block["time_s"] > onset_s) & (block["time_s"] <= declared_s)
-            parts.append(used_nis(name, {one: block[one][within] for one in names}))
+            parts.append(used_nis(filter_name, {one: block[one][within] for one in names}))
         tally.exclude_from_faults(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     return tally
 
 
-def _tally_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
-    """Counts NIS by the likeliest history in hindsight; returns the tally itself if there was no fork."""
-    names = ("time_s", *_nis_signals(name, signals), *fork_signals(name))
+def _tally_likeliest_history(tally: Tally, signals: Spool, filter_name: str) -> Tally:
+    """Tallies the NIS of the likeliest history in hindsight; returns the given tally if there was no fork."""
+    names = ("time_s", *_nis_signals(filter_name, signals), *fork_signals(filter_name))
     columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
-    found = find_forks(name, columns)
-    if not found.rows.size:
+    forks = find_forks(filter_name, columns)
+    if not forks.rows.size:
         return tally
-    judged_by = Tally()
-    judged_by.add_innovations(likeliest_innovations(innovations(name, columns), columns["time_s"], found))
-    return judged_by
+    likeliest = Tally()
+    likeliest.add_innovations(likeliest_innovations(innovations(filter_name, columns), columns["time_s"], forks))
+    return likeliest
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
@@ -338,8 +338,8 @@ def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
         return {}
     state = signals.last("out_of_use")
     return {
-        name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == wanted]
-        for name, wanted in (("jets_out_of_use", 1.0), ("jets_left_in", -1.0))
+        name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == code]
+        for name, code in (("jets_out_of_use", 1.0), ("jets_left_in", -1.0))
     }
 
 

@@ -55,7 +55,7 @@ class Parameter(NamedTuple):
 
     @property
     def percent_deviation(self) -> float:
-        """The 1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
+        """1-sigma in percent of the estimate; NaN where estimate or a known truth is about zero."""
         if not self.estimate or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
             return math.nan
         return 100.0 * self.standard_deviation / abs(self.estimate)
@@ -71,7 +71,7 @@ class NearZeroParameter(Parameter):
 
     @property
     def percent_deviation(self) -> float:
-        """NaN."""
+        """NaN: no percentage refers to an estimate of about zero."""
         return math.nan
 
 
@@ -80,7 +80,7 @@ class Findings(NamedTuple):
 
     Attributes:
         detections: failures and jumps in the order they were declared.
-        events: all that it said, in the order it was said.
+        events: all events, in the order they were declared.
         unconfirmed: what it suspected and never declared.
         untested: jets of which nothing could have shown that they do not fire.
         fault_probability: of each jet at the end; None of a detector that gives none.
@@ -228,10 +228,7 @@ class Summary:
 
     @cached_property
     def nearest_possible(self) -> Array | None:
-        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates can be.
-
-        None where the estimates are possible, or there is none; see `maths.possible_inertia.nearest_possible`.
-        """
+        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates are, or none is."""
         known = np.isfinite(self.estimates[:N_ROTATION]).all() and np.isfinite(self.covariance[:6, :6]).all()
         if self.derived.physically_possible or not known:
             return None
@@ -246,7 +243,7 @@ class Summary:
     def above_bound(self) -> str:
         """Range of 1-sigma over the Cramér-Rao bound in words; "" where that is not known."""
         deviations = self.standard_deviations.tolist()
-        return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
+        return bound_in_words(deviations, self.identifiability, SYMBOLS, has_failed=self.has_failed)
 
     @property
     def impossible(self) -> str:
@@ -312,11 +309,11 @@ class Summary:
     def from_json(content: Any, source: str = "the summary") -> Summary:
         """Makes a summary from content of `summary.json`, of this or an earlier version.
 
-        What an earlier version did not write yet has its default; keys that are not known are left out.
+        Entries that an earlier version did not write have their default; unknown keys are left out.
 
         Args:
             content: as JSON has it.
-            source: what to call it in messages.
+            source: its name in messages.
 
         Raises:
             InputError: when it is no summary; the message names each field that is wrong.
@@ -339,14 +336,18 @@ _Maybe3 = tuple[_Maybe, _Maybe, _Maybe]
 _Maybe10 = tuple[_Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe]
 
 
-def _drop_unknown_keys(kind: Any) -> BeforeValidator:
-    """Makes a validator that drops stored keys the named tuple has no field for."""
+def _drop_unknown_keys(record_type: Any) -> BeforeValidator:
+    """Makes a validator that drops stored keys for which a named tuple has no field."""
 
-    def known(content: Any) -> Any:
-        """Returns a dict without keys that are no fields of the named tuple; anything else as it is."""
-        return {key: content[key] for key in kind._fields if key in content} if isinstance(content, dict) else content
+    def keep_fields(content: Any) -> Any:
+        """Returns a dict without keys that are no fields of the named tuple; other content unchanged."""
+        return (
+            {key: content[key] for key in record_type._fields if key in content}
+            if isinstance(content, dict)
+            else content
+        )
 
-    return BeforeValidator(known)
+    return BeforeValidator(keep_fields)
 
 
 class _Stored(Model):
@@ -413,6 +414,7 @@ class SummaryFile(_Stored):
     @field_validator("data_quality")
     @classmethod
     def _require_text_lists(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Checks that the information and the warnings on data quality are lists of text."""
         for key in ("information", "warnings"):
             told = [] if value is None else value.get(key, [])
             if not (isinstance(told, list) and all(isinstance(text, str) for text in told)):

@@ -71,58 +71,55 @@ class Sheet(NamedTuple):
     words: tuple[str, ...] = ("parameter", "unit")
 
 
-def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[Sheet, Sheet]:
-    """Makes two tables: mass, center of mass and inertia; inverse inertia and 1/m, bounds where known.
-
-    Args: as `parameter_rows`.
-    """
-    first, rest = property_rows(results, units, truth=truth)
+def parameter_sheets(results: Summary, units: Mapping[str, str], *, with_truth: bool = True) -> tuple[Sheet, Sheet]:
+    """Makes two tables: of mass, center of mass and inertia; of inverse inertia and 1/m, with known bounds."""
+    first, rest = property_rows(results, units, with_truth=with_truth)
     bounded = any(row.bound != "-" for row in rest)
-    return _make_sheet(first, truth, bounded=False), _make_sheet(rest, truth, bounded=bounded)
+    return _make_sheet(first, with_truth, with_bound=False), _make_sheet(rest, with_truth, with_bound=bounded)
 
 
-def _make_sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
-    """Arranges rows as a table, with columns of true value and error, and of the least 1-sigma, where asked."""
+def _make_sheet(rows: list[Row], with_truth: bool, *, with_bound: bool) -> Sheet:
+    """Arranges rows as a table, with or without columns of true value and error, and of the least 1-sigma."""
     columns = {
         "symbol": "parameter",
         "unit": "unit",
         "estimate": "estimate",
-        **({"truth": "truth", "error": "error %"} if truth else {}),
+        **({"truth": "truth", "error": "error %"} if with_truth else {}),
         "sigma": "1-sigma",
         "percent": "1-sigma %",
-        **({"inside": IN_THREE_SIGMA} if truth else {}),
+        **({"inside": IN_THREE_SIGMA} if with_truth else {}),
         "flag": KNOWN,
-        **({"bound": LEAST_SIGMA} if bounded else {}),
+        **({"bound": LEAST_SIGMA} if with_bound else {}),
     }
     cells = [tuple(getattr(row, name) for name in columns) for row in rows]
     return Sheet(tuple(columns.values()), cells, ("parameter", "unit", IN_THREE_SIGMA, KNOWN))
 
 
-def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
+def parameter_rows(results: Summary, units: Mapping[str, str], *, with_truth: bool = True) -> list[Row]:
     """Formats the ten parameters as table rows: estimate, truth, error, 1-sigma and identifiability flag.
 
     Args:
         results: of a run.
         units: of the vehicle, as `Vehicle.unit_names`.
-        truth: whether it is known at all.
+        with_truth: whether any true value is known.
     """
-    told = {entry.parameter: entry for entry in results.identifiability}
+    entries = {entry.parameter: entry for entry in results.identifiability}
     rows = []
-    for symbol, unit, one in zip(SYMBOLS, mass_property_units(dict(units)), results.parameters, strict=True):
-        entry = told.get(one.name)
+    for symbol, unit, parameter in zip(SYMBOLS, mass_property_units(dict(units)), results.parameters, strict=True):
+        entry = entries.get(parameter.name)
         flag, bound = ("", None) if entry is None else (entry.flag, entry.bound)
-        if math.isnan(one.estimate):
-            power = _power_of_ten(one.truth if truth else math.nan)
-            true = _format_scaled(one.truth, math.nan, power)
+        if math.isnan(parameter.estimate):
+            power = _power_of_ten(parameter.truth if with_truth else math.nan)
+            true = _format_scaled(parameter.truth, math.nan, power)
             row = Row(symbol, _unit_with_power(unit, power), "not observable", true, "-", "-", "-")
         else:
-            row = _parameter_row(symbol, unit, one)
-            inside = "yes" if one.within_three_sigma else "no"
+            row = _parameter_row(symbol, unit, parameter)
+            inside = "yes" if parameter.within_three_sigma else "no"
             if flag == Flag.FIXED:
                 inside, row = "fixed", row._replace(error="-")
             row = row._replace(inside="not excited" if flag == "not_excited" and inside == "yes" else inside)
             if bound is not None:
-                power = _power_of_ten(_larger_magnitude(one), one.truth)
+                power = _power_of_ten(_larger_magnitude(parameter), parameter.truth)
                 row = row._replace(bound=_format_scaled(bound, bound, power))
         rows.append(row._replace(flag=flag.replace("_", " ")))
     return rows
@@ -130,24 +127,23 @@ def parameter_rows(results: Summary, units: Mapping[str, str], *, truth: bool = 
 
 def derived_rows(results: Summary, units: Mapping[str, str]) -> list[Row]:
     """Formats mass and the elements of inertia, derived from the estimates, as table rows."""
-    found, true = results.derived, mass_properties.derive_mass_and_inertia(results.truth, np.zeros((10, 10)))
-    rows = [_derived_row("m", units["mass"], (found.mass, found.mass_std, true.mass))]
-    if found.inertia is not None and found.inertia_std is not None:
+    derived, true = results.derived, mass_properties.derive_mass_and_inertia(results.truth, np.zeros((10, 10)))
+    rows = [_derived_row("m", units["mass"], (derived.mass, derived.mass_std, true.mass))]
+    if derived.inertia is not None and derived.inertia_std is not None:
         unit = f"{units['mass']}-{units['length']}^2"
         unknown = np.full((3, 3), np.nan) if true.inertia is None else true.inertia
-        columns = [six_elements(matrix) for matrix in (found.inertia, found.inertia_std, unknown)]
+        columns = [six_elements(matrix) for matrix in (derived.inertia, derived.inertia_std, unknown)]
         floors = [np.append(np.zeros(3), product_floors(columns[number][:3])) for number in (0, 2)]
         for name, values, least in zip(_INERTIA, np.transpose(columns), np.transpose(floors), strict=True):
             rows.append(_derived_row(name, unit, tuple(values.tolist()), tuple(least.tolist())))
     return rows
 
 
-def property_rows(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
-    """Returns table rows of mass, center of mass and inertia, and those of inverse inertia and 1/m.
-
-    Args: as `parameter_rows`.
-    """
-    ten, (mass, *inertia) = parameter_rows(results, units, truth=truth), derived_rows(results, units)
+def property_rows(
+    results: Summary, units: Mapping[str, str], *, with_truth: bool = True
+) -> tuple[list[Row], list[Row]]:
+    """Returns the rows of mass, center of mass and inertia, and those of inverse inertia and 1/m."""
+    ten, (mass, *inertia) = parameter_rows(results, units, with_truth=with_truth), derived_rows(results, units)
     elements, reciprocal = ten[INVERSE_INERTIA], ten[MASS_RECIPROCAL]
     unsure = [row.flag for row in elements if row.flag != Flag.IDENTIFIED] or [row.flag for row in elements]
     first = [mass._replace(inside=reciprocal.inside, flag=reciprocal.flag), *ten[CENTER_OF_MASS]]
@@ -166,7 +162,7 @@ def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
     rows: list[tuple[str, ...]] = []
     assert results.intervals is not None
     columns = zip(SYMBOLS, mass_property_units(dict(units)), results.intervals.pairs, results.parameters, strict=True)
-    for symbol, unit, pair, one in columns:
+    for symbol, unit, pair, parameter in columns:
         if pair is None:
             rows.append((symbol, unit, "-", "-", "-", "-"))
             continue
@@ -176,16 +172,16 @@ def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
         step = 10.0 ** (power - digits)
         ends = (math.floor(low / step), round(0.5 * (low + high) / step), math.ceil(high / step))
         texts = [f"{end / 10.0**digits:.{digits}f}" for end in ends]
-        inside = "-" if math.isnan(one.estimate) else "yes" if low <= one.estimate <= high else "no"
+        inside = "-" if math.isnan(parameter.estimate) else "yes" if low <= parameter.estimate <= high else "no"
         rows.append((symbol, _unit_with_power(unit, power), *texts, inside))
     inside = "estimate\ninside"
     return Sheet(("parameter", "unit", "low", "middle", "high", inside), rows, ("parameter", "unit", inside))
 
 
-def residual_sheet(found: Against) -> Sheet:
-    """Makes the table of readings minus simulated ones: RMS, largest, its time and noise by signal."""
+def residual_sheet(comparison: Against) -> Sheet:
+    """Makes the table of readings minus simulated ones, by signal: RMS, largest value, its time, and noise."""
     rows: list[tuple[str, ...]] = []
-    for one in found.residuals:
+    for one in comparison.residuals:
         power = _power_of_ten(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
         size, largest, noise = (
             "-" if value is None else f"{value / 10.0**power:.4g}" for value in (one.rms, one.largest, one.noise)
@@ -196,15 +192,15 @@ def residual_sheet(found: Against) -> Sheet:
     return Sheet(headings, rows, ("signal", "unit"))
 
 
-def cause_sheet(found: Against) -> Sheet:
+def cause_sheet(comparison: Against) -> Sheet:
     """Makes the table of unknowns that explain differences: size, 1-sigma, share alone and with those above."""
     rows: list[tuple[str, ...]] = []
-    for one in found.causes:
-        power = _power_of_ten(one.size)
-        size, deviation = (_format_scaled(value, one.size_std, power) for value in (one.size, one.size_std))
-        sign = "+" if one.size >= 0.0 else ""
-        shares = (f"{100.0 * share:.1f} %" for share in (one.alone, one.together))
-        rows.append((one.what, f"{sign}{size} ± {deviation}", _unit_with_power(one.unit, power), *shares))
+    for cause in comparison.causes:
+        power = _power_of_ten(cause.size)
+        size, deviation = (_format_scaled(value, cause.size_std, power) for value in (cause.size, cause.size_std))
+        sign = "+" if cause.size >= 0.0 else ""
+        shares = (f"{100.0 * share:.1f} %" for share in (cause.alone, cause.together))
+        rows.append((cause.what, f"{sign}{size} ± {deviation}", _unit_with_power(cause.unit, power), *shares))
     headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
     return Sheet(headings, rows, ("cause", "unit"))
 
@@ -212,30 +208,30 @@ def cause_sheet(found: Against) -> Sheet:
 def _derived_row(
     name: str, unit: str, numbers: tuple[float | None, ...], floors: tuple[float, ...] = (0.0, 0.0)
 ) -> Row:
-    """Formats a derived (value, 1-sigma, truth) as a row; `floors`: below them value and truth count as zero."""
-    known, deviation, true = (math.nan if one is None else one for one in numbers)
+    """Formats a derived (value, 1-sigma, truth) as a row; value and truth below their floors count as zero."""
+    value, deviation, true = (math.nan if parameter is None else parameter for parameter in numbers)
     fixed = deviation == 0.0
-    error = 100.0 * (known - true) / abs(true) if abs(true) > floors[1] and not fixed else math.nan
-    kind = NearZeroParameter if abs(known) <= floors[0] else Parameter
-    one = kind(name, known, math.nan if fixed else deviation, true, error)
-    row = _parameter_row(name, unit, one)
+    error = 100.0 * (value - true) / abs(true) if abs(true) > floors[1] and not fixed else math.nan
+    kind = NearZeroParameter if abs(value) <= floors[0] else Parameter
+    parameter = kind(name, value, math.nan if fixed else deviation, true, error)
+    row = _parameter_row(name, unit, parameter)
     if fixed:
         return row._replace(inside="fixed")
-    return row if math.isnan(true - known) else row._replace(inside="yes" if one.within_three_sigma else "no")
+    return row if math.isnan(true - value) else row._replace(inside="yes" if parameter.within_three_sigma else "no")
 
 
-def _parameter_row(symbol: str, unit: str, one: Parameter) -> Row:
+def _parameter_row(symbol: str, unit: str, parameter: Parameter) -> Row:
     """Formats estimate, truth, error and 1-sigma of a parameter as a row, with one power of ten."""
-    power = _power_of_ten(_larger_magnitude(one), one.truth)
-    numbers = (one.estimate, one.truth, one.standard_deviation)
-    estimate, truth, sigma = (_format_scaled(number, one.standard_deviation, power) for number in numbers)
-    error, percent = _format_percent(one.percent_error, "+"), _format_percent(one.percent_deviation)
+    power = _power_of_ten(_larger_magnitude(parameter), parameter.truth)
+    numbers = (parameter.estimate, parameter.truth, parameter.standard_deviation)
+    estimate, truth, sigma = (_format_scaled(number, parameter.standard_deviation, power) for number in numbers)
+    error, percent = _format_percent(parameter.percent_error, "+"), _format_percent(parameter.percent_deviation)
     return Row(symbol, _unit_with_power(unit, power), estimate, truth, error, sigma, percent)
 
 
-def _larger_magnitude(one: Parameter) -> float:
+def _larger_magnitude(parameter: Parameter) -> float:
     """Returns the larger of |estimate| and 1-sigma, ignoring NaN; NaN if both are."""
-    return float(np.fmax(abs(one.estimate), one.standard_deviation))
+    return float(np.fmax(abs(parameter.estimate), parameter.standard_deviation))
 
 
 def _power_of_ten(*values: float) -> int:

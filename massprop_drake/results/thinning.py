@@ -21,7 +21,7 @@ def outstanding_rows(
     peaks: tuple[str, ...] = (),
     buckets: int = 1000,
 ) -> NDArray[np.int_]:
-    """Returns ascending indices of rows to plot of a long run: extremes and events of each stretch.
+    """Selects the rows of a long run to plot: extremes and events of each stretch; returns ascending indices.
 
     The run is cut into stretches of equal length. Of each are kept the rows at which a component of a key
     signal has its minimum or maximum, and up to four rows with an event; also the run's first and last row.
@@ -45,7 +45,7 @@ def outstanding_rows(
     names = [name for name in dict.fromkeys((*keys, *peaks, *events)) if name in signals]
     start = 0
     # stretches that a block ends in go on in the next: extremes so far, per component
-    best: dict[tuple[int, str, int, int], tuple[float, int]] = {}
+    extremes: dict[tuple[int, str, int, int], tuple[float, int]] = {}
     counts: dict[int, int] = {}
     for block in blocks(signals, *names):
         size = len(next(iter(block.values())))
@@ -56,21 +56,21 @@ def outstanding_rows(
                 values = block[name][part]
                 offset = start + part.start
                 if name in keys or name in peaks:
-                    _note_extremes(best, bucket, name, values, offset, (1, -1) if name in keys else (1,))
+                    _note_extremes(extremes, bucket, name, values, offset, (1, -1) if name in keys else (1,))
                 if name in events:
                     rows = np.flatnonzero(~(values == 0.0).all(axis=1))[: max(0, 4 - counts.get(bucket, 0))]
                     counts[bucket] = counts.get(bucket, 0) + rows.size
                     kept.update((offset + rows).tolist())
             bucket += 1
-        for key in [key for key in best if edges[key[0] + 1] <= start + size]:
-            kept.add(best.pop(key)[1])
+        for key in [key for key in extremes if edges[key[0] + 1] <= start + size]:
+            kept.add(extremes.pop(key)[1])
         start += size
-    kept.update(row for _, row in best.values())
+    kept.update(row for _, row in extremes.values())
     return np.array(sorted(kept))
 
 
 def _note_extremes(
-    best: dict[tuple[int, str, int, int], tuple[float, int]],
+    extremes: dict[tuple[int, str, int, int], tuple[float, int]],
     bucket: int,
     name: str,
     values: Array,
@@ -80,7 +80,7 @@ def _note_extremes(
     """Updates the dict of extremes so far, in place, by some rows of one signal in one stretch.
 
     Args:
-        best: signed value and row by stretch, signal, column and sign; changed.
+        extremes: signed value and row by stretch, signal, column and sign; changed.
         bucket: number of the stretch.
         name: of the signal.
         values: its rows, shape (n, components).
@@ -89,37 +89,37 @@ def _note_extremes(
     """
     for column in range(values.shape[1]):
         component = values[:, column]
-        there = np.flatnonzero(np.isfinite(component))
-        if not there.size:
+        finite = np.flatnonzero(np.isfinite(component))
+        if not finite.size:
             continue
         for sign in signs:
-            row = there[np.argmax(sign * component[there])]
+            row = finite[np.argmax(sign * component[finite])]
             value = float(sign * component[row])
             key = (bucket, name, column, sign)
-            if key not in best or value > best[key][0]:
-                best[key] = (value, offset + int(row))
+            if key not in extremes or value > extremes[key][0]:
+                extremes[key] = (value, offset + int(row))
 
 
 def pick_rows(
-    signals: Mapping[str, Array], rows: NDArray[np.int_], *, leaving_out: tuple[str, ...] = ()
+    signals: Mapping[str, Array], rows: NDArray[np.int_], *, excluded: tuple[str, ...] = ()
 ) -> dict[str, Array]:
     """Returns the chosen rows of every signal, by name; reads spooled signals once.
 
     Args:
-        signals: by name; those of a spool with its index.
+        signals: by name.
         rows: indices in ascending order.
-        leaving_out: names of signals to leave out.
+        excluded: names of signals to leave out.
     """
-    every = signals.names if isinstance(signals, Spool) else signals
-    names = [name for name in every if name not in leaving_out]
-    found: dict[str, Array] = {}
+    all_names = signals.names if isinstance(signals, Spool) else signals
+    names = [name for name in all_names if name not in excluded]
+    picked: dict[str, Array] = {}
     start = 0
     for block in blocks(signals, *names):
         size = len(next(iter(block.values())))
         first, last = np.searchsorted(rows, [start, start + size])
         for name, values in block.items():
-            if name not in found:
-                found[name] = np.empty((rows.size, *values.shape[1:]))
-            found[name][first:last] = values[rows[first:last] - start]
+            if name not in picked:
+                picked[name] = np.empty((rows.size, *values.shape[1:]))
+            picked[name][first:last] = values[rows[first:last] - start]
         start += size
-    return found
+    return picked

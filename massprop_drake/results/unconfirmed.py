@@ -129,36 +129,36 @@ class Suspicions:
         Args:
             time_s: sample times, s, shape (n,).
             signals: by name, shape (n, components).
-            events: what was said in them.
+            events: declared in them.
         """
         if "tested" not in signals:
             return
         tested = signals["tested"][:, 0] > 0.0
         self._any_tested |= bool(tested.any())
         self._known |= (~np.isnan(signals["command"])).any(axis=0)
-        told = np.vstack([self._command, signals["command"][:-1]]) > 0.0
-        self._counts += np.stack([told.sum(axis=0), told[tested].sum(axis=0)])
+        commanded = np.vstack([self._command, signals["command"][:-1]]) > 0.0
+        self._counts += np.stack([commanded.sum(axis=0), commanded[tested].sum(axis=0)])
         self._command = signals["command"][-1:]
-        said: dict[float, list[EventRecord]] = {}
+        events_by_time: dict[float, list[EventRecord]] = {}
         for event in events:
-            said.setdefault(event.time_s, []).append(event)
-        for k in np.flatnonzero(
+            events_by_time.setdefault(event.time_s, []).append(event)
+        for row in np.flatnonzero(
             self._find_suspicious_samples(signals, tested) | (signals["detector_event"][:, 0] != 0.0)
         ):
-            now_s = float(time_s[k])
+            sample_s = float(time_s[row])
             if isinstance(self._block, HypothesesBlock):
-                self._add_by_probability(now_s, signals["fault_probability"][k])
+                self._add_by_probability(sample_s, signals["fault_probability"][row])
             elif isinstance(self._block, ThrustFactorsBlock):
-                self._add_by_thrust_factors(now_s, signals, int(k), said.get(now_s, ()))
-            elif now_s not in said:
-                self._add_by_likelihood(now_s, signals, int(k))
-            self._drop_declared(said.get(now_s, ()))
+                self._add_by_thrust_factors(sample_s, signals, int(row), events_by_time.get(sample_s, ()))
+            elif sample_s not in events_by_time:
+                self._add_by_likelihood(sample_s, signals, int(row))
+            self._drop_declared(events_by_time.get(sample_s, ()))
 
-    def _find_suspicious_samples(self, signals: Mapping[str, Array], tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _find_suspicious_samples(self, signals: Mapping[str, Array], is_tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flags samples in which a jet is suspected, or hypotheses are compared, shape (n,)."""
         block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
         if isinstance(block, CusumBlock):
-            return tested & (likelihood > 0.5 * block.threshold)
+            return is_tested & (likelihood > 0.5 * block.threshold)
         if isinstance(block, HypothesesBlock):
             return np.any(signals["fault_probability"] > _PROBABLE, axis=1)
         if isinstance(block, ThrustFactorsBlock):
@@ -167,13 +167,13 @@ class Suspicions:
             return racing | ended
         limit = np.inf if block.unexplained_limit is None else block.unexplained_limit
         doubtless = (likelihood > _BEYOND_DOUBT) & (signals["unexplained"][:, 0] < limit)
-        return tested & (doubtless | (signals["alarm"][:, 0] > 0.0))
+        return is_tested & (doubtless | (signals["alarm"][:, 0] > 0.0))
 
     # ------------------------------------------------------------------------ detectors of samples
 
-    def _add_by_likelihood(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
-        """Adds sample k to a suspicion that shares a jet suspected by likelihood, or to a new one."""
-        block, likelihood = self._block, signals["likelihood"][k]
+    def _add_by_likelihood(self, time_s: float, signals: Mapping[str, Array], row: int) -> None:
+        """Adds a sample to a suspicion that shares a jet suspected by likelihood, or to a new one."""
+        block, likelihood = self._block, signals["likelihood"][row]
         if int(likelihood.argmax()) in self._declared:
             return
         if isinstance(block, CusumBlock):
@@ -181,7 +181,7 @@ class Suspicions:
         else:
             assert isinstance(block, CglrBlock)
             jets = np.flatnonzero(likelihood > likelihood.max() - block.margin)
-        alarm = int(signals["alarm"][k, 0] > 0.0)
+        alarm = int(signals["alarm"][row, 0] > 0.0)
         for index, one in enumerate(self._gathered):
             if np.isin(jets, one.jets).any():
                 sums = np.maximum(one.sums, likelihood) if isinstance(block, CusumBlock) else one.sums + likelihood
@@ -205,23 +205,23 @@ class Suspicions:
                 sums[jet] = probabilities[jet]
                 self._gathered.append(_Suspicion(time_s, time_s, sums, np.array([jet]), 1, 0))
                 continue
-            one = self._gathered[index]
-            sums = one.sums.copy()
+            suspicion = self._gathered[index]
+            sums = suspicion.sums.copy()
             sums[jet] = max(sums[jet], probabilities[jet])
-            samples = one.samples + (one.until_s < time_s)
-            jets = np.union1d(one.jets, [jet])
-            self._gathered[index] = one._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
+            samples = suspicion.samples + (suspicion.until_s < time_s)
+            jets = np.union1d(suspicion.jets, [jet])
+            self._gathered[index] = suspicion._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
 
     def _find_suspicion(self, jet: int, probabilities: Array) -> int | None:
-        """Returns the index of the suspicion with this jet, or whose probability it took over; or None.
+        """Returns the index of the suspicion with a jet, or of one whose probability the jet took over; or None.
 
         Two jets of which each has failed with a probability above one half have both failed, and do not look alike.
         """
-        for index, one in enumerate(self._gathered):
-            if jet in one.jets:
+        for index, suspicion in enumerate(self._gathered):
+            if jet in suspicion.jets:
                 return index
-        for index, one in enumerate(self._gathered):
-            others = probabilities[one.jets]
+        for index, suspicion in enumerate(self._gathered):
+            others = probabilities[suspicion.jets]
             if (others <= _PROBABLE).all() and (others > _POSSIBLE).any():
                 return index
         return None
@@ -229,13 +229,13 @@ class Suspicions:
     # ------------------------------------------------------------------ the detector by thrust factors
 
     def _add_by_thrust_factors(
-        self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]
+        self, time_s: float, signals: Mapping[str, Array], row: int, events: Sequence[EventRecord]
     ) -> None:
-        """Updates the comparison of hypotheses by sample k; at its end stores what is undeclared."""
+        """Updates the comparison of hypotheses by a sample; stores an undeclared suspicion at its end."""
         block = self._block
         assert isinstance(block, ThrustFactorsBlock)
-        if signals["racing"][k, 0] > 0.0:
-            leads = np.nan_to_num(signals["likelihood"][k], nan=-np.inf)
+        if signals["racing"][row, 0] > 0.0:
+            leads = np.nan_to_num(signals["likelihood"][row], nan=-np.inf)
             race = self._race
             if np.isfinite(leads).any() or race is None:
                 lead, least = 0.0, np.inf  # by hypotheses of the joint filter nothing leads: they have probabilities
@@ -247,7 +247,7 @@ class Suspicions:
             else:
                 self._race = race._replace(until_s=time_s, samples=race.samples + 1)
             names = {self._vehicle.designations[jet] for jet in self._race.jets}
-            ends = [event for event in said if event.kind in _OF_RACES or names & set(event.jets)]
+            ends = [event for event in events if event.kind in _OF_RACES or names & set(event.jets)]
             if not ends:
                 return
             event, race = ends[0], self._race
@@ -264,9 +264,9 @@ class Suspicions:
 
     # --------------------------------------------------------------------------------- the outcome
 
-    def _drop_declared(self, said: Sequence[EventRecord]) -> None:
+    def _drop_declared(self, events: Sequence[EventRecord]) -> None:
         """Removes suspicions of jets that the events have declared as failed."""
-        for event in said:
+        for event in events:
             if event.kind not in ("failed", "group", "withdrawn"):
                 continue
             if event.jets:
@@ -279,8 +279,8 @@ class Suspicions:
                 names = {self._vehicle.designations[jet] for jet in jets}
                 self._earlier = [one for one in self._earlier if not names & set(one.jets)]
 
-    def found(self) -> tuple[UnconfirmedRecord, ...]:
-        """Returns records of suspicions never declared, by time; the largest if there are very many."""
+    def list_records(self) -> tuple[UnconfirmedRecord, ...]:
+        """Lists records of suspicions never declared, by time; the largest 50 if there are more."""
         gathered = list(self._gathered)
         if self._race is not None and self._race.jets.size:
             gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
@@ -288,42 +288,45 @@ class Suspicions:
         largest = sorted(records, key=lambda record: -record.statistic)[:_MOST]
         return tuple(sorted(largest, key=lambda record: record.time_s))
 
-    def _make_record(self, one: _Suspicion) -> UnconfirmedRecord:
+    def _make_record(self, suspicion: _Suspicion) -> UnconfirmedRecord:
         """Converts a suspicion to a record, its jets by decreasing statistic, with the reason."""
-        jets = sorted(one.jets.tolist(), key=lambda jet: -one.sums[jet])
-        statistic = float(one.sums[jets[0]]) if jets else 0.0
+        jets = sorted(suspicion.jets.tolist(), key=lambda jet: -suspicion.sums[jet])
+        statistic = float(suspicion.sums[jets[0]]) if jets else 0.0
         names = tuple(self._vehicle.designations[jet] for jet in jets)
         return UnconfirmedRecord(
-            one.time_s, one.until_s, names, statistic, one.samples, one.reason or self._reason_undeclared(one)
+            suspicion.time_s,
+            suspicion.until_s,
+            names,
+            statistic,
+            suspicion.samples,
+            suspicion.reason or self._reason_undeclared(suspicion),
         )
 
-    def _reason_undeclared(self, one: _Suspicion) -> str:
+    def _reason_undeclared(self, suspicion: _Suspicion) -> str:
         """Explains in words why the detector's rule did not declare a suspicion."""
         block = self._block
         if isinstance(block, CusumBlock):
             return f"the sum stayed below the {block.threshold:g} that declare a failure"
         if isinstance(block, HypothesesBlock):
             alone = "its probability never exceeded what a declaration needs"
-            return alone if one.jets.size == 1 else "these look alike"
+            return alone if suspicion.jets.size == 1 else "these look alike"
         assert isinstance(block, CglrBlock)
-        if one.alarms and block.reconfigure_after is None:
-            return f"{counted(one.alarms, 'alarm')}; this scenario declares none"
-        if one.alarms * 2 < one.samples:
-            return f"some jet has failed beyond doubt, but single samples do not tell which ({_alarms(one.alarms)})"
-        return f"{counted(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
+        if suspicion.alarms and block.reconfigure_after is None:
+            return f"{counted(suspicion.alarms, 'alarm')}; this scenario declares none"
+        if suspicion.alarms * 2 < suspicion.samples:
+            return (
+                f"some jet has failed beyond doubt, but single samples do not tell which ({_alarms(suspicion.alarms)})"
+            )
+        return f"{counted(suspicion.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
 
-    def untested(self, declared: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
-        """Returns jets for which a failure to fire could not show, grouped by reason, such as never commanded.
-
-        Args:
-            declared: designations of jets that have been found to fail, which are left out.
-        """
+    def untested(self, declared_jets: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
+        """Lists by reason, such as never commanded, the undeclared jets whose failure to fire could not show."""
         if not self._detects:
             return ()
         if not self._any_tested:
             return (
                 UntestedRecord(
-                    tuple(name for name in self._vehicle.designations if name not in declared), NOTHING_TESTED
+                    tuple(name for name in self._vehicle.designations if name not in declared_jets), NOTHING_TESTED
                 ),
             )
         block = self._block
@@ -340,7 +343,7 @@ class Suspicions:
             ),
         ):
             names = (self._vehicle.designations[jet] for jet in np.flatnonzero(chosen))
-            jets = tuple(name for name in names if name not in declared)
+            jets = tuple(name for name in names if name not in declared_jets)
             if jets:
                 found.append(UntestedRecord(jets, why))
         return tuple(found)
@@ -354,4 +357,5 @@ def in_words(record: UnconfirmedRecord) -> str:
 
 
 def _alarms(number: int) -> str:
+    """Formats a number of alarms in words."""
     return counted(number, "alarm") if number else "no alarm"

@@ -31,7 +31,7 @@ from massprop_drake.maths.vehicle.sensing import mask_saturated
 from massprop_drake.records.blocks import LARGEST
 from massprop_drake.records.cadence import HELD
 from massprop_drake.results.events import locate_reading, sensor_event_kind
-from massprop_drake.results.json_arrays import null_for_nan, write_onsets
+from massprop_drake.results.json_arrays import null_for_nan, onsets_as_json
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, require_same_origin, state_origin
 from massprop_drake.runners.cycles import RecordRows, ThesisKernelCycles
 from massprop_drake.runners.logs import EstimationLog, state_from_json, state_to_json
@@ -252,7 +252,7 @@ class Estimator:
             "made_with": self._made_with,
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
-            **write_onsets(self._onset_s),
+            **onsets_as_json(self._onset_s),
             "outside_wrench": null_for_nan(self._outside),
             "states": state_to_json(self._state, self._params),
         }

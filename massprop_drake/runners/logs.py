@@ -226,7 +226,7 @@ class Intake:
         return Findings(
             entries,
             tuple(event._replace(jet_index=None) for event in self._events),
-            self._suspicions.found(),
+            self._suspicions.list_records(),
             self._suspicions.untested([entry.jet for entry in entries if entry.withdrawn_s is None]),
             final_probabilities(self._vehicle, self.spool),
         )
@@ -249,7 +249,7 @@ class Intake:
             "recent_s": null_for_nan(self.recent_s),
             "detections": [entry._asdict() for entry in self._entries],
             "events": [event._asdict() for event in self._events],
-            "unconfirmed": [one._asdict() for one in self._suspicions.found()],
+            "unconfirmed": [one._asdict() for one in self._suspicions.list_records()],
             "commanded": self._suspicions.counts,
         }
 

@@ -41,7 +41,7 @@ from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, j
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
-from massprop_drake.results.json_arrays import null_for_nan, write_onsets
+from massprop_drake.results.json_arrays import null_for_nan, onsets_as_json
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_same_origin
 from massprop_drake.results.summarize import compose_summary, count_firings, exclude_explained, summarize_last_estimates
@@ -377,7 +377,7 @@ class _Estimation:
             deviation=last("standard_deviation"),
             covariance=covariance,
             truth=unknown,
-            found=found,
+            findings=found,
             consistency=parts.make(
                 "consistency", lambda: self._judge_consistency(found, analysis), Consistency(None, None, 0, TOO_LITTLE)
             ),
@@ -409,7 +409,7 @@ class _Estimation:
         states = state_to_json(self._cycles.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
-            **write_onsets(self._onset_s),
+            **onsets_as_json(self._onset_s),
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }

@@ -156,6 +156,6 @@ def test_a_tally_goes_on_from_its_numbers() -> None:
     seen = _by_history(_seen(_drawn(30, 11)), (20, 4.0, 60.0, 48.0))
     one.add_innovations(seen)
     for row in range(30):
-        other = Tally.of(other.numbers)
+        other = Tally.from_counts(other.numbers)
         other.add_innovations(Innovations(*(part[row : row + 1] for part in seen)))
     np.testing.assert_allclose(other.numbers, one.numbers, rtol=1e-12)

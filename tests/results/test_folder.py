@@ -338,7 +338,7 @@ def test_files_are_written_into_a_folder_and_listed(tmp_path: Path) -> None:
     _write(run, summary="new")
     assert _names(run) == {"summary", "manifest.json"}
     with pytest.raises(InputError, match="run: has been replaced meanwhile"):
-        write_files(run, {"page": b"of the earlier"}, found=first.id)
+        write_files(run, {"page": b"of the earlier"}, manifest_id=first.id)
 
 
 def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:

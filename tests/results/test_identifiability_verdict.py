@@ -57,5 +57,5 @@ def test_sigmas_are_told_against_the_least_for_rounding_as_noise(short_run: Run)
         said = bound_in_words(deviations, known, "ab")
         assert said == f"1-sigma is {span} times its Cramér-Rao bound, with rounding taken as noise"
     assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""
-    said = bound_in_words([2.0, 2.0], known, "ab", failed=True)
+    said = bound_in_words([2.0, 2.0], known, "ab", has_failed=True)
     assert said == "1-sigma is 1 times its Cramér-Rao bound, computed as if no jet had failed and rounding were noise"

@@ -93,7 +93,7 @@ def test_thinning_keeps_extremes_ends_and_events_alike_from_disk() -> None:
         spool.append({name: values[start : start + 111] for name, values in signals.items()})
     again = outstanding_rows(spool, 5000, keys=("gyro", "likelihood"), events=("alarm",), buckets=10)
     np.testing.assert_array_equal(again, rows)
-    shown = pick_rows(spool, rows, leaving_out=("likelihood",))
+    shown = pick_rows(spool, rows, excluded=("likelihood",))
     assert set(shown) == set(SIGNALS) - {"likelihood"}
     for name, values in shown.items():
         np.testing.assert_array_equal(values, signals[name][rows])  # every point is a recorded row

@@ -77,31 +77,31 @@ def event(row: int, kind: str, *jets: str, jet: int | None = None) -> EventRecor
 def test_two_jets_alike_in_every_sample_do_not_stay_silent() -> None:
     """As F3F stuck off: far beyond any threshold, and never six ahead of its neighbor."""
     signals = suspected(quiet(40), slice(10, 30), F3F=16500.0, F1F=16498.0, F2F=200.0)
-    (found,) = taken(CGLR, signals).found()
+    (found,) = taken(CGLR, signals).list_records()
     assert (found.jets, found.samples) == (("F3F", "F1F"), 20)
     assert found.statistic == pytest.approx(20 * 16500.0)
     assert (found.time_s, found.until_s) == (10 * PERIOD_S, pytest.approx(29 * PERIOD_S))
     assert "single samples do not tell which" in found.reason
     assert in_words(found).startswith("F3F or F1F, 0.80 to 2.32 s, 20 samples, statistic 3.3e+05: some jet has failed")
     apart = suspected(quiet(40), slice(0, 20), F3F=100.0, F1F=98.0)
-    (found,) = taken(CGLR, suspected(apart, slice(20, 40), F3F=100.0, F1F=80.0)).found()
+    (found,) = taken(CGLR, suspected(apart, slice(20, 40), F3F=100.0, F1F=80.0)).list_records()
     assert found.jets == ("F3F",)  # more samples tell them apart
     signals["unexplained"][:] = 1e6  # of no jet
-    assert taken(CGLR, signals).found() == ()
+    assert taken(CGLR, signals).list_records() == ()
 
 
 def test_alarms_that_were_declared_are_not_listed() -> None:
     signals = suspected(quiet(20), slice(5, 20), R4R=1e4)
     signals["alarm"][5:20] = 1.0
     signals["detector_event"][7] = 1.0
-    assert taken(CGLR, signals, event(7, "failed", "R4R")).found() == ()
-    (found,) = taken(case("detector={kind: cglr, reconfigure_after: null}"), signals).found()
+    assert taken(CGLR, signals, event(7, "failed", "R4R")).list_records() == ()
+    (found,) = taken(case("detector={kind: cglr, reconfigure_after: null}"), signals).list_records()
     assert (found.jets, found.reason) == (("R4R",), "15 alarms; this scenario declares none")
 
 
 def test_a_sum_that_nearly_reached_the_threshold() -> None:
     signals = suspected(quiet(20), slice(5, 9), L4D=13.0, L2D=12.0)
-    (found,) = taken(case("detector={kind: cusum}"), suspected(signals, slice(9, 12), L4D=9.0)).found()
+    (found,) = taken(case("detector={kind: cusum}"), suspected(signals, slice(9, 12), L4D=9.0)).list_records()
     assert (found.jets, found.statistic) == (("L4D", "L2D"), 13.0)
     assert found.reason == "the sum stayed below the 20 that declare a failure"
 
@@ -120,7 +120,7 @@ def test_a_sum_that_nearly_reached_the_threshold() -> None:
     ],
 )
 def test_jets_that_were_probable_and_never_declared_are_suspected(jets: dict[str, Any], expected: list[Any]) -> None:
-    found = taken(HYPOTHESES, probable(30, **jets)).found()
+    found = taken(HYPOTHESES, probable(30, **jets)).list_records()
     assert [(one.jets, one.statistic, one.samples) for one in found] == expected
     alike = [one.reason == "these look alike" for one in found]
     assert alike == [len(one.jets) == 2 for one in found]
@@ -129,14 +129,14 @@ def test_jets_that_were_probable_and_never_declared_are_suspected(jets: dict[str
 def test_a_declaration_takes_its_jet_from_the_suspicions() -> None:
     signals = probable(30, L4D={5: 0.6, 10: 0.999999})
     signals["detector_event"][11] = 1.0
-    assert taken(HYPOTHESES, signals, event(11, "failed", "L4D")).found() == ()
-    (other,) = taken(HYPOTHESES, signals, event(11, "failed", "L2D")).found()
+    assert taken(HYPOTHESES, signals, event(11, "failed", "L4D")).list_records() == ()
+    (other,) = taken(HYPOTHESES, signals, event(11, "failed", "L2D")).list_records()
     assert other.jets == ("L4D",)
 
 
 @pytest.mark.parametrize(("end", "reason"), [(20, "still compared at the end"), (15, "none that is large enough")])
 def test_a_comparison_that_decided_nothing(end: int, reason: str) -> None:
-    (found,) = taken(POSE, compared(slice(8, end), slice(10, end), T1=40.0, T2=36.0, T3=20.0)).found()
+    (found,) = taken(POSE, compared(slice(8, end), slice(10, end), T1=40.0, T2=36.0, T3=20.0)).list_records()
     assert (found.jets, found.statistic, found.samples) == (("T1", "T2"), 40.0, end - 8)
     assert reason in found.reason
 
@@ -147,8 +147,8 @@ def test_a_comparison_that_ends_in_a_word(lead: float) -> None:
     signals = compared(slice(8, 12), slice(8, 12), T1=lead)
     signals["detector_event"][11] = 4.0
     for kind in ("failed", "withdrawn"):
-        assert taken(POSE, signals, event(11, kind, "T1", jet=0)).found() == ()
-    (found,) = taken(POSE, signals, event(11, "unexplained")).found()
+        assert taken(POSE, signals, event(11, kind, "T1", jet=0)).list_records() == ()
+    (found,) = taken(POSE, signals, event(11, "unexplained")).list_records()
     assert found.jets == (("T1",) if lead > 12.0 else ())
     assert "explains the readings" in found.reason
 
@@ -172,7 +172,7 @@ def test_a_record_in_two_parts_counts_as_one() -> None:
     first = suspected(quiet(20), slice(5, 15), F3F=16500.0, F1F=16498.0)
     first["command"][3:9] = 1.0
     part = taken(CGLR, first)
-    again = Suspicions(CGLR, part.found(), part.counts)
+    again = Suspicions(CGLR, part.list_records(), part.counts)
     again.add(10.0 + PERIOD_S * np.arange(3), quiet(3), ())
-    assert again.found() == part.found()
+    assert again.list_records() == part.list_records()
     assert again.untested() == part.untested() == ()

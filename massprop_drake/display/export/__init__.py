@@ -46,7 +46,7 @@ FORMATS = {
 
 
 def find_format(name: str) -> Format:
-    """Returns the export format of a name; InputError if there is none.
+    """Returns the export format of a name, such as "mcap".
 
     Raises:
         InputError: when there is none, or the package that writes it is not installed.
@@ -57,13 +57,13 @@ def find_format(name: str) -> Format:
     return FORMATS[name]
 
 
-def write(content: Content, to: str, path: Path) -> None:
+def write(content: Content, format_name: str, path: Path) -> None:
     """Writes a run's content into a new file in an export format, chosen by name.
 
     Raises:
         InputError: when the format is not known, or its package is missing.
     """
-    _load_stream_module(find_format(to)).write(content, path)
+    _load_stream_module(find_format(format_name)).write(content, path)
 
 
 class Replay:
@@ -102,8 +102,8 @@ class Replay:
                 pass
             self._viewer.begin()
             began = time.monotonic()
-            for rows in self._content.stretches():
-                for part in _split_block(rows, round(1e9 * _FRAME_S * self._speed)):
+            for block in self._content.stretches():
+                for part in _split_block(block, round(1e9 * _FRAME_S * self._speed)):
                     due_s = 1e-9 * int(part.time_ns[0] - self._content.outline.start_ns) / self._speed
                     time.sleep(max(0.0, began + due_s - time.monotonic()))
                     self._viewer.put(part)
@@ -115,20 +115,20 @@ class Replay:
         self._viewer.close()
 
 
-def _split_block(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
-    """Yields a sample block in shorter blocks, each as long as a viewer's frame, or of one row."""
-    first, times = 0, rows.time_ns
+def _split_block(block: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
+    """Yields a sample block in shorter blocks of some length, ns, or of one row."""
+    first, times = 0, block.time_ns
     for row in range(1, times.size + 1):
         if row == times.size or times[row] - times[first] >= length_ns:
-            yield rows.part(first, row)
+            yield block.part(first, row)
             first = row
 
 
-def _load_stream_module(form: Format) -> Any:
+def _load_stream_module(target: Format) -> Any:
     """Imports the module that writes an export format; InputError if its package is missing."""
     try:
-        return import_module(f"{__name__}.{form.module}")
+        return import_module(f"{__name__}.{target.module}")
     except ImportError:
         raise InputError(
-            f"exporting to {form.name} needs {form.package}: pip install 'massprop-drake[{form.name}]'"
+            f"exporting to {target.name} needs {target.package}: pip install 'massprop-drake[{target.name}]'"
         ) from None

@@ -166,7 +166,7 @@ class SampleBlock(NamedTuple):
                 name: [(row - first, part) for row, part in found if first <= row < last]
                 for name, found in self.scene.items()
             },
-            [one for one in self.messages if since < one[0] <= until],
+            [message for message in self.messages if since < message[0] <= until],
         )
 
 
@@ -204,7 +204,7 @@ class Content:
         self.outline = self._make_outline(int(self._to_ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
     def stretches(self) -> Iterator[SampleBlock]:
-        """Yields the run in sample blocks of some thousand rows, each with the messages due by its end."""
+        """Yields the run in sample blocks of some thousand rows, each with the messages up to its end."""
         self._before = {}
         signals = self._run.signals
         if isinstance(signals, Spool):
@@ -215,9 +215,9 @@ class Content:
         for block in blocks:
             time_s = block.pop("time_s")
             is_last = bool(time_s[-1] >= self._end_s)
-            due = [one for one in waiting if is_last or one.time_s <= time_s[-1]]
-            waiting = waiting[len(due) :]
-            yield self._make_block(time_s, {name: np.asarray(block[name]) for name in self._names}, due)
+            due_messages = [message for message in waiting if is_last or message.time_s <= time_s[-1]]
+            waiting = waiting[len(due_messages) :]
+            yield self._make_block(time_s, {name: np.asarray(block[name]) for name in self._names}, due_messages)
 
     # --------------------------------------------------------------------------------------- parts
 
@@ -283,10 +283,11 @@ class Content:
         return tuple(notes)
 
     def _to_ns(self, time_s: Array) -> NDArray[np.int64]:
+        """Converts times of the run, s, to nanoseconds since the epoch."""
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
-    def _make_block(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
-        """Makes a sample block from signals: with the poses of the frames, changes of the scene, and due messages."""
+    def _make_block(self, time_s: Array, signals: Mapping[str, Array], messages: Sequence[LogEntry]) -> SampleBlock:
+        """Makes a sample block from signals: with poses of the frames, changes of the scene, and due messages."""
         time_ns = self._to_ns(time_s)
         scene: dict[str, list[tuple[int, Arrows | Balls]]] = {
             "plumes": self._changed_parts("plumes", self._plume_arrows(time_s, signals)),
@@ -295,8 +296,8 @@ class Content:
         }
         if self._scenario.jumps and self._simulated:
             scene["payloads"] = self._changed_parts("payloads", self._payload_balls(time_s))
-        times = np.clip(self._to_ns(np.array([one.time_s for one in due])), self.outline.start_ns, None).tolist()
-        return SampleBlock(time_ns, signals, self._frame_poses(signals), scene, list(zip(times, due, strict=True)))
+        times = np.clip(self._to_ns(np.array([one.time_s for one in messages])), self.outline.start_ns, None).tolist()
+        return SampleBlock(time_ns, signals, self._frame_poses(signals), scene, list(zip(times, messages, strict=True)))
 
     def _frame_poses(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Maps each moving frame to its origins, shape (n, 3), ft or m, and quaternions, shape (n, 4)."""
@@ -314,15 +315,15 @@ class Content:
                 frames[name] = (center, np.tile([1.0, 0.0, 0.0, 0.0], (len(center), 1)))
         return frames
 
-    def _changed_parts(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
+    def _changed_parts(self, name: str, elements: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
         """Returns the rows at which an element of the scene differs from the row before, each with the element."""
-        found = []
-        for row, part in enumerate(parts):
-            before = self._before.get(name)
-            if before is None or not _are_equal(before, part):
-                found.append((row, part))
-                self._before[name] = part
-        return found
+        changes = []
+        for row, element in enumerate(elements):
+            last_element = self._before.get(name)
+            if last_element is None or not _are_equal(last_element, element):
+                changes.append((row, element))
+                self._before[name] = element
+        return changes
 
     def _plume_arrows(self, time_s: Array, signals: Mapping[str, Array]) -> Iterator[Arrows]:
         """Yields arrows of all plumes per sample, colored by kind: regular, uncommanded or missing thrust."""
@@ -346,8 +347,8 @@ class Content:
         marks = [(mark, "failed") for mark in self._failures()] + [(mark, "found") for mark in self._found]
         radii = {kind: solids.mark_radius(vehicle, kind) for kind in _MARKS}
         for now_s in time_s.tolist():
-            now = [(mark, kind) for mark, kind in marks if mark.start_s - 1e-9 <= now_s <= mark.end_s]
-            shown = sorted({(jet, kind) for mark, kind in now for jet in mark.jets})
+            active = [(mark, kind) for mark, kind in marks if mark.start_s - 1e-9 <= now_s <= mark.end_s]
+            shown = sorted({(jet, kind) for mark, kind in active for jet in mark.jets})
             yield Balls(
                 vehicle.positions[[jet for jet, _ in shown]],
                 np.repeat([radii[kind] for _, kind in shown], 3).reshape(-1, 3),
@@ -376,19 +377,14 @@ class Content:
     def _payload_balls(self, time_s: Array) -> Iterator[Balls]:
         """Yields balls per sample for the payloads on board, sized by mass."""
         for now_s in time_s.tolist():
-            there = [jump for jump in self._scenario.jumps if (now_s >= jump.time_s - 1e-9) == (jump.kind == "dock")]
-            radii = [solids.payload_radius(self._vehicle, jump.mass) for jump in there]
-            centers = np.array([jump.position for jump in there]).reshape(-1, 3)
-            yield Balls(centers, np.repeat(radii, 3).reshape(-1, 3), [_rgba(PAYLOAD_COLOR, 0.6)] * len(there))
+            on_board = [jump for jump in self._scenario.jumps if (now_s >= jump.time_s - 1e-9) == (jump.kind == "dock")]
+            radii = [solids.payload_radius(self._vehicle, jump.mass) for jump in on_board]
+            centers = np.array([jump.position for jump in on_board]).reshape(-1, 3)
+            yield Balls(centers, np.repeat(radii, 3).reshape(-1, 3), [_rgba(PAYLOAD_COLOR, 0.6)] * len(on_board))
 
 
 def component_units(unit: str, count: int) -> tuple[str, ...]:
-    """Splits the unit text of a signal, such as "rad/s (3); ft/s (3); s; -", into one unit per column.
-
-    Args:
-        unit: of the signal, in the vehicle's units.
-        count: of columns.
-    """
+    """Splits the unit text of a signal, such as "rad/s (3); ft/s (3); s; -", into the units of its columns."""
     found: list[str] = []
     for part in unit.split("; "):
         match = re.fullmatch(r"(.*) \((\d+)\)", part)
@@ -451,8 +447,9 @@ def _verdict(run: RunContent) -> tuple[Literal["info", "warning"], str, str]:
 
 
 def _are_equal(one: Arrows | Balls, other: Arrows | Balls) -> bool:
+    """Tests whether two elements of the scene are the same."""
     return one.colors == other.colors and all(
-        np.array_equal(before, now) for before, now in zip(one[:2], other[:2], strict=True)
+        np.array_equal(before, after) for before, after in zip(one[:2], other[:2], strict=True)
     )
 
 

@@ -81,7 +81,7 @@ class FoxgloveStream:
 
     def begin(self, time_ns: int) -> None:
         """Logs the constant content: the vehicle's surface and the frames of its jets."""
-        now = _timestamp(time_ns)
+        timestamp = _timestamp(time_ns)
         surfaces = [
             TriangleListPrimitive(
                 points=[Point3(x=x, y=y, z=z) for x, y, z in mesh.triangles.reshape(-1, 3).tolist()],
@@ -89,44 +89,47 @@ class FoxgloveStream:
             )
             for mesh in self._outline.body
         ]
-        self._log_scene("vehicle", time_ns, SceneEntity(**_vehicle_entity_fields(now, "vehicle"), triangles=surfaces))
+        self._log_scene(
+            "vehicle", time_ns, SceneEntity(**_vehicle_entity_fields(timestamp, "vehicle"), triangles=surfaces)
+        )
         jets = [
-            _make_transform(now, VEHICLE, f"jet_{name}", place, quaternion)
+            _make_transform(timestamp, VEHICLE, f"jet_{name}", place, quaternion)
             for name, (place, quaternion) in self._outline.jets.items()
         ]
         self._jets.log(FrameTransforms(transforms=jets), log_time=time_ns)
 
-    def put(self, rows: SampleBlock) -> None:
+    def put(self, block: SampleBlock) -> None:
         """Logs a block's samples and messages in the order of time."""
-        encoded = {name: protobuf.encode_rows(values) for name, values in rows.signals.items()}
+        encoded = {name: protobuf.encode_rows(values) for name, values in block.signals.items()}
         changes: dict[int, list[tuple[str, Arrows | Balls]]] = {}
-        for name, found in rows.scene.items():
-            for row, part in found:
+        for name, changed in block.scene.items():
+            for row, part in changed:
                 changes.setdefault(row, []).append((name, part))
-        waiting = list(rows.messages)
-        for row, time_ns in enumerate(rows.time_ns.tolist()):
+        waiting = list(block.messages)
+        for row, time_ns in enumerate(block.time_ns.tolist()):
             while waiting and waiting[0][0] < time_ns:
                 self._log_event(*waiting.pop(0))
             for name, messages in encoded.items():
                 self._signals[name].log(messages[row], log_time=time_ns)
-            self._log_frames(rows, row, time_ns)
+            self._log_frames(block, row, time_ns)
             for name, part in changes.get(row, ()):
                 self._log_scene(name, time_ns, _make_entity(name, part, _timestamp(time_ns)))
-        for one in waiting:
-            self._log_event(*one)
+        for message in waiting:
+            self._log_event(*message)
 
-    def _log_frames(self, rows: SampleBlock, row: int, time_ns: int) -> None:
+    def _log_frames(self, block: SampleBlock, row: int, time_ns: int) -> None:
         """Logs the poses of the frames that are known at a row of the block."""
-        now = _timestamp(time_ns)
+        timestamp = _timestamp(time_ns)
         known = [
-            _make_transform(now, PARENTS[name], name, places[row], quaternions[row])
-            for name, (places, quaternions) in rows.frames.items()
-            if np.isfinite(places[row]).all() and np.isfinite(quaternions[row]).all()
+            _make_transform(timestamp, PARENTS[name], name, positions[row], quaternions[row])
+            for name, (positions, quaternions) in block.frames.items()
+            if np.isfinite(positions[row]).all() and np.isfinite(quaternions[row]).all()
         ]
         if known:
             self._frames.log(FrameTransforms(transforms=known), log_time=time_ns)
 
     def _log_scene(self, name: str, time_ns: int, entity: SceneEntity) -> None:
+        """Logs an entity of the scene on its channel."""
         self._scene[name].log(SceneUpdate(entities=[entity]), log_time=time_ns)
 
     def _log_event(self, time_ns: int, message: LogEntry) -> None:
@@ -146,8 +149,8 @@ def write(content: Content, path: Path) -> None:
         file.write_metadata("massprop", {"run": outline.title, "length_unit": outline.length_unit, **notes})
         stream = FoxgloveStream(outline, context)
         stream.begin(outline.start_ns)
-        for rows in content.stretches():
-            stream.put(rows)
+        for block in content.stretches():
+            stream.put(block)
 
 
 class _Audience(ServerListener):
@@ -210,12 +213,12 @@ class FoxgloveServer:
             pass
         self._stream.begin(self._now_ns)
 
-    def put(self, rows: SampleBlock) -> None:
+    def put(self, block: SampleBlock) -> None:
         """Sends a block's samples and messages at once."""
         if self.wait(0.0):  # somebody has come later
             self._stream.begin(self._now_ns)
-        self._stream.put(rows)
-        self._now_ns = int(rows.time_ns[-1])
+        self._stream.put(block)
+        self._now_ns = int(block.time_ns[-1])
         self._server.broadcast_time(self._now_ns)
 
     def close(self) -> None:
@@ -249,16 +252,16 @@ def _make_signal_channel(series: Series, context: foxglove.Context) -> foxglove.
     )
 
 
-def _make_entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
+def _make_entity(name: str, element: Arrows | Balls, timestamp: Timestamp) -> SceneEntity:
     """Makes a scene entity of spheres or arrows that moves with the vehicle."""
-    if isinstance(part, Balls):
+    if isinstance(element, Balls):
         spheres = [
             SpherePrimitive(pose=Pose(position=_vector(center)), size=_vector(2.0 * half), color=_paint(color))
-            for center, half, color in zip(*part, strict=True)
+            for center, half, color in zip(*element, strict=True)
         ]
-        return SceneEntity(**_vehicle_entity_fields(now, name), spheres=spheres)
+        return SceneEntity(**_vehicle_entity_fields(timestamp, name), spheres=spheres)
     arrows = []
-    for origin, vector, color in zip(*part, strict=True):
+    for origin, vector, color in zip(*element, strict=True):
         length = float(np.linalg.norm(vector))
         arrows.append(
             ArrowPrimitive(
@@ -270,35 +273,40 @@ def _make_entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity
                 color=_paint(color),
             )
         )
-    return SceneEntity(**_vehicle_entity_fields(now, name), arrows=arrows)
+    return SceneEntity(**_vehicle_entity_fields(timestamp, name), arrows=arrows)
 
 
-def _vehicle_entity_fields(now: Timestamp, name: str) -> dict[str, Any]:
+def _vehicle_entity_fields(timestamp: Timestamp, name: str) -> dict[str, Any]:
     """Returns the common fields of a scene entity that moves with the vehicle: time, frame, name."""
-    return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
+    return {"timestamp": timestamp, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
 
-def _make_transform(now: Timestamp, parent: str, child: str, place: Array, quaternion: Array) -> FrameTransform:
+def _make_transform(
+    timestamp: Timestamp, parent: str, child: str, position: Array, quaternion: Array
+) -> FrameTransform:
     """Makes the transform of a child frame in its parent, from a position and a quaternion (w, x, y, z)."""
     return FrameTransform(
-        timestamp=now,
+        timestamp=timestamp,
         parent_frame_id=parent,
         child_frame_id=child,
-        translation=_vector(place),
+        translation=_vector(position),
         rotation=_quaternion(quaternion),
     )
 
 
 def _timestamp(time_ns: int) -> Timestamp:
+    """Converts a time, ns, to seconds and nanoseconds."""
     return Timestamp(*divmod(time_ns, 1_000_000_000))
 
 
 def _vector(values: Array) -> Vector3:
+    """Converts a vector, shape (3,), to Foxglove's."""
     x, y, z = values.tolist()
     return Vector3(x=x, y=y, z=z)
 
 
 def _quaternion(values: Array) -> Quaternion:
+    """Converts a quaternion (w, x, y, z) to Foxglove's."""
     w, x, y, z = values.tolist()
     return Quaternion(x=x, y=y, z=z, w=w)
 
@@ -313,5 +321,6 @@ def _rotation_from_x(direction: Array) -> Quaternion:
 
 
 def _paint(color: Color) -> Paint:
+    """Converts a color from 0 to 255 to Foxglove's, from 0 to 1."""
     red, green, blue, opacity = (part / 255.0 for part in color)
     return Paint(r=red, g=green, b=blue, a=opacity)

@@ -21,27 +21,27 @@ PACKAGE = "massprop"
 
 def identifiers(names: Sequence[str]) -> list[str]:
     """Converts names to distinct field names of letters, digits and underscores."""
-    found: list[str] = []
+    used: list[str] = []
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
         plain = plain if re.match("[A-Za-z]", plain) else f"c{plain}"
         alike = 2
         unique = plain
-        while unique in found:
+        while unique in used:
             unique, alike = f"{plain}_{alike}", alike + 1
-        found.append(unique)
-    return found
+        used.append(unique)
+    return used
 
 
-def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> bytes:
+def schema(message_name: str, comment: str, fields: Sequence[tuple[str, str]]) -> bytes:
     """Returns a google.protobuf.FileDescriptorSet, encoded, with one message of numbers in package `massprop`.
 
     Args:
-        message: its name, an identifier.
+        message_name: its name, an identifier.
         comment: what the message is.
         fields: name, an identifier, and comment, its unit, of each.
     """
-    described = _text(1, message)
+    described = _text(1, message_name)
     for number, (name, _) in enumerate(fields, start=1):
         field = _text(1, name) + _number(3, number) + _number(4, _OPTIONAL) + _number(5, _TYPE_DOUBLE)
         described += _bytes(_FIELD, field + _text(10, name))
@@ -52,7 +52,7 @@ def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> byt
         span = bytes([line, 0, 1]) if line < 128 else _varint(line) + b"\0\1"
         location = _bytes(1, bytes(b for part in path for b in _varint(part))) + _bytes(2, span)
         comments += _bytes(1, location + _text(3, f" {text}\n"))
-    file = _text(1, f"{PACKAGE}/{message}.proto") + _text(2, PACKAGE) + _bytes(_MESSAGE_TYPE, described)
+    file = _text(1, f"{PACKAGE}/{message_name}.proto") + _text(2, PACKAGE) + _bytes(_MESSAGE_TYPE, described)
     return _bytes(1, file + _bytes(9, comments) + _text(12, "proto3"))
 
 

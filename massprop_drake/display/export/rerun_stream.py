@@ -67,38 +67,38 @@ class RerunStream:
         put(_frame_path(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
         for number, mesh in enumerate(outline.body):
             put(f"{_frame_path(VEHICLE)}/shape/{number}", _make_mesh(mesh.triangles, mesh.color))
-        for name, (place, turned) in outline.jets.items():
-            frame = rr.Transform3D(translation=place, quaternion=rr.Quaternion(xyzw=turned[[1, 2, 3, 0]]))
+        for name, (position, rotation) in outline.jets.items():
+            frame = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=rotation[[1, 2, 3, 0]]))
             put(f"{_frame_path(VEHICLE)}/jets/{rr.escape_entity_path_part(name)}", frame)
         for name in ("marks", "centers", "payloads"):
             put(
                 f"{_frame_path(VEHICLE)}/{name}", rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe")
             )
         for series in outline.series.values():
-            named = _curve_names(series)
+            curve_names = _curve_names(series)
             for path, columns in _curves(series):
-                put(path, rr.SeriesLines(names=named[columns]))
+                put(path, rr.SeriesLines(names=curve_names[columns]))
         notes = "\n".join(f"- {note}" for note in outline.notes)
         put("about", rr.TextDocument(f"# {outline.title}\n\n{notes}\n", media_type=rr.MediaType.MARKDOWN))
 
-    def put(self, rows: SampleBlock) -> None:
+    def put(self, block: SampleBlock) -> None:
         """Logs a block's samples and messages."""
-        for name, values in rows.signals.items():
+        for name, values in block.signals.items():
             series = self._outline.series[name]
             for path, columns in _curves(series):
                 numbers = np.ascontiguousarray(values[:, columns])
                 batch = rr.Scalars.columns(scalars=numbers.ravel())
-                self._send_columns(path, rows.time_ns, batch.partition([numbers.shape[1]] * len(numbers)))
-        for name, (places, turns) in rows.frames.items():
-            known = np.isfinite(places).all(axis=1) & np.isfinite(turns).all(axis=1)
-            frames = rr.Transform3D.columns(translation=places[known], quaternion=turns[known][:, [1, 2, 3, 0]])
-            self._send_columns(_frame_path(name), rows.time_ns[known], frames)
-        for name, changes in rows.scene.items():
-            times = rows.time_ns[[row for row, _ in changes]]
+                self._send_columns(path, block.time_ns, batch.partition([numbers.shape[1]] * len(numbers)))
+        for name, (positions, rotations) in block.frames.items():
+            known = np.isfinite(positions).all(axis=1) & np.isfinite(rotations).all(axis=1)
+            frames = rr.Transform3D.columns(translation=positions[known], quaternion=rotations[known][:, [1, 2, 3, 0]])
+            self._send_columns(_frame_path(name), block.time_ns[known], frames)
+        for name, changes in block.scene.items():
+            times = block.time_ns[[row for row, _ in changes]]
             self._send_columns(f"{_frame_path(VEHICLE)}/{name}", times, _draw_parts([part for _, part in changes]))
-        if rows.messages:
-            times = np.array([time_ns for time_ns, _ in rows.messages])
-            said = [message for _, message in rows.messages]
+        if block.messages:
+            times = np.array([time_ns for time_ns, _ in block.messages])
+            said = [message for _, message in block.messages]
             texts = rr.TextLog.columns(
                 text=[f"{one.source}: {one.text}" for one in said], level=[_LEVELS[one.level] for one in said]
             )
@@ -122,8 +122,8 @@ def write(content: Content, path: Path) -> None:
     with recording:
         stream = RerunStream(content.outline, recording)
         stream.begin()
-        for rows in content.stretches():
-            stream.put(rows)
+        for block in content.stretches():
+            stream.put(block)
     recording.disconnect()
 
 
@@ -164,9 +164,9 @@ class RerunViewer:
         """Sends the constant content."""
         self._stream.begin()
 
-    def put(self, rows: SampleBlock) -> None:
+    def put(self, block: SampleBlock) -> None:
         """Sends a block's samples and messages at once."""
-        self._stream.put(rows)
+        self._stream.put(block)
         self._flush()
 
     def close(self) -> None:
@@ -221,12 +221,12 @@ def _make_mesh(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
     )
 
 
-def _draw_parts(parts: Sequence[Arrows | Balls]) -> Any:
+def _draw_parts(elements: Sequence[Arrows | Balls]) -> Any:
     """Converts arrows or balls to Rerun's columns, one set per row."""
-    lengths = [len(part.colors) for part in parts]
-    colors = [color for part in parts for color in part.colors]
-    first, second = (np.vstack([part[index] for part in parts] or [np.empty((0, 3))]) for index in (0, 1))
-    if parts and isinstance(parts[0], Arrows):
+    lengths = [len(element.colors) for element in elements]
+    colors = [color for element in elements for color in element.colors]
+    first, second = (np.vstack([element[index] for element in elements] or [np.empty((0, 3))]) for index in (0, 1))
+    if elements and isinstance(elements[0], Arrows):
         return rr.Arrows3D.columns(origins=first, vectors=second, colors=colors).partition(lengths)
     return rr.Ellipsoids3D.columns(centers=first, half_sizes=second, colors=colors).partition(lengths)
 
@@ -237,8 +237,8 @@ def _blueprint(outline: Outline) -> rrb.Blueprint:
         path.removeprefix("signals/"): f"/{path}" for series in outline.series.values() for path, _ in _curves(series)
     }
     plots = []
-    for title, wanted in _PLOTS.items():
-        found = [path for pattern in wanted for name, path in paths.items() if Path(name).match(pattern)]
+    for title, patterns in _PLOTS.items():
+        found = [path for pattern in patterns for name, path in paths.items() if Path(name).match(pattern)]
         if found:
             plots.append(rrb.TimeSeriesView(origin="/signals", contents=found, name=title))
     scene = rrb.Spatial3DView(origin=f"/{WORLD}", name="vehicle")
