@@ -141,7 +141,7 @@ def false_declarations(
 
     The cause is the last event that had acted before: "healthy" (none), "failure" or "jump".
     """
-    matched = _match_declarations(vehicle, injected, detections).values()
+    matched = set(_match_declarations(vehicle, injected, detections).values())
     acted = [(event.first_acted_s, event.is_jump) for event in injected if event.first_acted_s is not None]
     causes: dict[int, Cause] = {}
     for index, entry in enumerate(detections):

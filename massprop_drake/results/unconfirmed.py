@@ -238,10 +238,7 @@ class Suspicions:
             leads = np.nan_to_num(signals["likelihood"][row], nan=-np.inf)
             race = self._race
             if np.isfinite(leads).any() or race is None:
-                lead, least = 0.0, np.inf  # by hypotheses of the joint filter nothing leads: they have probabilities
-                if isinstance(block, ThrustFactorsBlock):
-                    lead, least = block.lead, block.lead_nothing
-                jets = np.flatnonzero((leads > leads.max() - lead) & (leads > least))
+                jets = np.flatnonzero((leads > leads.max() - block.lead) & (leads > block.lead_nothing))
                 began_s, samples = (time_s, 1) if race is None else (race.time_s, race.samples + 1)
                 self._race = _Suspicion(began_s, time_s, leads, jets, samples, 0)
             else:

@@ -2,9 +2,9 @@ r"""Observability of a vehicle's mass properties, and activity and isolability o
 
 Everything here is geometry and noise, with the mass properties given: no data and no filter.
 
-**Pushing.** The rank and condition of the activity matrix (1-1), scaled to one unit and unit columns.
+**Activity.** The rank and condition of the activity matrix (1-1), scaled to one unit and unit columns.
 
-**Showing the mass properties.** The rows that one jet's impulse gives are those of the two filters,
+**Observability.** The rows that one jet's impulse gives are those of the two filters,
 
     [ A_6(a + lambda x r_cm),  I^-1 [lambda x],  0 ]   of a rate increment       (2-102)
     [ 0,                       0,           lambda ]   of a velocity increment   (3-37)
@@ -12,7 +12,7 @@ Everything here is geometry and noise, with the mass properties given: no data a
 They are linear in the impulses, so jets fired together show nothing that they do not show one by one. A
 combination of parameters that all rows leave alone cannot be estimated, however long the jets fire.
 
-**Being told apart.** With c_j the signature of jet j (4-12) and Y the covariance of one sample's
+**Isolability.** With c_j the signature of jet j (4-12) and Y the covariance of one sample's
 increments, G = C Y^-1 C^T holds all that a single-sample test can see: signatures as vectors in units of
 the noise. A failure of jet j by f is expected to lead that of jet i in likelihood argument (4-28) by
 

@@ -47,7 +47,7 @@ def combine_packages(
     Args:
         measurements: of the packages that are there, at least one, in order of preference, shape (s, 3).
         covariances: R_ij, the diagonal blocks being the packages' own, shape (s, s, 3, 3).
-        rule: one of the constants above.
+        rule: see `Rule`.
         correlated: whether the blocks off the diagonal count.
     """
     count = measurements.shape[0]

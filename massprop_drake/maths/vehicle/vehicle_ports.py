@@ -31,7 +31,7 @@ class Sensing(NamedTuple):
     """Package of sensors.
 
     Attributes:
-        errors: see `SensorErrors`.
+        errors: see `PackageErrors`.
         gathers: whether it is one of integrating accelerometers; else of rate gyros.
         position: vehicle frame, ft or m, shape (3,); of no meaning to gyros.
     """

@@ -290,7 +290,7 @@ def step(
     """Advances the joint filter by the readings of all packages, NaN where missing, shape (s, 3) each.
 
     Raises:
-        NotPositiveDefiniteError: see `cycle.step`.
+        NotPositiveDefiniteError: see `joint_cycle.step`.
     """
     before, steady = state.joint, params
     acting = commands.command != 0.0  # or not known

@@ -12,7 +12,7 @@ from massprop_drake.maths.estimation.joint.thrust_scale import parameters_with_s
 from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
-_SECOND_ORDER = 0.1  # probability: sigmas by which products of errors may shift a prediction, 0.005 nats
+_SECOND_ORDER = 0.1  # sigmas by which products of errors may shift a prediction, 0.005 nats
 
 
 @kernel

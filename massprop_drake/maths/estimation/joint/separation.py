@@ -21,7 +21,8 @@ from massprop_drake.maths.estimation.joint.screen import Screen, columns_matchin
 from massprop_drake.maths.estimation.joint.sensitivity import Link, propagate_to_update, propagate_update
 from massprop_drake.maths.linear_algebra import Array
 
-_CYCLES = 25  # of firing or coasting that are looked at, 2 s of the orbiter: who fires a jet alone for longer turns
+_SPAN_S = 2.0  # of firing or coasting that is predicted: a jet fired alone for longer turns the vehicle
+_MIN_CYCLES = 4  # that are predicted: a rate over their second half takes two
 _LONGEST_S = 600.0  # of coasting that is worth naming
 _NOBODY = -1
 
@@ -45,9 +46,9 @@ def find_separation(
 
     Args:
         interval: the newest cycle.
-        onset: of the first member, one of the screen's.
+        onset: one of the screen's, whose columns go on.
         members: jet, sign and force of each, lbf or N; the likeliest first.
-        level: separation that suffices.
+        level: separation that suffices, twice a log likelihood ratio.
     """
     jets = params.places.jets
     index = screen.onsets.index(onset)
@@ -59,7 +60,7 @@ def find_separation(
     force = members[0][2]
 
     def separations(single: int) -> Array:
-        """Computes log-likelihood separation of the first jet from the nearest other per cycle, shape (cycles,)."""
+        """Computes the separation of the first jet from the nearest other after each cycle, shape (cycles,)."""
         return _least_separation(information, _predicted_information(columns, steps, interval, single, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
@@ -82,8 +83,9 @@ def _predicted_information(
     forcing = interval.duration_s * interval.effects[jet].T * acts
     present = np.flatnonzero(~np.isnan(interval.read))
     half = np.linalg.cholesky(interval.covariance[np.ix_(present, present)])
-    gained = np.zeros((_CYCLES, indices.shape[0], indices.shape[0]))
-    for cycle in range(_CYCLES):
+    n_cycles = max(round(_SPAN_S / interval.duration_s), _MIN_CYCLES)
+    gained = np.zeros((n_cycles, indices.shape[0], indices.shape[0]))
+    for cycle in range(n_cycles):
         columns = propagate_to_update(columns, forcing, interval, params.places)
         shown = interval.jacobian @ columns
         columns = propagate_update(columns, shown, interval)

@@ -26,7 +26,7 @@ STEPS = 16  # in a cycle: 1 to 1.5 ms each
 LONGEST = 400  # a compute budget: control periods of which samples are kept, 32 s of the orbiter
 _NEAR = 0.3  # sigmas from where a pass began to where it ends: what remains is of second order in that
 _PASSES = 5  # at most; two or three as a rule
-_MISFIT = 10.0  # probability: standard deviations of chi-square by which readings may be off what passes expect
+_MISFIT = 10.0  # standard deviations of chi-square by which readings may be off what passes expect
 
 
 class Kept(NamedTuple):

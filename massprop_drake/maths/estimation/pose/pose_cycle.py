@@ -34,7 +34,7 @@ class PoseCycled(NamedTuple):
     """Bank after a sample.
 
     Attributes:
-        bank: see `Bank`.
+        bank: see `PoseBank`.
         likelihood: logarithm of the density of the readings given those before, nats, shape (n_filters,).
         innovation: shape (n_filters, m).
         kicked: probability of a kick, shape (n_filters,).
@@ -59,7 +59,7 @@ class Doubt(NamedTuple):
     A single reading that is off looks the same after both, and the next one tells: until then they are kept apart.
 
     Attributes:
-        bank: see `Bank`.
+        bank: see `PoseBank`.
         share: their probability, shape (n_filters,).
     """
 
@@ -342,7 +342,7 @@ def _gaussian_log_density(expected: Array, innovation: Array) -> tuple[Array, Ar
 
 
 def _nis_by_kind(projected: Array, compared: Compared) -> Array:
-    """Computes the first filter's NIS and its degrees of freedom by kind of sensor, see `Cycled.of_first`."""
+    """Computes the first filter's NIS and its degrees of freedom by kind of sensor, see `PoseCycled.of_first`."""
     result = np.zeros((2, 2))
     off, expected = compared.innovation[0], projected + compared.variance[0]
     for row, chosen in enumerate((compared.turning, ~compared.turning)):

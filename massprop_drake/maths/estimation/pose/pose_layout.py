@@ -29,7 +29,7 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 
 Places = np.ndarray  # of integers
-PUSHED = -2  # see `Bank.opens`
+PUSHED = -2  # see `PoseBank.opens`
 
 
 class Parts(NamedTuple):

@@ -47,7 +47,7 @@ class Predicted(NamedTuple):
     """Bank at the end of an interval, before its readings.
 
     Attributes:
-        bank: see `Bank`.
+        bank: see `PoseBank`.
         kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 12).
         through: how what is free goes with what was free before, shape (n_filters, n, n).
     """
