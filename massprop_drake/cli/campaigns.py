@@ -145,7 +145,7 @@ def status(folder: Folder, as_json: Json = False) -> None:
         show.print_json({**found.counts._asdict(), "cells": cells})
     else:
         for sentence in (
-            counts.progress(found.counts),
+            counts.progress_text(found.counts),
             counts.failed_to_run_text(found.counts),
             *counts.outcome_sentences(found),
         ):
