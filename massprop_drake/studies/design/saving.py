@@ -46,8 +46,8 @@ def verdict(design: Design) -> list[dict[str, Any]]:
         {
             "good": None,
             "text": f"{design.duration_s:.3g} s with {design.firing_s:.3g} s of firings, {design.propellant:.3g} "
-            f"{unit} of propellant; at most {math.degrees(design.rate):.3g} deg/s, {math.degrees(design.angle):.3g} deg and "
-            f"{design.displacement:.3g} {vehicle.unit_names['length']} from where it began.",
+            f"{unit} of propellant; at most {math.degrees(design.rate):.3g} deg/s, {math.degrees(design.angle):.3g} "
+            f"deg and {design.displacement:.3g} {vehicle.unit_names['length']} from where it began.",
         }
     ]
     for target in design.targets:
