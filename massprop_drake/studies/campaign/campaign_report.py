@@ -95,7 +95,7 @@ def report_page(study: Study) -> str:
 
 
 def notebook_html(study: Study) -> str:
-    """Returns title and verdict of a campaign as HTML for a notebook_html."""
+    """Returns title and verdict of a campaign as HTML for a notebook."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 

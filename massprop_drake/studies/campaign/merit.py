@@ -419,7 +419,7 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, absolute: bool) -
     Args:
         rows: with the draws in columns `draw.<label>`.
         labels: of the draws; those that are no numbers are left out.
-        absolute: of the error without its sign.
+        absolute: whether errors are taken without their sign.
     """
     good = select_flown(rows)
     columns = {}
@@ -459,7 +459,7 @@ def sobol(rows: Sequence[Row], n_draws: int) -> tuple[tuple[str, ...], statistic
 
 
 def worst_cases(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """Returns the failing cases by number of reasons, then by largest error in sigma, the worst_cases first."""
+    """Returns the failing cases by number of reasons, then by largest error in sigma, the worst first."""
 
     def badness(row: Row) -> tuple[int, float]:
         """Returns the number of reasons and the largest error in sigma, to sort by."""

@@ -132,7 +132,7 @@ def _read_cells(folder: Path, spec: CampaignSpec, plan_table: Any, result_column
     """Reads the cells of a sweep: each with its settings, label, planned number and result rows.
 
     Args:
-        folder: the campaign's folder.
+        folder: the campaign's.
         spec: the campaign.
         plan_table: the plan as a table, see `store.read_draws`.
         result_columns: columns of results to read.

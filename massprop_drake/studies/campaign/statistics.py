@@ -285,7 +285,7 @@ def size_curve(sizes: Sequence[float], detected: Sequence[bool], probability: fl
     Args:
         sizes: of each failure, above zero.
         detected: whether it was found.
-        probability: probability of `size_90`.
+        probability: with which `size_90` is found.
 
     Returns:
         The curve; None for less than eight failures, for sizes within 1 % of each other, and where all or none were

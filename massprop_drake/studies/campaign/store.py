@@ -139,7 +139,7 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], metadata: Mapping[str
     Args:
         folder: the campaign's.
         cases: all of them.
-        metadata: about the plan as a whole, such as the digest of the campaign, kept as metadata.
+        metadata: about the plan as a whole, such as the digest of the campaign.
     """
     columns = {
         "case_id": pa.array([case.case_id for case in cases], pa.int64()),
