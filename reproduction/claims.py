@@ -65,12 +65,8 @@ class Between:
 
     def __str__(self) -> str:
         if self.low == -math.inf:
-            return f"≤ {number_text(self.high)}"
-        return (
-            f"≥ {number_text(self.low)}"
-            if self.high == math.inf
-            else f"{number_text(self.low)} to {number_text(self.high)}"
-        )
+            return f"≤ {number(self.high)}"
+        return f"≥ {number(self.low)}" if self.high == math.inf else f"{number(self.low)} to {number(self.high)}"
 
 
 AtMost = partial(Between, -math.inf)  # a limit
@@ -89,7 +85,7 @@ class Near:
         return np.abs(values - self.value) <= self.tolerance
 
     def __str__(self) -> str:
-        return f"{number_text(self.value)} ± {number_text(self.tolerance)}"
+        return f"{number(self.value)} ± {number(self.tolerance)}"
 
 
 @dataclass(frozen=True)
@@ -99,7 +95,7 @@ class Printed:
     value: float
 
     def __str__(self) -> str:
-        return number_text(self.value)
+        return number(self.value)
 
 
 @dataclass(frozen=True)
@@ -217,9 +213,9 @@ class Outcome:
         """Text of the measured value: median, central 95 %, and where the thesis's number falls."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
         if (self.values == self.values[0]).all():
-            return f"{number_text(self.center)}{unit}"
+            return f"{number(self.center)}{unit}"
         low, high = _central_range(self.values)
-        text = f"{number_text(self.center)}{unit} ({number_text(low)} to {number_text(high)})"
+        text = f"{number(self.center)}{unit} ({number(low)} to {number(high)})"
         if isinstance(self.claim.expect, Printed):
             return f"{text}, thesis at {100.0 * self.share:.0f} %"
         return text if self.share in (0.0, 1.0) else f"{text}, met in {100.0 * self.share:.0f} %"
@@ -269,7 +265,7 @@ def _central_range(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def number_text(value: float) -> str:
+def number(value: float) -> str:
     """Formats a number with three digits, as briefly as it goes."""
     if not math.isfinite(value):
         return f"{value:g}"

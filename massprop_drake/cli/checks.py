@@ -57,19 +57,19 @@ class CheckFindings(NamedTuple):
     problems: list[str]
 
 
-def check(names: Iterable[str], telemetry_vehicle: Vehicle | None, n_pairs: int, *, report: bool) -> CheckFindings:
+def check(names: Iterable[str], vehicle: Vehicle | None, n_pairs: int, *, report: bool) -> CheckFindings:
     """Validates files; returns the findings on each as JSON data, the same in words, and the problems.
 
     Args:
         names: of files, or bundled ones.
-        telemetry_vehicle: that telemetry should be of.
+        vehicle: that telemetry should be of.
         n_pairs: number of pairs of jets that look alike, in the report on a vehicle.
         report: whether a vehicle is reported on.
     """
     result = CheckFindings([], [], [])
     for name in names:
         try:
-            content = read_checked_file(name, telemetry_vehicle)
+            content = read_checked_file(name, vehicle)
         except InputError as error:
             result.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
             lines = _drop_repeated(name, error.problems, result.problems)
@@ -83,19 +83,15 @@ def check(names: Iterable[str], telemetry_vehicle: Vehicle | None, n_pairs: int,
         if isinstance(content, Vehicle) and report:
             from massprop_drake.studies.vehicle_report import vehicle_report  # noqa: PLC0415 (slow to load)
 
-            vehicle_content = result.findings[-1]["report"] = vehicle_report(content, n_pairs)
-            result.lines.extend(show.vehicle_lines(vehicle_content, content.unit_names))
+            facts = result.findings[-1]["report"] = vehicle_report(content, n_pairs)
+            result.lines.extend(show.vehicle_lines(facts, content.unit_names))
     return result
 
 
 def _drop_repeated(name: str, problems: Sequence[str], reported: Sequence[str]) -> list[str]:
     """Drops problems of a scenario that its vehicle's file has already reported; adds a line with their number."""
-    known = {problem.partition(": vehicle: ")[2] or problem for problem in reported}
-    new = [
-        problem
-        for problem in problems
-        if (problem.partition(": vehicle: ")[2] or problem) not in known or problem in reported
-    ]
+    known = {one.partition(": vehicle: ")[2] or one for one in reported}
+    new = [one for one in problems if (one.partition(": vehicle: ")[2] or one) not in known or one in reported]
     repeated = counted(len(problems) - len(new), "problem")
     return new if len(new) == len(problems) else [*new, f"{name}: {repeated} of the vehicle, told above"]
 
@@ -112,14 +108,12 @@ class InputDescription(NamedTuple):
     doubts: Sequence[str] = ()
 
 
-def read_checked_file(
-    name: str, telemetry_vehicle: Vehicle | None
-) -> Vehicle | Scenario | CampaignSpec | InputDescription:
+def read_checked_file(name: str, vehicle: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | InputDescription:
     """Reads and validates a file; returns its model, of telemetry and maps a description; raises InputError."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
-        findings = check_telemetry(Path(name), telemetry_vehicle)
-        return InputDescription(show.describe_telemetry(findings, telemetry_vehicle), findings["notes"])
+        findings = check_telemetry(Path(name), vehicle)
+        return InputDescription(show.describe_telemetry(findings, vehicle), findings["notes"])
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():

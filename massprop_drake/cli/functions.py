@@ -111,23 +111,15 @@ def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], A
     function = getattr(module, name, None)
     if not callable(function):
         problem = "is no function" if hasattr(module, name) else "is not there"
-        user_functions = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
-        own_names = [
-            key
-            for key, value in user_functions.items()
-            if value.__module__ == module.__name__ and not key.startswith("_")
-        ]
-        raise InputError(f"{target}: '{name}' {problem}{suggestion(name, own_names)}")
+        theirs = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
+        own = [key for key, value in theirs.items() if value.__module__ == module.__name__ and not key.startswith("_")]
+        raise InputError(f"{target}: '{name}' {problem}{suggestion(name, own)}")
     try:
         parameters = list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):  # of a function that is not Python's
         parameters = []
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    needed = [
-        parameter.name
-        for parameter in parameters
-        if parameter.default is parameter.empty and parameter.kind not in variable
-    ]
+    needed = [one.name for one in parameters if one.default is one.empty and one.kind not in variable]
     if needed:
         raise InputError(f"{target}: needs arguments, {', '.join(needed)}; give a function that needs none")
     result: Callable[[], Any] = function

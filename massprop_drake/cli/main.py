@@ -39,20 +39,15 @@ class SavedWork:
         self._before: tuple[int, ...] | None = None
         self._written, self._otherwise = "", "nothing was saved"
 
-    def watch(self, file: Path, saved_message: str, unsaved_message: str = "nothing was saved") -> None:
+    def watch(self, file: Path, saved: str, unsaved: str = "nothing was saved") -> None:
         """Sets the file whose change shows that the work is saved, and what to say before and after it.
 
         Args:
             file: that the command writes last or together with all others.
-            saved_message: what to say once it is another file than now.
-            unsaved_message: what to say until then.
+            saved: what to say once it is another file than now.
+            unsaved: what to say until then.
         """
-        self._file, self._before, self._written, self._otherwise = (
-            file,
-            _file_identity(file),
-            saved_message,
-            unsaved_message,
-        )
+        self._file, self._before, self._written, self._otherwise = file, _file_identity(file), saved, unsaved
 
     @property
     def saved(self) -> bool:

@@ -206,10 +206,7 @@ def _make_rows_table(mapped: channels.Mapped, rows: list[dict[str, Any]]) -> Tab
             values = [row["sensors"][name][component] for row in rows]
             if any(value is not None for value in values):
                 unit = _unit_suffix(mapped, channel, component)
-                table.add_row(
-                    f"{name} {component}{unit}",
-                    *("-" if value_here is None else f"{value_here:.5g}" for value_here in values),
-                )
+                table.add_row(f"{name} {component}{unit}", *("-" if one is None else f"{one:.5g}" for one in values))
     table.add_row("jets open", *(_open_jets_text(row["jets"]) for row in rows))
     return table
 

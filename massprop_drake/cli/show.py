@@ -86,16 +86,14 @@ def print_design(
     console.say(f"written to {folder}/; fly it with: massprop run {folder}")
 
 
-def print_listing(descriptions: Mapping[str, Mapping[str, str]]) -> None:
+def print_listing(listing: Mapping[str, Mapping[str, str]]) -> None:
     """Prints bundled names with descriptions, a line each; a narrow terminal has the description below.
 
     Args:
-        descriptions: descriptions by name, by kind in the plural.
+        listing: descriptions by name, by kind in the plural.
     """
     console, table = Terminal(), Table.grid(padding=(0, 2))
-    rows = [
-        (kind.removesuffix("s"), name, text) for kind, items in descriptions.items() for name, text in items.items()
-    ]
+    rows = [(kind.removesuffix("s"), name, text) for kind, items in listing.items() for name, text in items.items()]
     kinds, names = (max(cell_len(row[column]) for row in rows) for column in (0, 1))
     narrow = console.width - kinds - names - 4 < _READABLE
     for kind, name, text in rows:
@@ -235,11 +233,7 @@ def print_side_by_side(summaries: Iterable[tuple[str, Summary]], vehicle: Vehicl
     runs = list(summaries)
     headings, spare = ["parameter", "unit"], []
     for name, results in runs:
-        what = (
-            "error %"
-            if any(not math.isnan(parameter.percent_error) for parameter in results.parameters)
-            else "estimate"
-        )
+        what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
         headings += [f"{escape_unprintable(Path(name).name)}\n{column}" for column in (what, "1-sigma %")]
         spare.append(headings[-1])
     rows = [
@@ -318,12 +312,8 @@ def _print_doubts(console: Terminal, results: Summary) -> None:
 
 def _infeasible_text(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
     """Formats the number of requests beyond the jets' reach; empty without any."""
-    n_infeasible = autopilot.lp_infeasible
-    return (
-        ["; ", (f"{n_infeasible} requests beyond the jets' reach, met as far as they go", "bold yellow")]
-        if n_infeasible
-        else []
-    )
+    count = autopilot.lp_infeasible
+    return ["; ", (f"{count} requests beyond the jets' reach, met as far as they go", "bold yellow")] if count else []
 
 
 _DETECTIONS = ("failed", "group", "jump")  # events that are the beginning of a detection
@@ -419,27 +409,25 @@ def describe_map(record_map: RecordMap) -> str:
     return f"map of a record, {sensors}, commands of {jets}"
 
 
-def describe_telemetry(findings: Mapping[str, Any], vehicle: Vehicle | None) -> str:
+def describe_telemetry(facts: Mapping[str, Any], vehicle: Vehicle | None) -> str:
     """Formats what was found in a readable record as one line: rows, period, gaps, columns not used.
 
     Args:
-        findings: as `telemetry.reader.check` returns it.
+        facts: as `telemetry.reader.check` returns it.
         vehicle: the vehicle it was checked against; None for any.
     """
-    period = "" if findings["period_s"] is None else f", {findings['period_s']:.6g} s apart"
-    parts = [f"telemetry{'' if vehicle is None else f' of {vehicle.name}'}, {findings['rows']} rows{period}"]
-    parts[0] += f", from {moment(findings['first_s'])} to {moment(findings['last_s'])} s"
+    period = "" if facts["period_s"] is None else f", {facts['period_s']:.6g} s apart"
+    parts = [f"telemetry{'' if vehicle is None else f' of {vehicle.name}'}, {facts['rows']} rows{period}"]
+    parts[0] += f", from {moment(facts['first_s'])} to {moment(facts['last_s'])} s"
     for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on")):
-        if findings[key]:
-            parts.append(f"{findings[key]} {words}")
-    if findings["unknown"]:
-        parts.append(
-            f"columns not used: {', '.join(findings['unknown'][:5])}{', ...' if findings['unknown'][5:] else ''}"
-        )
-    if findings["absent"]:
-        parts.append(f"no readings of {', '.join(findings['absent'])}")
-    if findings["completeness_detail"]:
-        parts.append(f"{findings['completeness']}: {'; '.join(findings['completeness_detail'])}")
+        if facts[key]:
+            parts.append(f"{facts[key]} {words}")
+    if facts["unknown"]:
+        parts.append(f"columns not used: {', '.join(facts['unknown'][:5])}{', ...' if facts['unknown'][5:] else ''}")
+    if facts["absent"]:
+        parts.append(f"no readings of {', '.join(facts['absent'])}")
+    if facts["completeness_detail"]:
+        parts.append(f"{facts['completeness']}: {'; '.join(facts['completeness_detail'])}")
     return "; ".join(parts)
 
 
@@ -487,16 +475,14 @@ def _range_text(values: Sequence[float]) -> str:
 
 def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
     """Formats median and largest of the jets' smallest isolable failures, and the jets never isolable."""
-    isolable = sorted(
-        (entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"]
-    )
+    sizes = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
     rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
     never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]
     parts = []
-    if isolable:
-        force, jet, rival = isolable[-1]
+    if sizes:
+        force, jet, rival = sizes[-1]
         similar = "" if rival is None else f", like {rival}"
-        parts.append(f"median {median(entry[0] for entry in isolable):.4g}, largest {force:.4g} ({jet}{similar})")
+        parts.append(f"median {median(entry[0] for entry in sizes):.4g}, largest {force:.4g} ({jet}{similar})")
     if never:
         more = f" and {len(never) - 3} more" if len(never) > 3 else ""
         parts.append(f"never: {', '.join(never[:3])}{more}")

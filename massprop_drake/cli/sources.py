@@ -118,9 +118,8 @@ def command_inputs(arguments: Iterable[str | Path | None], files_read: Iterable[
     """
     bundled = {*bundled_scenarios(), *bundled_vehicles(), "-"}
     paths = [Path(one) for one in arguments if one is not None and one not in bundled]
-    return paths + [
-        one for one in files_read if one.parent not in paths
-    ]  # of a run's folder the folder stands for them
+    # of a run's folder the folder stands for them
+    return paths + [one for one in files_read if one.parent not in paths]
 
 
 def load_recovered_scenario(scenario: str | Path, overrides: list[str]) -> Scenario:

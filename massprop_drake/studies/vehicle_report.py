@@ -58,7 +58,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     activity = activity_vectors(vehicle.wrenches, nominal)
     rank, condition = observability.activity_rank(activity, vehicle.rms_arm or 1.0)
     reach = dict(zip(DIRECTIONS, largest_accelerations(activity), strict=True))
-    unobservable, n_estimated = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
+    unobservable, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
     whitened = _whitened_signatures(vehicle)
     return {
         "body": _vehicle_dimensions(vehicle),
@@ -68,11 +68,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
             "reach": reach,
             "missing": [name for name, value in reach.items() if value == 0.0],
         },
-        "observability": {
-            "rank": n_estimated - len(unobservable),
-            "estimated": n_estimated,
-            "unobservable": unobservable,
-        },
+        "observability": {"rank": free - len(unobservable), "estimated": free, "unobservable": unobservable},
         "notes": _geometry_notes(vehicle),
         "alike": _similar_jet_pairs(vehicle, whitened, n_pairs),
         "isolable": _smallest_isolable(vehicle, whitened),
@@ -164,22 +160,19 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
     return observability.whiten_signatures(effects, covariance)
 
 
-def _similar_jet_pairs(vehicle: Vehicle, whitened_signatures: Array, n_pairs: int) -> list[dict[str, Any]]:
+def _similar_jet_pairs(vehicle: Vehicle, whitened: Array, n_pairs: int) -> list[dict[str, Any]]:
     """Lists the pairs of jets with the smallest angles between whitened signatures, rad, smallest first."""
     names = vehicle.designations
     return [
         {"jets": [names[pair.first], names[pair.second]], "angle_rad": pair.angle, "opposed": pair.opposed}
-        for pair in observability.jet_pairs(whitened_signatures)[:n_pairs]
+        for pair in observability.jet_pairs(whitened)[:n_pairs]
     ]
 
 
-def _smallest_isolable(vehicle: Vehicle, whitened_signatures: Array) -> list[dict[str, Any]]:
+def _smallest_isolable(vehicle: Vehicle, whitened: Array) -> list[dict[str, Any]]:
     """Lists the smallest isolable force of each jet, stuck on or lost, and the jet most similar to it."""
     names, margin = vehicle.designations, CglrBlock().margin
-    isolable = {
-        kind: observability.smallest_isolable(whitened_signatures, margin, lost=kind == "lost")
-        for kind in ("on", "lost")
-    }
+    found = {kind: observability.smallest_isolable(whitened, margin, lost=kind == "lost") for kind in ("on", "lost")}
     return [
         {
             "jet": name,
@@ -188,7 +181,7 @@ def _smallest_isolable(vehicle: Vehicle, whitened_signatures: Array) -> list[dic
                     "force": _finite(float(force[jet])),
                     "rival": names[rival[jet]] if rival[jet] >= 0 else None,
                 }
-                for kind, (force, rival) in isolable.items()
+                for kind, (force, rival) in found.items()
             },
         }
         for jet, name in enumerate(names)

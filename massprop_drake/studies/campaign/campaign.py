@@ -167,9 +167,9 @@ class Campaign:
         """
         require_packages("flights of a campaign", *TO_FLY)
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
-        selected_ids = frozenset(only)
+        selected = frozenset(only)
         cases = self.planned()
-        unknown = sorted(selected_ids - {case.case_id for case in cases})
+        unknown = sorted(selected - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
         compiles_here = self.spec.base.execution.compiled and client is None and scheduler is None
@@ -179,19 +179,17 @@ class Campaign:
             if client is None and scheduler is not None:  # before anything is written
                 client = stack.enter_context(engine.remote_client(scheduler))
             path = stack.enter_context(resumable_folder(target, _KIND, force=force, reads=self._input_files(cases)))
-            flown_ids = store.flown_ids(path)
-            if flown_ids and not resume and not selected_ids:
+            flown = store.flown_ids(path)
+            if flown and not resume and not selected:
                 raise InputError(
                     f"{target}: holds results already; --resume goes on with them, --out names another folder"
                 )
             metadata = self._write_plan(target, path, cases)
-            if selected_ids:
-                store.remove_failed_rows(path, selected_ids)
-                flown_ids = store.flown_ids(path)
+            if selected:
+                store.remove_failed_rows(path, selected)
+                flown = store.flown_ids(path)
             remaining = [
-                case
-                for case in cases
-                if (case.case_id in selected_ids if selected_ids else case.case_id not in flown_ids)
+                case for case in cases if (case.case_id in selected if selected else case.case_id not in flown)
             ]
             if remaining:
                 if compiles_here:
@@ -202,9 +200,7 @@ class Campaign:
                 link = engine.dashboard_address(client)
                 if dashboard is not None and link is not None:
                     dashboard(link)
-                counts = self._write_chunks(
-                    client, path, metadata, flown_ids, self._make_work(path, remaining, selected_ids)
-                )
+                counts = self._write_chunks(client, path, metadata, flown, self._make_work(path, remaining, selected))
                 for count in stack.enter_context(contextlib.closing(counts)):
                     if progress is not None:
                         progress(count, len(cases))

@@ -149,39 +149,36 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", grouping: str
 
 
 def operating_curve(
-    threshold_points: Sequence[OperatingPoint],
-    cell_points: Sequence[OperatingPoint],
-    flown_point: OperatingPoint,
-    setting_names: str,
+    by_threshold: Sequence[OperatingPoint], by_cell: Sequence[OperatingPoint], as_flown: OperatingPoint, swept: str
 ) -> Json:
     """Plots share found, and delay, over false declarations per hour: by threshold, by cell, and as flown.
 
     Args:
-        threshold_points: by threshold.
-        cell_points: of the sweep.
-        flown_point: the operating point.
-        setting_names: what the labels of the cells are values of.
+        by_threshold: by threshold.
+        by_cell: of the sweep.
+        as_flown: the operating point.
+        swept: what the labels of the cells are values of.
     """
     traces: list[Json] = []
-    all_points = [*threshold_points, *cell_points, flown_point]
-    high = max(point.false_per_hour.high for point in all_points)
-    low = min(_rate_position(point) for point in all_points)
+    points_all = [*by_threshold, *by_cell, as_flown]
+    high = max(point.false_per_hour.high for point in points_all)
+    low = min(_rate_position(point) for point in points_all)
     panels: tuple[tuple[str, Callable[[OperatingPoint], Figure]], ...] = (
         ("", lambda point: point.found),
         ("2", lambda point: point.delay_s),
     )
     for axis, figure_of in panels:
         place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
-        if threshold_points:
-            x = np.array([_rate_position(point) for point in threshold_points])
-            y = np.array([figure_of(point).value for point in threshold_points])
-            settings = [f"likelihood argument at least {point.setting:.4g}" for point in threshold_points]
+        if by_threshold:
+            x = np.array([_rate_position(point) for point in by_threshold])
+            y = np.array([figure_of(point).value for point in by_threshold])
+            settings = [f"likelihood argument at least {point.setting:.4g}" for point in by_threshold]
             label = "as flown, less what is below a threshold" if not axis else ""
             style = {"line": {"dash": "dot"}, "text": settings, "hoverinfo": "x+y+text"}
             traces.append(_line_trace(x, y, _CURVE_COLOR, label, **style, **place))
         for points, color, symbol, label in (
-            (list(cell_points), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(setting_names)}"),
-            ([flown_point], FAILED_COLOR, "star", "operating point"),
+            (list(by_cell), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(swept)}"),
+            ([as_flown], FAILED_COLOR, "star", "operating point"),
         ):
             if not points:
                 continue
@@ -215,7 +212,7 @@ def operating_curve(
         "Bars: 95 %. An open symbol has no false declaration: it stands at half of one, and its bar reaches to "
         "3 / hours flown. Jumps of the mass properties have another statistic and are not counted here."
     )
-    if threshold_points:
+    if by_threshold:
         note += (
             " The dotted curve leaves out declarations of these flights with a lower likelihood argument. None was "
             "flown again for it, so that what would have been declared later is missing: of the share found it is a "

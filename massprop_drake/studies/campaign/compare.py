@@ -18,7 +18,7 @@ from massprop_drake.studies.campaign.campaign_report import FORMAT, figure_data
 from massprop_drake.studies.campaign.counts import Row, ends_wrong, select_flown, select_judgeable
 from massprop_drake.studies.campaign.merit import MEANINGS, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
-from massprop_drake.studies.campaign.reading import Cell, Study, flatten_data, read
+from massprop_drake.studies.campaign.reading import Cell, Study, flatten, read
 from massprop_drake.studies.campaign.statistics import Paired
 
 _HERE = Path(__file__).parent
@@ -92,22 +92,20 @@ def columns(studies: Sequence[Study]) -> list[Column]:
 
 def _require_same_draws(baseline: Column, column: Column) -> None:
     """Checks that cases of two columns have the same draws and differ in settings alone, else InputError."""
-    folder, base_folder = column.study.folder, baseline.study.folder
+    folder, there = column.study.folder, baseline.study.folder
     file, base_file = column.study.spec.file, baseline.study.spec.file
     refused = "cases cannot be compared in pairs"
     if set(column.study.labels) != set(baseline.study.labels):
         only = [f"{label} only in {folder}" for label in column.study.labels if label not in baseline.study.labels]
-        only += [
-            f"{label} only in {base_folder}" for label in baseline.study.labels if label not in column.study.labels
-        ]
-        raise InputError(f"{folder}: draws other quantities than {base_folder}, so that {refused}: {'; '.join(only)}")
+        only += [f"{label} only in {there}" for label in baseline.study.labels if label not in column.study.labels]
+        raise InputError(f"{folder}: draws other quantities than {there}, so that {refused}: {'; '.join(only)}")
     if (file.method, file.seed) != (base_file.method, base_file.seed):
         raise InputError(
-            f"{folder}: is drawn by {file.method} with seed {file.seed}, {base_folder} by {base_file.method} with seed "
+            f"{folder}: is drawn by {file.method} with seed {file.seed}, {there} by {base_file.method} with seed "
             f"{base_file.seed}, so that {refused}; give both the same"
         )
     if column.study.spec.base.vehicle_data.designations != baseline.study.spec.base.vehicle_data.designations:
-        raise InputError(f"{folder}: flies another vehicle than {base_folder}, so that {refused}")
+        raise InputError(f"{folder}: flies another vehicle than {there}, so that {refused}")
     rows = {row["sample"]: row for row in baseline.cell.rows}
     compared = ("seed", "record", *(f"draw.{label}" for label in column.study.labels))
     for row in column.cell.rows:
@@ -116,11 +114,11 @@ def _require_same_draws(baseline: Column, column: Column) -> None:
             if same is not None and same[name] != row[name]:
                 quantity = name.removeprefix("draw.")
                 raise InputError(
-                    f"{folder}: sample {row['sample']}: {quantity} is {row[name]}, in {base_folder} {same[name]}, "
+                    f"{folder}: sample {row['sample']}: {quantity} is {row[name]}, in {there} {same[name]}, "
                     f"so that {refused}"
                 )
     if column is not baseline and not pair_cases(baseline, column):
-        raise InputError(f"{folder}: has no case in common with {base_folder} that both have flown")
+        raise InputError(f"{folder}: has no case in common with {there} that both have flown")
 
 
 def pair_cases(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
@@ -247,18 +245,15 @@ def _column_measures(compared: Sequence[Column], index: int) -> list[Measure]:
 
 def _differing_settings(compared: Sequence[Column]) -> list[dict[str, Any]]:
     """Lists settings and versions that differ between columns, by key, with each column's value."""
-    all_settings = []
+    flat = []
     for column in compared:
-        settings = flatten_data(column.study.spec.base.model_dump(mode="json"), vectors=False)
-        settings |= column.cell.settings
-        settings |= {f"(version) {name}": value for name, value in column.study.execution.items()}
-        all_settings.append(settings)
-    keys = dict.fromkeys(key for settings in all_settings for key in settings)
-    differing = [key for key in keys if any(settings.get(key) != all_settings[0].get(key) for settings in all_settings)]
-    return [
-        {"key": key, "values": [settings.get(key) for settings in all_settings]}
-        for key in differing[:_MOST_DIFFERENCES]
-    ]
+        one = flatten(column.study.spec.base.model_dump(mode="json"), vectors=False)
+        one |= column.cell.settings
+        one |= {f"(version) {name}": value for name, value in column.study.execution.items()}
+        flat.append(one)
+    keys = dict.fromkeys(key for one in flat for key in one)
+    differing = [key for key in keys if any(one.get(key) != flat[0].get(key) for one in flat)]
+    return [{"key": key, "values": [one.get(key) for one in flat]} for key in differing[:_MOST_DIFFERENCES]]
 
 
 # -------------------------------------------------------------------------------------------- as page
@@ -285,10 +280,8 @@ def page_content(compared: Sequence[Column]) -> dict[str, Any]:
         curves = {column.label: merit.detection_curve(merit.events(column.cell.rows)) for column in compared}
         plots.append(charts.delays(curves, grouping="by column"))
         points = [merit.operating_point(column.cell.rows, chr(ord("A") + n)) for n, column in enumerate(compared)]
-        baseline = compared[0].baseline
-        plots.append(
-            charts.operating_curve([], points[:baseline] + points[baseline + 1 :], points[baseline], "settings")
-        )
+        own = compared[0].baseline
+        plots.append(charts.operating_curve([], points[:own] + points[own + 1 :], points[own], "settings"))
     return {
         "title": "Campaigns compared: " + ", ".join(dict.fromkeys(column.study.spec.file.name for column in compared)),
         "columns": [{"letter": chr(ord("A") + n), "label": label} for n, label in enumerate(labels)],

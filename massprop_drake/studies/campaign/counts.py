@@ -111,12 +111,12 @@ def outcome_sentences(status: Status) -> list[str]:
     """Returns sentences on how many cases fail, and end wrong, in all and by cell; none if nothing is known."""
     kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
     sentences = []
-    for name, base_name, words in kinds:
+    for name, base, words in kinds:
         number, *by_cell = (
-            f"{getattr(counts, name)} of {getattr(counts, base_name)}"
-            for counts in (status.counts, *(counts for *_, counts in status.cells))
+            f"{getattr(one, name)} of {getattr(one, base)}"
+            for one in (status.counts, *(one for *_, one in status.cells))
         )
         texts = [f"{text} with {label}" for text, (label, *_) in zip(by_cell, status.cells, strict=True)]
-        if getattr(status.counts, base_name):
+        if getattr(status.counts, base):
             sentences.append(f"{number} cases {words}{': ' + '; '.join(texts) if len(texts) > 1 else ''}.")
     return sentences

@@ -111,16 +111,14 @@ def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
     return cases
 
 
-def _problem_with_draws(problem: str, drawn_values: Mapping[str, Any]) -> str:
+def _problem_with_draws(problem: str, values: Mapping[str, Any]) -> str:
     """Returns a case's error message with the drawn values of the scenario block that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
-    matching = [
-        f"{label} = {value}"
-        for label, value in drawn_values.items()
-        if re.split(r"[.\[]", label, maxsplit=1)[0] == block
+    draws = [
+        f"{label} = {value}" for label, value in values.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block
     ]
-    return problem if not matching else f"{problem}; drawn: {', '.join(matching)}"
+    return problem if not draws else f"{problem}; drawn: {', '.join(draws)}"
 
 
 def _require_few(campaign: CampaignSpec, n_cases: int) -> None:

@@ -99,11 +99,9 @@ def read(folder: str | Path) -> Study:
     path = Path(folder)
     facts = store.read_metadata(path)
     spec = store.planned_spec(path)
-    result_columns = [
-        name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN
-    ]
+    columns = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
     plan_table = store.read_draws(path)
-    cells = _read_cells(path, spec, plan_table, result_columns)
+    cells = _read_cells(path, spec, plan_table, columns)
     if not any(cell.rows for cell in cells):
         raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
     reference = _reference_cell(spec, [cell.settings for cell in cells])
@@ -152,10 +150,9 @@ def _read_cells(folder: Path, spec: CampaignSpec, plan_table: Any, result_column
         rows.setdefault(values["cell"][index], []).append(_ColumnRow(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
-    keys, values_by_cell = find_varying_keys(settings)
+    keys, texts = find_varying_keys(settings)
     labels_of = [
-        ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, cell, strict=True))
-        for cell in values_by_cell
+        ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, cell, strict=True)) for cell in texts
     ]
     return [
         Cell(cell, columns["cell"].count(number), rows.get(number, []), labels_of[number] or "all cases")
@@ -171,7 +168,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     Args:
         settings: of each cell, what the sweep sets, by dotted key.
     """
-    cells = [flatten_data(dict(cell)) for cell in settings]
+    cells = [flatten(dict(cell)) for cell in settings]
     columns: dict[str, list[str]] = {}
     rows: list[tuple[str, ...]] = [()] * len(cells)
     for key in dict.fromkeys(key for cell in cells for key in cell):
@@ -182,7 +179,7 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     return list(columns), rows
 
 
-def flatten_data(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
+def flatten(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
     """Flattens nested data to a dict of values by dotted path; `vectors`: lists of plain values are not split."""
     nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
@@ -191,9 +188,7 @@ def flatten_data(value: Any, path: str = "", *, vectors: bool = True) -> dict[st
         parts = {f"{path}[{number}]": part for number, part in enumerate(value)}
     else:
         return {path: value}
-    return {
-        inner: leaf for key, part in parts.items() for inner, leaf in flatten_data(part, key, vectors=vectors).items()
-    }
+    return {inner: leaf for key, part in parts.items() for inner, leaf in flatten(part, key, vectors=vectors).items()}
 
 
 def _value_text(value: Any) -> str:

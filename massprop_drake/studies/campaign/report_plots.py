@@ -26,13 +26,11 @@ def delay_plots(study: Study, failures: Sequence[InjectedEvent]) -> list[charts.
         plots.append(charts.delays(curves))
         swept = len(study.cells) > 1
         if swept:
-            cells = {
-                swept_cell.label: merit.detection_curve(merit.events(swept_cell.rows)) for swept_cell in study.cells
-            }
+            cells = {one.label: merit.detection_curve(merit.events(one.rows)) for one in study.cells}
             plots.append(charts.delays(cells, "delays-cells", "by setting of the sweep"))
         points = [
-            merit.operating_point(swept_cell.rows, ", ".join(map(str, swept_cell.settings.values())))
-            for swept_cell in (study.cells if swept else ())
+            merit.operating_point(one.rows, ", ".join(map(str, one.settings.values())))
+            for one in (study.cells if swept else ())
         ]
         flown_point = merit.operating_point(cell.rows, cell.label)
         names = ", ".join(key.rpartition(".")[2] for key in study.spec.file.sweep)

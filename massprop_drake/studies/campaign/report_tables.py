@@ -30,8 +30,8 @@ def sweep(study: Study) -> dict[str, Any] | None:
     """Makes the table of the main figures of all cells, side by side; None for a single cell."""
     if len(study.cells) < 2:
         return None
-    figures_by_cell = [merit.figures(cell.rows) for cell in study.cells]
-    names = [name for name in _MAIN if any(figures[name].n for figures in figures_by_cell)]
+    by_cell = [merit.figures(cell.rows) for cell in study.cells]
+    names = [name for name in _MAIN if any(figures[name].n for figures in by_cell)]
     return {
         "cells": [cell.label for cell in study.cells],
         "reference": study.reference,
@@ -39,10 +39,8 @@ def sweep(study: Study) -> dict[str, Any] | None:
         "rows": [
             {
                 "words": MEANINGS[name].words,
-                "values": [
-                    format_figure(figures[name], MEANINGS[name].unit, interval=False) for figures in figures_by_cell
-                ],
-                "intervals": [figure_row(name, figures[name])["interval"] for figures in figures_by_cell],
+                "values": [format_figure(figures[name], MEANINGS[name].unit, interval=False) for figures in by_cell],
+                "intervals": [figure_row(name, figures[name])["interval"] for figures in by_cell],
             }
             for name in names
         ],
@@ -87,7 +85,7 @@ def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[s
         rows: of a cell.
         clusters: number of each jet's cluster, by designation.
     """
-    in_failed_clusters: Counter[str] = Counter()
+    related: Counter[str] = Counter()
     elsewhere: Counter[str] = Counter()
     cases = 0
     good = select_judgeable(rows)
@@ -95,14 +93,11 @@ def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[s
         failed = {clusters.get(record["jet"]) for record in row["injected"] if record["first_acted_s"] is not None}
         jets_elsewhere = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
         elsewhere.update(jets_elsewhere)
-        in_failed_clusters.update(jet for jet in row["healthy_jets_out"] if jet not in jets_elsewhere)
+        related.update(jet for jet in row["healthy_jets_out"] if jet not in jets_elsewhere)
         cases += bool(jets_elsewhere)
     return {
         "share": format_figure(statistics.share(cases, len(good)), "%"),
-        "jets": [
-            (jet, elsewhere[jet], in_failed_clusters[jet])
-            for jet, _ in (elsewhere + in_failed_clusters).most_common(15)
-        ],
+        "jets": [(jet, elsewhere[jet], related[jet]) for jet, _ in (elsewhere + related).most_common(15)],
     }
 
 

@@ -64,50 +64,47 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     """Returns the verdict's sentences, each a `text` with `good`: True, False, or None where not judged."""
     sentences: list[dict[str, Any]] = []
 
-    def add(good: bool | None, text: str) -> None:
+    def say(good: bool | None, text: str) -> None:
         """Adds a sentence to the verdict, with whether it is good."""
         sentences.append({"good": good, "text": text})
 
     cell = study.cells[study.reference]
     all_figures = [merit.figures(swept_cell.rows) for swept_cell in study.cells]
-    reference = all_figures[study.reference]
+    found = all_figures[study.reference]
     judged = [merit.judge_gates(study.spec.file.gates, figures) for figures in all_figures]
     for results in zip(*judged, strict=True):
-        add(all(result.passes for result in results), _gate_sentence(results, study.cells))
+        say(all(result.passes for result in results), _gate_sentence(results, study.cells))
     for sentence in outcome_sentences(study.status):
-        add(None, sentence)
+        say(None, sentence)
     if len(study.cells) > 1:
         why = "the first cell" if study.reference == 0 else "the base scenario's own settings"
-        add(None, f"Figures below, unless they say otherwise, are with {cell.label}, {why}.")
+        say(None, f"Figures below, unless they say otherwise, are with {cell.label}, {why}.")
     judged_rows = select_judgeable(cell.rows)
     if judged_rows:
-        rate, hours = reference["false_declarations_per_hour"], merit.hours(judged_rows)
+        rate, hours = found["false_declarations_per_hour"], merit.hours(judged_rows)
         count = len(merit.false_declarations(judged_rows))
-        add(
+        say(
             None,
             f"{count} false declarations in {hours:.3g} hours flown: {format_figure(rate, 'per hour')}; "
-            f"{format_figure(reference['false_declarations_in_case'], '%')} of the cases have one.",
+            f"{format_figure(found['false_declarations_in_case'], '%')} of the cases have one.",
         )
-        wrong, out = (format_figure(reference[name], "%") for name in ("ended_wrong", "healthy_jets_out"))
-        add(None, f"{wrong} of the cases end wrong; {out} end with a healthy jet out of use.")
+        wrong, out = (format_figure(found[name], "%") for name in ("ended_wrong", "healthy_jets_out"))
+        say(None, f"{wrong} of the cases end wrong; {out} end with a healthy jet out of use.")
     else:
         count, hours = sum(len(row["declared"]) for row in select_flown(cell.rows)), merit.hours(cell.rows)
-        add(None, f"{count} declarations in {hours:.3g} hours of telemetry; which of them are right nobody says.")
+        say(None, f"{count} declarations in {hours:.3g} hours of telemetry; which of them are right nobody says.")
     acted = merit.events(cell.rows)
     if acted:
-        within = ", ".join(f"{format_figure(reference[f'found_within_{d:g}_s'], '%')} within {d:g} s" for d in DELAYS_S)
-        add(
-            None,
-            f"Of {len(acted)} failures that acted, {format_figure(reference['isolated'], '%')} were found: {within}.",
-        )
+        within = ", ".join(f"{format_figure(found[f'found_within_{d:g}_s'], '%')} within {d:g} s" for d in DELAYS_S)
+        say(None, f"Of {len(acted)} failures that acted, {format_figure(found['isolated'], '%')} were found: {within}.")
     never = sum(counts["never_acted"] for counts in merit.count_outcomes(cell.rows).values())
     if never:
-        add(None, f"{never} failure{'s' if never > 1 else ''} never acted, and no figure counts them.")
+        say(None, f"{never} failure{'s' if never > 1 else ''} never acted, and no figure counts them.")
     counts = study.status.counts
     if counts.failed_to_run:
-        add(False, failed_to_run_text(counts))
+        say(False, failed_to_run_text(counts))
     if counts.tried < counts.planned:
-        add(False, progress_text(counts))
+        say(False, progress_text(counts))
     return sentences
 
 

@@ -335,11 +335,11 @@ def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float
 
 
 def _size_at_probability(
-    z: Array, y: Array, coefficients: tuple[float, float], probability: float, max_distance: float
+    z: Array, y: Array, coefficients: tuple[float, float], probability: float, reach: float
 ) -> Figure:
     """Computes the standardized size z detected with a probability, with its profile-likelihood interval.
 
-    A bound that lies farther from all sizes than `max_distance` is infinite.
+    A bound that lies farther from all sizes than `reach` is infinite.
     """
     from scipy.optimize import brentq, minimize_scalar  # noqa: PLC0415 (slow to load)
 
@@ -365,10 +365,7 @@ def _size_at_probability(
         return float(brentq(excess, *sorted((value, limit)), xtol=1e-4)) if excess(limit) > 0.0 else default
 
     return Figure(
-        value,
-        bound(min(value, z.min()) - max_distance, -math.inf),
-        bound(max(value, z.max()) + max_distance, math.inf),
-        z.size,
+        value, bound(min(value, z.min()) - reach, -math.inf), bound(max(value, z.max()) + reach, math.inf), z.size
     )
 
 

@@ -227,10 +227,8 @@ def remove_failed_rows(folder: Path, case_ids: Collection[int]) -> None:
     """Removes the result rows of the given cases where they failed to run."""
     for path in _chunk_files(folder):
         table = _read_chunk(path, None)
-        to_remove = pc.and_(
-            pc.is_in(table["case_id"], pa.array(case_ids, pa.int64())), pc.equal(table["status"], FAILED)
-        )
-        kept = table.filter(pc.invert(to_remove))
+        failed = pc.and_(pc.is_in(table["case_id"], pa.array(case_ids, pa.int64())), pc.equal(table["status"], FAILED))
+        kept = table.filter(pc.invert(failed))
         if not kept.num_rows:
             path.unlink()
         elif kept.num_rows < table.num_rows:

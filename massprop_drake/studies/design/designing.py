@@ -112,11 +112,9 @@ def design(
     reach.require_allowed_firing(firing_sets, task, limits or {})
     choice = characterize_actions(candidate_actions(firing_sets, craft), task)
     converging_aims = asked.make_aims(requested, suspicion, craft.params, asked.AimSettings(base.faults, margin, True))
-    search_result, task = _search_plan(choice, task, converging_aims, len(requested))
-    reach.require_reached(search_result.plan, task, (requested, suspicion), vehicle, limits or {})
-    maneuver = writing.make_design(
-        search_result, task, writing.DesignRequest(requested, suspicion, floors, hold), base, run
-    )
+    result, task = _search_plan(choice, task, converging_aims, len(requested))
+    reach.require_reached(result.plan, task, (requested, suspicion), vehicle, limits or {})
+    maneuver = writing.make_design(result, task, writing.DesignRequest(requested, suspicion, floors, hold), base, run)
     return fly_design(maneuver, requested, vehicle, flights) if flights else maneuver
 
 
@@ -138,10 +136,10 @@ def _search_plan(candidates: Choice, task: Task, converging_aims: Aims, n_target
     doubting_task = task._replace(doubting=True)
     rebuilt = rebuild_plan(result.plan.actions, 1, result.plan, doubting_task)
     assert rebuilt is not None  # what is noise moves nothing
-    convergence_ratios = compare_with_aims(rebuilt.flown[-1].course.shown, task.known, converging_aims).ratios[
+    ratios = compare_with_aims(rebuilt.flown[-1].course.shown, task.known, converging_aims).ratios[
         n_targets : converging_aims.deviations.size
     ]
-    if (convergence_ratios < _EARLY).all():
+    if (ratios < _EARLY).all():
         return result, task
     return search_best_plan(candidates, doubting_task), doubting_task
 
@@ -165,15 +163,13 @@ def _joint_filter_scenario(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=changed)
 
 
-def _craft_and_filter(
-    scenario: Scenario, run: Run | None, excluded_jets: Sequence[str]
-) -> tuple[Craft, JointFilterState]:
+def _craft_and_filter(scenario: Scenario, run: Run | None, excluded: Sequence[str]) -> tuple[Craft, JointFilterState]:
     """Returns the vehicle model for planning, and the joint filter's state before the maneuver."""
     vehicle = scenario.vehicle_data
-    for name in excluded_jets:
+    for name in excluded:
         if name not in vehicle.designations:
             raise InputError(f"design: without '{name}': no such jet{suggestion(name, vehicle.designations)}")
-    craft, params = crafts.make_craft(scenario, frozenset(excluded_jets)), inputs.estimation_params(scenario)
+    craft, params = crafts.make_craft(scenario, frozenset(excluded)), inputs.estimation_params(scenario)
     if craft.jets.size == 0 and not craft.torques.any():
         raise InputError("design: without: leaves no jet to fire")
     if run is None:

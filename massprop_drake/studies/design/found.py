@@ -123,8 +123,6 @@ class Design(NamedTuple):
     def commanded(self) -> list[ManeuverCommand]:
         """The maneuver's commands of jets and wheels, in order of time."""
         scenario = self.scenario
-        commands = [ManeuverCommand(item.jet, 0.0, item.start_s, item.end_s) for item in scenario.jet_schedule]
-        commands += [
-            ManeuverCommand(item.wheel, item.torque, item.start_s, item.end_s) for item in scenario.wheel_schedule
-        ]
-        return sorted((item for item in commands if item.start_s >= self.begins_s), key=lambda item: item.start_s)
+        commands = [ManeuverCommand(one.jet, 0.0, one.start_s, one.end_s) for one in scenario.jet_schedule]
+        commands += [ManeuverCommand(one.wheel, one.torque, one.start_s, one.end_s) for one in scenario.wheel_schedule]
+        return sorted((one for one in commands if one.start_s >= self.begins_s), key=lambda one: one.start_s)

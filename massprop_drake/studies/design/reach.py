@@ -113,16 +113,14 @@ def require_reached(
     (targets, suspicion), last = request, plan.reached[-1]
     if last.shortfall == 0.0:
         return
-    worst_aim = int(np.argmax(last.ratios))
+    worst = int(np.argmax(last.ratios))
     used = f"{plan.propellant:.3g} {vehicle.unit_names['mass']} and {plan.samples * task.craft.period_s:.3g} s"
-    if worst_aim < len(targets):
-        result = (
-            f"{targets[worst_aim].name} is known to {_with_unit(float(last.deviations[worst_aim]), targets[worst_aim])}"
-        )
-    elif worst_aim < last.deviations.size:
+    if worst < len(targets):
+        result = f"{targets[worst].name} is known to {_with_unit(float(last.deviations[worst]), targets[worst])}"
+    elif worst < last.deviations.size:
         result = _UNKNOWN
     else:
-        jet_index, other_index = suspicion.pairs[worst_aim - last.deviations.size]
+        jet_index, other_index = suspicion.pairs[worst - last.deviations.size]
         other_jet = vehicle.designations[other_index] if other_index >= 0 else "nothing"
         result = f"{vehicle.designations[jet_index]} is not told from {other_jet}"
     within = f" within {_limits_text(limits)}" if limits else ""

@@ -64,12 +64,8 @@ def verdict(design: Design) -> list[dict[str, Any]]:
     for pair in design.pairs:
         by_jet.setdefault(pair.jet, []).append(pair)
     for jet, pairs in by_jet.items():
-        times_after = [pair.after_s for pair in pairs]
-        separation = (
-            "not told apart"
-            if None in times_after
-            else f"told after {max(filter(None, times_after), default=0.0):.2g} s"
-        )
+        after = [pair.after_s for pair in pairs]
+        separation = "not told apart" if None in after else f"told after {max(filter(None, after), default=0.0):.2g} s"
         names = [pair.other for pair in pairs if pair.other]
         others = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
         times = design.named_s.get(jet, ())
@@ -96,8 +92,8 @@ def _spread(target: TargetFound) -> str:
 def firings(design: Design) -> list[tuple[str, float, float]]:
     """Lists the maneuver's commands in order of time: text of jet or wheel with torque, start and end, s."""
     return [
-        (f"{command.name} {command.torque:+.3g}" if command.torque else command.name, command.start_s, command.end_s)
-        for command in design.commanded
+        (f"{one.name} {one.torque:+.3g}" if one.torque else one.name, one.start_s, one.end_s)
+        for one in design.commanded
     ]
 
 
@@ -110,23 +106,21 @@ def page(design: Design) -> str:
         "verdict": verdict(design),
         "targets": [
             {
-                "name": f"{item.name}, {item.unit}",
-                "numbers": [
-                    f"{value:.4g}" for value in (item.value, item.before, item.asked, item.predicted, item.floor)
-                ],
-                "flown": _spread(item) if item.flown else "",
-                "errors": f"{np.sqrt(np.mean(np.square(item.errors))):.3g}" if item.errors else "",
+                "name": f"{one.name}, {one.unit}",
+                "numbers": [f"{value:.4g}" for value in (one.value, one.before, one.asked, one.predicted, one.floor)],
+                "flown": _spread(one) if one.flown else "",
+                "errors": f"{np.sqrt(np.mean(np.square(one.errors))):.3g}" if one.errors else "",
             }
-            for item in design.targets
+            for one in design.targets
         ],
         "pairs": [
             (
-                item.jet,
-                item.other or "nothing",
-                f"{item.force:.3g}",
-                "not" if item.after_s is None else f"{item.after_s:.2g}",
+                one.jet,
+                one.other or "nothing",
+                f"{one.force:.3g}",
+                "not" if one.after_s is None else f"{one.after_s:.2g}",
             )
-            for item in design.pairs
+            for one in design.pairs
         ],
         "force": vehicle.unit_names["force"],
         "firings": [(name, f"{start:.3f}", f"{end - start:.3g}") for name, start, end in firings(design)],

@@ -37,11 +37,9 @@ class DesignRequest(NamedTuple):
     hold: bool
 
 
-def make_design(
-    search_result: SearchResult, task: Task, request: DesignRequest, base: Scenario, run: Run | None
-) -> Design:
+def make_design(result: SearchResult, task: Task, request: DesignRequest, base: Scenario, run: Run | None) -> Design:
     """Makes the design of a found plan: its scenario, predicted sigmas, separable pairs and commands."""
-    (plan, trace), (requested, suspicion, floors, hold) = search_result, request
+    (plan, trace), (requested, suspicion, floors, hold) = result, request
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
     before, last = plan.reached[0], plan.reached[-1]
@@ -117,10 +115,7 @@ def _sigmas_and_separation(
     deviations, tolerance = np.array([each.deviations for each in reached]), 1.0 + task.margin
     looked_for = np.all(deviations[:, n_targets:] <= aims.deviations[n_targets:] * tolerance, axis=1)
     separable = (np.array([each.deltas for each in reached]) >= aims.odds / tolerance**2) & looked_for.reshape(-1, 1)
-    times_s = [
-        max(int(np.argmax(by_sample)), FOLLOWED) * task.craft.period_s if by_sample.any() else None
-        for by_sample in separable.T
-    ]
+    times_s = [max(int(np.argmax(row)), FOLLOWED) * task.craft.period_s if row.any() else None for row in separable.T]
     return deviations, times_s
 
 
@@ -133,29 +128,27 @@ def _naming_times_s(samples: list[FlownAction], task: Task, n_targets: int) -> d
     if aims.pairs.size == 0:
         return {}
     rest = coast_action(round(LISTENING_S / period_s), task.craft)
-    extended = list(samples)
+    rows = list(samples)
     for _ in range(rest.coast):
-        extended.append(fly_action_sample(extended[-1], rest, task.craft, fires=False))
+        rows.append(fly_action_sample(rows[-1], rest, task.craft, fires=False))
     least_odds, nothing = aims.odds[aims.pairs[:, 1] >= 0].min(), np.flatnonzero(aims.pairs[:, 1] < 0)
     suspects = aims.pairs[nothing, 0]
-    others = [
-        np.append(np.delete(np.arange(2 * jets), (suspect % jets, jets + suspect % jets)), -1) for suspect in suspects
-    ]
+    others = [np.append(np.delete(np.arange(2 * jets), (jet % jets, jets + jet % jets)), -1) for jet in suspects]
     rivals, size = np.concatenate(others), others[0].size
     suspect_rows = np.repeat(nothing, size)
-    all_pairs = aims._replace(
+    pairs = aims._replace(
         pairs=np.column_stack((np.repeat(suspects, size), rivals)),
         forces=aims.forces[suspect_rows],
         most=aims.most[suspect_rows],
         odds=np.where(rivals < 0, aims.odds[suspect_rows], least_odds),
     )
     times_s = np.array(
-        [math.inf if one is None else one for one in _sigmas_and_separation(extended, task, all_pairs, n_targets)[1]]
+        [math.inf if one is None else one for one in _sigmas_and_separation(rows, task, pairs, n_targets)[1]]
     )
     last = times_s.reshape(-1, size).max(axis=1).tolist()
     return {
-        suspect % jets: time_s if math.isfinite(time_s) else None
-        for suspect, time_s in zip(suspects.tolist(), last, strict=True)
+        jet % jets: time_s if math.isfinite(time_s) else None
+        for jet, time_s in zip(suspects.tolist(), last, strict=True)
     }
 
 
