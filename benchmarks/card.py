@@ -164,7 +164,7 @@ def _folder(package: Path, compiled: bool) -> Path:
 def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, workers: int | None) -> None:
     """Flies those of the cases that have no result yet."""
     version.folder.mkdir(parents=True, exist_ok=True)
-    store.forget_failed(version.folder, [one.case_id for one in cases])
+    store.remove_failed_rows(version.folder, [one.case_id for one in cases])
     done = {row["case_id"] for row in flown_before(version)}
     todo = [one for one in cases if one.case_id not in done]
     if not todo:

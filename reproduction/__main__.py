@@ -10,7 +10,7 @@ NAME = "python -m reproduction"
 
 
 def load() -> Any:
-    """Loads the command, which is slow."""
+    """Loads and returns the Typer app of the reproduction, which is slow."""
     from reproduction.command import app  # noqa: PLC0415 (a signal is told from the start)
 
     return app

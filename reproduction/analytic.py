@@ -26,23 +26,23 @@ _SAMPLES = 40  # of each jet and force, per seed
 
 
 class Setting(NamedTuple):
-    """Computes what every test needs: signatures per lbf, shape (44, 6), information (6, 6), clusters, quanta (6,)."""
+    """Constants of the tests: signatures per lbf, shape (44, 6), information (6, 6), clusters, quanta (6,)."""
 
     coefficients: Array
     information: Array
     clusters: NDArray[np.int_]
     quanta: Array
 
-    def tests(self, residual: Array, commanded: tuple[int, ...] = ()) -> JetTests:
+    def tests(self, residual: Array, jets_on: tuple[int, ...] = ()) -> JetTests:
         """Tests a residual, shape (6,), while some jets are on, by number; all others cannot lose thrust."""
         off = np.ones(len(self.clusters), dtype=bool)
-        off[[number - 1 for number in commanded]] = False
+        off[[number - 1 for number in jets_on]] = False
         return jet_tests(self.coefficients, residual, self.information, off, np.zeros_like(off))
 
 
 @lru_cache(maxsize=1)
 def setting() -> Setting:
-    """Returns the setting of table 5-2 and section 5.1."""
+    """Returns the constants of the single-sample tests: mass properties of table 5-2, sensors of section 5.1."""
     vehicle = orbiter()
     coefficients = signatures(unit_wrenches(vehicle), vehicle.nominal.vector(), vehicle.sample_period_s)
     accelerometer, gyro = vehicle.accelerometers[0], vehicle.gyros[0]
@@ -53,34 +53,34 @@ def setting() -> Setting:
     )
 
 
-def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
-    """Runs the tests on a failure without noise.
+def noise_free_tests(jet_number: int, force: float, jets_on: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
+    """Computes the jet tests and the isolation of a failure without noise.
 
     Args:
-        jet: its number in table 5-1.
+        jet_number: its number in table 5-1.
         force: signed, lbf.
-        commanded: numbers of the jets that are on; all others cannot lose thrust.
+        jets_on: numbers of the jets that are on; all others cannot lose thrust.
     """
-    here = setting()
-    tests = here.tests(force * here.coefficients[jet - 1], commanded)
-    return tests, isolate(tests.likelihood, here.clusters)
+    constants = setting()
+    tests = constants.tests(force * constants.coefficients[jet_number - 1], jets_on)
+    return tests, isolate(tests.likelihood, constants.clusters)
 
 
 def separations(_: int) -> dict[str, Array]:
-    """Computes argument and margins without noise per squared lbf and jet, all jets off, and 1-sigma of the force."""
-    here = setting()
-    found = []
-    for signature in here.coefficients:
-        tests = here.tests(signature)
-        isolation = isolate(tests.likelihood, here.clusters)
-        found.append((tests.likelihood[isolation.jet], isolation.cluster_margin, isolation.jet_margin))
-    strength, cluster_margin, jet_margin = np.array(found).T
+    """Computes each jet's likelihood argument and margins without noise, per lbf^2, and 1-sigma of its force, lbf."""
+    constants = setting()
+    rows = []
+    for signature in constants.coefficients:
+        tests = constants.tests(signature)
+        isolation = isolate(tests.likelihood, constants.clusters)
+        rows.append((tests.likelihood[isolation.jet], isolation.cluster_margin, isolation.jet_margin))
+    strength, cluster_margin, jet_margin = np.array(rows).T
     return {
         "argument": strength,
         "cluster_margin": cluster_margin,
         "jet_margin": jet_margin,
         "force_std": 1.0 / np.sqrt(strength),
-        "cluster": here.clusters.astype(float),
+        "cluster": constants.clusters.astype(float),
     }
 
 
@@ -89,24 +89,24 @@ def soft_failures(seed: int) -> dict[str, Array]:
 
     The first sample of a leak at rest: each sensor component steps by its quantum at marks that lie anywhere.
     """
-    here = setting()
+    constants = setting()
     random = np.random.default_rng([seed, 0])
     names = ("cluster", "jet", "wrong_cluster", "wrong_jet", "best_jet", "jet_margin")
-    counts = {name: np.zeros((len(here.clusters), len(FORCES))) for name in names}
-    for jet, signature in enumerate(here.coefficients):
+    counts = {name: np.zeros((len(constants.clusters), len(FORCES))) for name in names}
+    for jet, signature in enumerate(constants.coefficients):
         for column, force in enumerate(FORCES):
             marks = random.uniform(size=(_SAMPLES, 6))
-            for sample in here.quanta * np.floor(force * signature / here.quanta + marks):
-                likelihood = here.tests(sample).likelihood
-                isolation = isolate(likelihood, here.clusters)
+            for sample in constants.quanta * np.floor(force * signature / constants.quanta + marks):
+                likelihood = constants.tests(sample).likelihood
+                isolation = isolate(likelihood, constants.clusters)
                 alarm = isolation.cluster_margin > MARGIN
-                right = isolation.cluster == here.clusters[jet]
+                right = isolation.cluster == constants.clusters[jet]
                 named = alarm and isolation.jet_margin > MARGIN
                 counts["cluster"][jet, column] += alarm and right
                 counts["wrong_cluster"][jet, column] += alarm and not right
                 counts["jet"][jet, column] += named and isolation.jet == jet
                 counts["wrong_jet"][jet, column] += named and isolation.jet != jet
-                own = np.where(here.clusters == here.clusters[jet], likelihood, -1.0)
+                own = np.where(constants.clusters == constants.clusters[jet], likelihood, -1.0)
                 best = int(own.argmax())
                 counts["best_jet"][jet, column] += best == jet
                 others = np.delete(own, jet)
@@ -115,29 +115,29 @@ def soft_failures(seed: int) -> dict[str, Array]:
 
 
 def vernier_gaussian(seed: int) -> dict[str, Array]:
-    """Tells whether vernier 39, stuck on, is named, and the likeliest of its cluster; Gaussian noise, all jets off."""
-    here = setting()
+    """Flags samples that name vernier 39, stuck on, or have it as the likeliest; Gaussian noise, all jets off."""
+    constants = setting()
     named, best = [], []
-    for likelihood in _drawn([seed, 3], 400, orbiter().jets[38].thrust * here.coefficients[38]):
-        isolation = isolate(likelihood, here.clusters)
+    for likelihood in _draw_likelihoods([seed, 3], 400, orbiter().jets[38].thrust * constants.coefficients[38]):
+        isolation = isolate(likelihood, constants.clusters)
         named.append(isolation.jet == 38 and min(isolation.cluster_margin, isolation.jet_margin) > MARGIN)
-        best.append(np.where(here.clusters == here.clusters[38], likelihood, -1.0).argmax() == 38)
+        best.append(np.where(constants.clusters == constants.clusters[38], likelihood, -1.0).argmax() == 38)
     return {"named": np.array(named, dtype=float), "best": np.array(best, dtype=float)}
 
 
 def at_rest(seed: int) -> dict[str, Array]:
-    """Tests healthy samples with Gaussian noise, all jets off: the largest argument, and what isolation makes of it."""
+    """Tests healthy samples with Gaussian noise, all jets off: largest argument, and margin between clusters."""
     clusters = setting().clusters
     largest, margins = [], []
-    for likelihood in _drawn([seed, 2], 10_000, np.zeros(6)):
+    for likelihood in _draw_likelihoods([seed, 2], 10_000, np.zeros(6)):
         largest.append(likelihood.max())
         margins.append(isolate(likelihood, clusters).cluster_margin)
     return {"largest": np.array(largest), "cluster_margin": np.array(margins)}
 
 
-def _drawn(seed: list[int], count: int, mean: Array) -> Iterator[Array]:
-    """Draws samples with Gaussian noise about a mean, all jets off, and yields the argument of every jet."""
-    here = setting()
-    spread = 1.0 / np.sqrt(here.information.diagonal())
+def _draw_likelihoods(seed: list[int], count: int, mean: Array) -> Iterator[Array]:
+    """Draws samples with Gaussian noise about a mean, all jets off, and yields the likelihood argument of every jet."""
+    constants = setting()
+    spread = 1.0 / np.sqrt(constants.information.diagonal())
     for noise in spread * np.random.default_rng(seed).standard_normal((count, 6)):
-        yield here.tests(mean + noise).likelihood
+        yield constants.tests(mean + noise).likelihood

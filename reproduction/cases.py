@@ -55,8 +55,8 @@ class Flight:
 
     def key(self) -> str:
         """Returns a digest of all that the result depends on, but for the seed."""
-        about = [digest(_scenario(self.scenario, self.overrides)), self.signals, self.from_s, _computed_by()]
-        return _hash(json.dumps(about))
+        content = [digest(_scenario(self.scenario, self.overrides)), self.signals, self.from_s, _code_and_versions()]
+        return _sha256(json.dumps(content))
 
     def run(self, seed: int) -> dict[str, Array]:
         """Simulates one phase and returns the signals to keep."""
@@ -86,7 +86,9 @@ class Calculation:
         """Returns a digest of all that the result depends on, but for the seed."""
         source = inspect.getsourcefile(self.function)
         assert source is not None
-        return _hash(json.dumps([self.function.__qualname__, _bundled(), _computed_by(Path(source))]))
+        return _sha256(
+            json.dumps([self.function.__qualname__, _bundled_files_digest(), _code_and_versions(Path(source))])
+        )
 
     def run(self, seed: int) -> dict[str, Array]:
         """Calculates the result for one seed."""
@@ -98,21 +100,23 @@ Case = Flight | Calculation
 
 @lru_cache(maxsize=64)
 def _scenario(name: str, overrides: tuple[str, ...]) -> Scenario:
+    """Loads a scenario with overrides, once."""
     return load_scenario(name, list(overrides))
 
 
-def _computed_by(*modules: Path) -> list[str]:
-    """Digest of all code that a flight or some modules run, and versions of what it computes with."""
+def _code_and_versions(*modules: Path) -> list[str]:
+    """Digest of all code that a flight or some modules run, and versions of the packages that compute."""
     return [code_digest(_SIMULATE, *modules), *map(version, ("drake", "numpy", "scipy"))]
 
 
 @lru_cache(maxsize=1)
-def _bundled() -> str:
+def _bundled_files_digest() -> str:
     """Digest of the bundled vehicles and scenarios, which a calculation may load."""
     folders = [resources.files(f"massprop_drake.{part}") for part in ("scenarios", "vehicles")]
     files = [file for folder in folders for file in sorted(folder.iterdir(), key=lambda one: one.name)]
-    return _hash(json.dumps([_hash(file.read_bytes()) for file in files if file.name.endswith(".yaml")]))
+    return _sha256(json.dumps([_sha256(file.read_bytes()) for file in files if file.name.endswith(".yaml")]))
 
 
-def _hash(content: str | bytes) -> str:
+def _sha256(content: str | bytes) -> str:
+    """SHA-256 of a text or of bytes, hexadecimal."""
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()

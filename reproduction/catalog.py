@@ -31,7 +31,7 @@ ENTRIES: tuple[Entry, ...] = (
 )
 
 
-def chosen(names: list[str] | None) -> list[Entry]:
+def select_entries(names: list[str] | None) -> list[Entry]:
     """Picks entries by name, in the order of the thesis; all of them without names.
 
     Raises:

@@ -31,38 +31,39 @@ from massprop_drake.maths.linear_algebra import skew
 from massprop_drake.maths.vehicle import rigid_body
 from reproduction.analytic import setting
 from reproduction.measures import orbiter
-from reproduction.pure_rotations import start, updated
+from reproduction.pure_rotations import initial_state, update_filter
 
 Array = NDArray[np.float64]
 
 _PUSH = np.array([0.0, 0.0, 871.0 * 0.08])  # lbf-s: one primary jet for a sample
 
 
-def _settings(*overrides: str) -> MassParams:
+def _mass_params(*overrides: str) -> MassParams:
+    """Returns the mass filter's parameters in the sample maneuver, with overrides."""
     return params.mass_params(load_scenario("sample_maneuver", list(overrides)))
 
 
 def _noise() -> Array:
-    """R^zeta of section 5.1, ft^2/s^2, shape (3, 3)."""
+    """Covariance R^zeta of a velocity increment's noise (section 5.1), ft^2/s^2, shape (3, 3)."""
     result: Array = 2.0 * orbiter().accelerometers[0].variance * np.eye(3)
     return result
 
 
 def updates_per_sample(_: int) -> dict[str, Array]:
-    """Updates of the mass filter that one used sample takes, by the rule for its three accelerometers."""
+    """Counts the mass filter's updates per used sample, by the rule for its three accelerometers."""
     truth = orbiter().nominal
     rotation = Rotation(np.zeros(3), np.zeros(3), 1e-12, truth.center_of_mass, np.zeros((3, 3)))
     counts = {}
     for rule in ("single", "weighted_average", "serial"):
-        own = _settings(f"sensors.combine.accelerometers={rule}")
+        params = _mass_params(f"sensors.combine.accelerometers={rule}")
         state = MassState(truth.vector()[9], 1e-9, empty_window(1))
-        made = measure(state, np.zeros((3, 3)), np.zeros((3, 3)), MassInterval(_PUSH), rotation, own)
-        counts[rule] = np.array([float(len(made.each) or 1)])
+        measurement = measure(state, np.zeros((3, 3)), np.zeros((3, 3)), MassInterval(_PUSH), rotation, params)
+        counts[rule] = np.array([float(len(measurement.each) or 1)])
     return counts
 
 
 def mass_jump_variance(seed: int) -> dict[str, Array]:
-    """Variance of 1/m after a jump found in one sample (3-116): true, and as the filter claims it.
+    """Computes the variance of 1/m after a jump found in one sample (3-116): true, and as the filter claims it.
 
     For a gain of 0.8 and one of 0.004; exact: our default, thesis: its form for small gains (3-118). Each over the
     variance of that sample alone.
@@ -70,7 +71,7 @@ def mass_jump_variance(seed: int) -> dict[str, Array]:
     random = np.random.default_rng([seed, 10])
     # a threshold of zero: every sample counts as a jump
     always = {
-        name: _settings(f"mass.jump={jump}")._replace(jump_threshold=0.0, jump_variance=1.0)
+        name: _mass_params(f"mass.jump={jump}")._replace(jump_threshold=0.0, jump_variance=1.0)
         for name, jump in (("exact", "single_sample"), ("thesis", "single_sample_thesis"))
     }
     truth = orbiter().nominal.vector()[9]
@@ -95,7 +96,7 @@ def mass_jump_variance(seed: int) -> dict[str, Array]:
 
 
 def window_false_alarms(seed: int) -> dict[str, Array]:
-    """Share of healthy samples above thresholds on the largest argument over a window of five, shape (2, 2).
+    """Computes the share of healthy samples above thresholds on the largest argument of five, shape (2, 2).
 
     Rows: a prior that one sample hardly changes, and one as uncertain as a sample. Columns: 6.63, the 1 % value of
     chi-square with one degree of freedom, and its value at 1 % / 5.
@@ -104,7 +105,7 @@ def window_false_alarms(seed: int) -> dict[str, Array]:
     limits = np.array([6.635, 9.550])
     noise, count = _noise(), 1500
     alone = 1.0 / float(_PUSH @ np.linalg.solve(noise, _PUSH))
-    own = _settings()
+    params = _mass_params()
     shares = []
     for prior in (1e-3, 1.0):
         above = np.zeros(2)
@@ -120,47 +121,47 @@ def window_false_alarms(seed: int) -> dict[str, Array]:
                 share = state.variance * float(_PUSH @ innovation.information @ _PUSH)
                 test = jump_test(window, _PUSH, innovation.information, innovation.innovation, share)
                 window = test.window
-                state = update(state, sample, innovation, NO_ADAPTATION, own).state
+                state = update(state, sample, innovation, NO_ADAPTATION, params).state
             above += test.likelihood > limits
         shares.append(above / count)
     return {"share": np.array(shares)}
 
 
 def corrections(seed: int) -> dict[str, Array]:
-    """Variance of 1/m after a sample corrected for a leak, true over claimed: ours, and the thesis's (4-34).
+    """Computes the variance of 1/m after a sample corrected for a leak, true over claimed: ours, and by (4-34).
 
     With so coarse a gyro that the two differ: the orbiter's alone says how large the leak is, and next to nothing
     of the translation is spent on it.
     """
     random = np.random.default_rng([seed, 12])
-    here = setting()
-    own = _settings()
+    constants = setting()
+    params = _mass_params()
     truth = orbiter().nominal.vector()[9]
     noise = _noise()
-    signature = here.coefficients[23]  # jet 24, its force much along _PUSH
+    signature = constants.coefficients[23]  # jet 24, its force much along _PUSH
     variance = 0.5 / float(_PUSH @ np.linalg.solve(noise, _PUSH))
     # so coarse a gyro that it is the translation alone that shows the leak, and is corrected for it
-    weights = here.information * np.repeat([1.0, 1e-9], 3)
+    weights = constants.information * np.repeat([1.0, 1e-9], 3)
     spread = 1.0 / np.sqrt(weights.diagonal())
-    nothing = np.zeros(len(here.clusters), dtype=bool)
+    nothing = np.zeros(len(constants.clusters), dtype=bool)
     errors: dict[Action, list[float]] = {Action.CORRECT: [], Action.CORRECT_THESIS: []}
     claimed = {}
     for _ in range(500):
         before = MassState(truth + math.sqrt(variance) * random.standard_normal(), variance, empty_window(1))
-        both = spread * random.standard_normal(6) + 20.0 * signature
-        both[:3] += _PUSH * truth
-        sample = MassSample(both[:3], noise, _PUSH)
+        measured = spread * random.standard_normal(6) + 20.0 * signature
+        measured[:3] += _PUSH * truth
+        sample = MassSample(measured[:3], noise, _PUSH)
         innovation = innovate(before, sample)
         information = weights.copy()
         information[:3, :3] = innovation.information
-        residual = np.concatenate([innovation.innovation, both[3:]])
-        tests = jet_tests(here.coefficients, residual, information, nothing, nothing)
+        residual = np.concatenate([innovation.innovation, measured[3:]])
+        tests = jet_tests(constants.coefficients, residual, information, nothing, nothing)
         effect = tests.magnitude[23] * signature
         scatter = tests.variance[23] * np.outer(signature, signature)
-        for action, found in errors.items():
+        for action, action_errors in errors.items():
             correction = Adaptation(action, effect[:3], effect[3:], scatter[:3, :3], scatter[3:, 3:], mass_jumped=False)
-            after = update(before, sample, innovation, correction, own).state
-            found.append(after.mass_reciprocal - truth)
+            after = update(before, sample, innovation, correction, params).state
+            action_errors.append(after.mass_reciprocal - truth)
             claimed[action] = after.variance
     return {
         name: np.array([np.mean(np.square(errors[action])) / claimed[action]])
@@ -169,7 +170,7 @@ def corrections(seed: int) -> dict[str, Array]:
 
 
 def whiteness(seed: int) -> dict[str, Array]:
-    """Correlation of the noises of two increments in a row, of a quantized reading that moves by many quanta."""
+    """Computes the correlation of the noises of two increments in a row, of a quantized reading over many quanta."""
     random = np.random.default_rng([seed, 13])
     truth = np.cumsum(random.uniform(10.0, 30.0, 4000))
     noise = np.diff(np.round(truth) - truth)
@@ -177,7 +178,7 @@ def whiteness(seed: int) -> dict[str, Array]:
 
 
 def first_updates(_: int) -> dict[str, Array]:
-    """Error of Ixx^-1 after one exact rate increment, %, for pairs and triples of primary jets that roll the orbiter.
+    """Computes the error of Ixx^-1 after one exact rate increment, %, for groups of primary jets that roll the orbiter.
 
     Those whose rate increment about x is at least twice that about y and z.
     """
@@ -195,22 +196,25 @@ def first_updates(_: int) -> dict[str, Array]:
     return {"percent": np.array(errors)}
 
 
-def first_update(jets: Sequence[int]) -> float:
-    """Error of Ixx^-1 after one exact rate increment by some jets, by index, %; from zero with 100 % uncertainty."""
+def first_update(jet_indices: Sequence[int]) -> float:
+    """Computes the error of Ixx^-1, %, after one exact rate increment by some jets, from zero at 100 % uncertainty."""
     vehicle = orbiter()
     truth = vehicle.nominal.vector()[:9]
-    impulse = vehicle.wrenches[list(jets)].sum(axis=0) * vehicle.sample_period_s
-    after = updated(start(), rate_increment(truth, *np.split(impulse, 2)), impulse, _rotation()).estimate
+    impulse = vehicle.wrenches[list(jet_indices)].sum(axis=0) * vehicle.sample_period_s
+    after = update_filter(
+        initial_state(), rate_increment(truth, *np.split(impulse, 2)), impulse, _rotation_params()
+    ).estimate
     return float(100.0 * abs(after[0] - truth[0]) / truth[0])
 
 
 @lru_cache(maxsize=1)
-def _rotation() -> rotation_filter.RotationParams:
+def _rotation_params() -> rotation_filter.RotationParams:
+    """Returns the rotation filter's parameters in the sample maneuver, without covariance increments."""
     return params.thesis_params(load_scenario("sample_maneuver", ["rotation.jump=none"])).rotation
 
 
 def momentum(_: int) -> dict[str, Array]:
-    """Relative change of the angular momentum in inertial axes over 50 s of tumbling without jets."""
+    """Computes the relative change of the angular momentum in inertial axes over 50 s of tumbling without jets."""
     properties = orbiter().nominal
     body = rigid_body.motion_constants(properties)
     state = rigid_body.initial_state(properties.mass)
@@ -223,7 +227,7 @@ def momentum(_: int) -> dict[str, Array]:
 
 
 def arms(_: int) -> dict[str, Array]:
-    """Torques about the center of mass by (1-4), r = r' - r'_cm, against wrenches about the origin, ft-lbf."""
+    """Computes the largest difference of torques about the center of mass by (1-4) from shifted wrenches, ft-lbf."""
     vehicle = orbiter()
     center = vehicle.nominal.center_of_mass
     direct = np.cross(vehicle.positions - center, vehicle.thrusts)
@@ -232,7 +236,7 @@ def arms(_: int) -> dict[str, Array]:
 
 
 def second_order_parts(seed: int) -> dict[str, Array]:
-    """Bias (2-118), D (2-121) and H (2-102) of the filter against the 9 by 9 matrices (2-53), (2-54), relative."""
+    """Compares the filter's bias (2-118), D (2-121) and H (2-102) with the 9 by 9 matrices (2-53), (2-54), relative."""
     random = np.random.default_rng([seed, 14])
     root, estimate = random.standard_normal((9, 9)), random.standard_normal(9)
     covariance = root @ root.T
@@ -241,15 +245,15 @@ def second_order_parts(seed: int) -> dict[str, Array]:
     bias = np.array([0.5 * np.trace(block @ covariance) for block in blocks])
     spread = [[0.5 * np.trace(one @ covariance @ two @ covariance) for two in blocks] for one in blocks]
     jacobian = np.hstack([rate_increments.angular_block(angular), np.zeros((3, 3))]) + blocks @ estimate
-    own = rate_increments.second_order_terms(covariance, linear)
-    own_jacobian = rate_increments.rate_increment_jacobian(estimate, angular, linear)
-    pairs = ((own[0], bias), (own[1], np.array(spread)), (own_jacobian, jacobian))
+    terms = rate_increments.second_order_terms(covariance, linear)
+    filter_jacobian = rate_increments.rate_increment_jacobian(estimate, angular, linear)
+    pairs = ((terms[0], bias), (terms[1], np.array(spread)), (filter_jacobian, jacobian))
     return {"difference": np.array([np.abs(one - two).max() / np.abs(two).max() for one, two in pairs])}
 
 
-def _curvatures(linear: Array) -> Array:
-    """Lambda^i of (2-54), shape (3, 9, 9)."""
-    b = skew(linear)
+def _curvatures(linear_impulse: Array) -> Array:
+    """Second derivatives Lambda^i (2-54) of the rate increment at a linear impulse, shape (3, 9, 9)."""
+    b = skew(linear_impulse)
     blocks = np.zeros((3, 9, 9))
     # rows of B^i in the order 11, 22, 33, 23, 13, 12: element (i, j) of the inverse inertia multiplies b_j
     for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
@@ -260,7 +264,7 @@ def _curvatures(linear: Array) -> Array:
 
 
 def wiring(_: int) -> dict[str, Array]:
-    """Counts what the diagrams lack of figures 1-1 to 1-4: connections of the loop, measured inputs, parameters."""
+    """Counts connections, true inputs and parameters of the diagrams, to compare with figures 1-1 to 1-4."""
     from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake)
 
     loop = graphs.build("closed_loop")
@@ -283,19 +287,19 @@ def wiring(_: int) -> dict[str, Array]:
 
 
 def matched_filters(_: int) -> dict[str, Array]:
-    """Force and argument of every jet (4-25), (4-28) against a weighted least-squares fit of each, relative."""
-    here = setting()
+    """Compares force (4-25) and argument (4-28) of every jet with a weighted least-squares fit of each, relative."""
+    constants = setting()
     random = np.random.default_rng(15)
-    off = np.zeros(len(here.clusters), dtype=bool)
-    root = np.sqrt(here.information)
+    off = np.zeros(len(constants.clusters), dtype=bool)
+    root = np.sqrt(constants.information)
     largest = 0.0
     for _sample in range(20):
         residual = random.standard_normal(6) / root.diagonal()
-        tests = jet_tests(here.coefficients, residual, here.information, off, off)
-        for jet, signature in enumerate(here.coefficients):
+        tests = jet_tests(constants.coefficients, residual, constants.information, off, off)
+        for jet, signature in enumerate(constants.coefficients):
             force = float(np.linalg.lstsq((root @ signature)[:, None], root @ residual, rcond=None)[0][0])
-            left = root @ (residual - force * signature)
-            gained = float(residual @ here.information @ residual - left @ left)
+            rest = root @ (residual - force * signature)
+            gained = float(residual @ constants.information @ residual - rest @ rest)
             largest = max(largest, abs(tests.magnitude[jet] - force) / (abs(force) + 1.0))
             largest = max(largest, abs(tests.likelihood[jet] - gained) / (gained + 1.0))
     return {"difference": np.array([largest])}

@@ -59,8 +59,8 @@ class Between:
     low: float
     high: float
 
-    def met(self, values: Array) -> NDArray[np.bool_]:
-        """Tells which values meet it."""
+    def accepts(self, values: Array) -> NDArray[np.bool_]:
+        """Flags the values in the range, shape (n,)."""
         return (values >= self.low) & (values <= self.high)
 
     def __str__(self) -> str:
@@ -80,8 +80,8 @@ class Near:
     value: float
     tolerance: float
 
-    def met(self, values: Array) -> NDArray[np.bool_]:
-        """Tells which values meet it."""
+    def accepts(self, values: Array) -> NDArray[np.bool_]:
+        """Flags the values within the tolerance, shape (n,)."""
         return np.abs(values - self.value) <= self.tolerance
 
     def __str__(self) -> str:
@@ -110,9 +110,9 @@ class Reading:
     bound: Between | Near
     words: str
 
-    def met(self, values: Array) -> NDArray[np.bool_]:
-        """Tells which values meet it."""
-        return self.bound.met(values)
+    def accepts(self, values: Array) -> NDArray[np.bool_]:
+        """Flags the values within the bound, shape (n,)."""
+        return self.bound.accepts(values)
 
     def __str__(self) -> str:
         return str(self.bound)
@@ -133,8 +133,8 @@ class Because:
     text: str
     measures: tuple[Measure, ...] = ()
 
-    def told(self, phases: Phases) -> str:
-        """Measures the numbers and writes the sentence."""
+    def write_sentence(self, phases: Phases) -> str:
+        """Returns the sentence, with the median of each measure over the phases put in."""
         return self.text.format(*(float(np.median([measure(phase) for phase in phases])) for measure in self.measures))
 
 
@@ -166,7 +166,7 @@ class Claim:
 
     @property
     def expected(self) -> str:
-        """Writes what is expected: the bound with its unit, and how words are read."""
+        """Text of the expected value: the bound with its unit, and how words are read."""
         bound = f"{self.expect} {self.unit}".strip()
         return f"{bound} ({self.expect.words})" if isinstance(self.expect, Reading) else bound
 
@@ -176,10 +176,16 @@ erratum = partial(Claim, source=Source.ERRATA)
 
 
 def expected(
-    row: int, text: str, words: str, expect: Expectation, measure: Callable[[Any], float], unit: str = "", **others: Any
+    row: int,
+    text: str,
+    words: str,
+    expect: Expectation,
+    measure: Callable[[Any], float],
+    unit: str = "",
+    **options: Any,
 ) -> Claim:
     """Makes a claim of a number that our reference expects; see `Claim`."""
-    return reference(row, text, f"(expected {words})", expect, measure, unit, **others)
+    return reference(row, text, f"(expected {words})", expect, measure, unit, **options)
 
 
 @dataclass(frozen=True)
@@ -204,11 +210,11 @@ class Outcome:
 
     @property
     def measured(self) -> str:
-        """Writes the measured value: median, central 95 %, and where the thesis's number falls."""
+        """Text of the measured value: median, central 95 %, and where the thesis's number falls."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
         if (self.values == self.values[0]).all():
             return f"{number(self.center)}{unit}"
-        low, high = _central(self.values)
+        low, high = _central_range(self.values)
         text = f"{number(self.center)}{unit} ({number(low)} to {number(high)})"
         if isinstance(self.claim.expect, Printed):
             return f"{text}, thesis at {100.0 * self.share:.0f} %"
@@ -216,7 +222,7 @@ class Outcome:
 
 
 def judge(claim: Claim, phases: Phases) -> Outcome:
-    """Measures a claim over the phases.
+    """Measures a claim over the phases, and returns the outcome.
 
     Args:
         claim: see `Claim`.
@@ -231,36 +237,36 @@ def judge(claim: Claim, phases: Phases) -> Outcome:
         center = float(np.median(values))
     verdict, share = decide(claim.expect, values)
     differs = claim.because is not None and verdict is Verdict.DIFFERS
-    why = claim.because.told(phases) if claim.because is not None and differs else ""
+    why = claim.because.write_sentence(phases) if claim.because is not None and differs else ""
     return Outcome(claim, values, center, verdict, share, why)
 
 
-def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
-    """Decides on measured values by the rules above; the share that the verdict rests on is returned with it.
+def decide(expectation: Expectation, values: Array) -> tuple[Verdict, float]:
+    """Decides on measured values by the rules above; returns the verdict and the share that it rests on.
 
     Args:
-        expect: see `Claim`.
+        expectation: see `Claim`.
         values: shape (n,); NaN meets nothing.
     """
-    if isinstance(expect, Printed):
-        low, high = _central(values)
-        below = float(np.mean(values < expect.value) + 0.5 * np.mean(values == expect.value))
-        return (Verdict.SPREAD if low <= expect.value <= high else Verdict.DIFFERS), below
-    share = float(np.mean(expect.met(values)))
+    if isinstance(expectation, Printed):
+        low, high = _central_range(values)
+        below = float(np.mean(values < expectation.value) + 0.5 * np.mean(values == expectation.value))
+        return (Verdict.SPREAD if low <= expectation.value <= high else Verdict.DIFFERS), below
+    share = float(np.mean(expectation.accepts(values)))
     if share >= MOST:
         return Verdict.HOLDS, share
     return (Verdict.SPREAD if share >= HALF else Verdict.DIFFERS), share
 
 
-def _central(values: Array) -> tuple[float, float]:
-    """Finds the ends of the central 95 %; beside infinite or missing values, an end is one of the values."""
+def _central_range(values: Array) -> tuple[float, float]:
+    """Computes the ends of the central 95 %; beside infinite or missing values, an end is one of the values."""
     method = "linear" if np.isfinite(values).all() else "nearest"
     low, high = np.quantile(values, _CENTRAL, method=method)  # type: ignore[call-overload]
     return float(low), float(high)
 
 
 def number(value: float) -> str:
-    """Writes a number with three digits, as briefly as it goes."""
+    """Formats a number with three digits, as briefly as it goes."""
     if not math.isfinite(value):
         return f"{value:g}"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:

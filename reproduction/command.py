@@ -47,7 +47,7 @@ def reproduce(
     from reproduction import catalog
     from reproduction.reproduce import reproduce as rerun
 
-    entries = catalog.chosen(only)
+    entries = catalog.select_entries(only)
     with Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
         results = rerun(entries, out, lambda done, total: progress(done / total), force=force)
     if as_json:

@@ -47,7 +47,7 @@ def curves(
     points: bool = False,
     step: bool = False,
 ) -> None:
-    """Draws each case in a color: the first phase as a line, the central 95 % of all phases as a band.
+    """Plots each case in a color: the first phase as a line, the central 95 % of all phases as a band.
 
     Args:
         panel: to draw in.
@@ -64,8 +64,8 @@ def curves(
             panel.plot(time_s, value(first), ".", color=color, markersize=4, label=label)
             continue
         if len(phases) > 1:
-            every = np.array([value(phase[case]) for phase in phases])
-            low, high = np.quantile(every, _CENTRAL, axis=0)
+            values = np.array([value(phase[case]) for phase in phases])
+            low, high = np.quantile(values, _CENTRAL, axis=0)
             panel.fill_between(time_s, low, high, color=color, alpha=0.18, linewidth=0.0)
         style = "steps-post" if step else "default"
         panel.plot(time_s, value(first), color=color, linewidth=LINE_WIDTH, label=label, drawstyle=style)
@@ -79,12 +79,12 @@ def chi_square_band(panel: Axes) -> None:
 
 
 def consistency(
-    part: str, title: str, labels: Mapping[str, str], *, symbol: str, height: float = 1.9
+    filter_name: str, title: str, labels: Mapping[str, str], *, symbol: str, height: float = 1.9
 ) -> Callable[[Phases], Figure]:
-    """Makes a picture of a filter's consistency function at the samples used, a panel per case.
+    """Makes a function that draws a filter's consistency function (NIS) at the samples used, a panel per case.
 
     Args:
-        part: rotation or mass.
+        filter_name: rotation or mass.
         title: of the picture.
         labels: of the cases.
         symbol: of the function, on the vertical axes.
@@ -92,9 +92,11 @@ def consistency(
     """
 
     def value(run: Signals) -> Array:
-        return np.where(used(run, part), np.maximum(run[f"{part}_nis"][:, 0], 1e-2), np.nan)
+        """Returns the consistency function at the samples used, NaN at others."""
+        return np.where(used(run, filter_name), np.maximum(run[f"{filter_name}_nis"][:, 0], 1e-2), np.nan)
 
     def draw(phases: Phases) -> Figure:
+        """Draws the picture from all phases."""
         figure, axes = panels(len(labels), title, height=height)
         for panel, (case, label) in zip(axes, labels.items(), strict=True):
             chi_square_band(panel)

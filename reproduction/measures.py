@@ -24,13 +24,13 @@ _END = 1e-6  # s, against rounding of sample times
 
 @lru_cache(maxsize=1)
 def orbiter() -> Vehicle:
-    """The thesis's vehicle."""
+    """Returns the thesis's vehicle."""
     return load_vehicle("orbiter")
 
 
 @lru_cache(maxsize=1)
 def maneuver_windows() -> tuple[HandControllerWindow, ...]:
-    """The hand-controller windows of the sample maneuver."""
+    """Returns the hand-controller windows of the sample maneuver."""
     return load_scenario("sample_maneuver").maneuver
 
 
@@ -40,7 +40,7 @@ def during(run: Signals, start_s: float, end_s: float) -> NDArray[np.bool_]:
 
 
 def at(run: Signals, time_s: float) -> int:
-    """Finds the last sample that is not after a time."""
+    """Returns the index of the last sample that is not after a time."""
     return int(np.searchsorted(run["time_s"], time_s + _END)) - 1
 
 
@@ -55,21 +55,21 @@ def percent_at(run: Signals, time_s: float = np.inf) -> Array:
     return result
 
 
-def used(run: Signals, part: str) -> NDArray[np.bool_]:
-    """Selects the samples that a filter used; part: rotation or mass."""
-    result: NDArray[np.bool_] = run[f"{part}_used"][:, 0] != 0.0
+def used(run: Signals, filter_name: str) -> NDArray[np.bool_]:
+    """Selects the samples that a filter used; `filter_name`: rotation or mass."""
+    result: NDArray[np.bool_] = run[f"{filter_name}_used"][:, 0] != 0.0
     return result
 
 
-def nis(run: Signals, part: str, start_s: float = 0.0, end_s: float = np.inf) -> Array:
+def nis(run: Signals, filter_name: str, start_s: float = 0.0, end_s: float = np.inf) -> Array:
     """Returns a filter's consistency function at the samples it used, shape (m,)."""
-    result: Array = run[f"{part}_nis"][used(run, part) & during(run, start_s, end_s), 0]
+    result: Array = run[f"{filter_name}_nis"][used(run, filter_name) & during(run, start_s, end_s), 0]
     return result
 
 
-def mean_nis(case: str, part: str, start_s: float = 0.0, end_s: float = np.inf) -> Measure:
-    """Makes a measure: the mean consistency function of a case."""
-    return lambda phase: float(nis(phase[case], part, start_s, end_s).mean())
+def mean_nis(case: str, filter_name: str, start_s: float = 0.0, end_s: float = np.inf) -> Measure:
+    """Makes a measure: the mean consistency function (NIS) of a case over a time."""
+    return lambda phase: float(nis(phase[case], filter_name, start_s, end_s).mean())
 
 
 def share_above(case: str, limit: float, start_s: float, end_s: float = np.inf) -> Measure:
@@ -78,7 +78,7 @@ def share_above(case: str, limit: float, start_s: float, end_s: float = np.inf) 
 
 
 def value(case: str, name: str, index: int | tuple[int, int] = 0) -> Measure:
-    """Makes a measure: an element of a result."""
+    """Makes a measure: an element of a result of a calculation."""
     return lambda phase: float(phase[case][name][index])
 
 
@@ -87,9 +87,9 @@ def mean(measure: Measure) -> Pooled:
     return lambda phases: float(np.mean([measure(phase) for phase in phases]))
 
 
-def ratio(one: Callable[[Any], float], other: Callable[[Any], float]) -> Callable[[Any], float]:
-    """Makes a measure: one over another, of a phase or pooled as they are."""
-    return lambda phases: one(phases) / other(phases)
+def ratio(numerator: Callable[[Any], float], denominator: Callable[[Any], float]) -> Callable[[Any], float]:
+    """Makes a measure: the ratio of two measures, of a phase or pooled as they are."""
+    return lambda phases: numerator(phases) / denominator(phases)
 
 
 def worst(case: str, elements: int | slice | list[int] = DIAGONAL, time_s: float = np.inf) -> Measure:
@@ -98,9 +98,10 @@ def worst(case: str, elements: int | slice | list[int] = DIAGONAL, time_s: float
 
 
 def sigma_percent(case: str, element: int, time_s: float = np.inf) -> Measure:
-    """Makes a measure: the filter's own 1-sigma at a time, %; at the end without one."""
+    """Makes a measure: the filter's 1-sigma of an element at a time, %; at the end without one."""
 
     def measure(phase: Phase) -> float:
+        """Computes the 1-sigma in one phase, %."""
         run = phase[case]
         sigma = run["standard_deviation"][at(run, time_s), element]
         return float(100.0 * sigma / abs(run["truth"][0, element]))
@@ -108,13 +109,14 @@ def sigma_percent(case: str, element: int, time_s: float = np.inf) -> Measure:
     return measure
 
 
-def apart_in_sigma(case: str, other: str, time_s: float) -> Measure:
-    """Makes a measure: largest difference of two cases in an estimate of the diagonal, 1-sigma of the first."""
+def difference_in_sigma(first: str, second: str, time_s: float) -> Measure:
+    """Makes a measure: largest difference of two cases in an estimate of the diagonal, in 1-sigmas of the first."""
 
     def measure(phase: Phase) -> float:
-        run, row = phase[case], at(phase[case], time_s)
-        apart = np.abs(run["estimate"][row] - phase[other]["estimate"][row]) / run["standard_deviation"][row]
-        return float(apart[DIAGONAL].max())
+        """Computes the difference in one phase."""
+        run, row = phase[first], at(phase[first], time_s)
+        difference = np.abs(run["estimate"][row] - phase[second]["estimate"][row]) / run["standard_deviation"][row]
+        return float(difference[DIAGONAL].max())
 
     return measure
 
@@ -130,7 +132,7 @@ def mass_rms(case: str, start_s: float = END_S, end_s: float = np.inf) -> Pooled
 
 
 def rms(values: Array) -> float:
-    """Computes the root of the mean square."""
+    """Computes the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 

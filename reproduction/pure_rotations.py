@@ -31,7 +31,7 @@ def pure_rotations(seed: int) -> dict[str, Array]:
 
 
 def rotations(seed: int, *, force: float, samples: int = 200) -> dict[str, Array]:
-    """Runs the same with a share of the net force kept: with 1, the jets are as they are."""
+    """Runs samples of jets that fire in threes through the filters, with a share of their net force kept."""
     random = np.random.default_rng([seed, 16])
     impulses = _impulses(random, force, samples)
     measured = _increments(impulses, random)
@@ -47,35 +47,35 @@ def rotations(seed: int, *, force: float, samples: int = 200) -> dict[str, Array
     }
 
 
-def start() -> RotationState:
-    """Returns the thesis's start: estimates of zero with 100 % uncertainty."""
+def initial_state() -> RotationState:
+    """Returns the rotation filter's initial state: estimates of zero with 100 % uncertainty."""
     return RotationState(np.zeros(9), np.diag(orbiter().nominal.vector()[:9] ** 2))
 
 
-def updated(state: RotationState, increment: Array, impulse: Array, own: RotationParams) -> RotationState:
-    """Updates the rotation filter with a rate increment that jets cause by an impulse about the origin, shape (6,)."""
+def update_filter(state: RotationState, increment: Array, impulse: Array, params: RotationParams) -> RotationState:
+    """Updates the rotation filter with a rate increment caused by an impulse about the origin, shape (6,)."""
     variance = orbiter().gyros[0].variance
     angular, linear = np.split(impulse, 2)
     noise = 2.0 * variance * np.eye(3)
     sample = RotationSample(increment, np.zeros(3), noise, variance, angular, linear, firing=True)
-    innovation = rotation_filter.innovate(state, sample, False, own)
-    return rotation_filter.update(state, sample, innovation, NO_ADAPTATION, own).state
+    innovation = rotation_filter.innovate(state, sample, False, params)
+    return rotation_filter.update(state, sample, innovation, NO_ADAPTATION, params).state
 
 
-def _impulses(random: np.random.Generator, force: float, samples: int) -> Array:
-    """Angular impulse about the vehicle origin and linear impulse of each sample, shape (n, 6)."""
+def _impulses(random: np.random.Generator, force_share: float, samples: int) -> Array:
+    """Draws each sample's angular impulse about the vehicle origin and linear impulse, shape (n, 6)."""
     vehicle = orbiter()
     primary = [index for index, jet in enumerate(vehicle.jets) if jet.kind == "primary"]
     jets = np.array([random.choice(primary, _JETS, replace=False) for _ in range(samples)])
     angular, linear = np.split(vehicle.sample_period_s * vehicle.wrenches[jets].sum(axis=1), 2, axis=1)
     center = vehicle.nominal.center_of_mass
     about_center = angular - np.cross(center, linear)
-    linear = force * linear
+    linear = force_share * linear
     return np.hstack([about_center + np.cross(center, linear), linear])
 
 
 def _increments(impulses: Array, random: np.random.Generator) -> Array:
-    """Differences of the quantized rates, rad/s, shape (n, 3); dynamic coupling is left out."""
+    """Computes differences of the quantized rates, rad/s, shape (n, 3); dynamic coupling is left out."""
     truth, quantum = orbiter().nominal.vector()[:9], orbiter().gyros[0].quantum
     exact = [rate_increment(truth, *np.split(impulse, 2)) for impulse in impulses]
     rates = np.vstack([np.zeros(3), np.cumsum(exact, axis=0)])
@@ -83,11 +83,11 @@ def _increments(impulses: Array, random: np.random.Generator) -> Array:
     return result
 
 
-def _run(impulses: Array, measured: Array, name: str) -> tuple[Array, Array]:
-    """Estimates and 1-sigma before the first sample and after each, shape (n + 1, 9), by a filter from zero."""
-    settings = ["rotation.jump=none", "rotation.coupling=ignore", f"rotation.filter={name}"]
-    own = params.thesis_params(load_scenario("sample_maneuver", settings)).rotation
-    states = [start()]
-    for impulse, increment in zip(impulses, measured, strict=True):
-        states.append(updated(states[-1], increment, impulse, own))
+def _run(impulses: Array, increments: Array, filter_name: str) -> tuple[Array, Array]:
+    """Returns estimates and 1-sigmas from zero, at the start and after each sample, shape (n + 1, 9)."""
+    settings = ["rotation.jump=none", "rotation.coupling=ignore", f"rotation.filter={filter_name}"]
+    rotation_params = params.thesis_params(load_scenario("sample_maneuver", settings)).rotation
+    states = [initial_state()]
+    for impulse, increment in zip(impulses, increments, strict=True):
+        states.append(update_filter(states[-1], increment, impulse, rotation_params))
     return np.array([s.estimate for s in states]), np.sqrt([s.covariance.diagonal() for s in states])

@@ -48,12 +48,13 @@ _OF = {
 
 def summary_line(results: Sequence[Reproduced]) -> str:
     """Sums up the verdicts in a sentence: the claims of the thesis, and apart from them those of our reference."""
-    thesis, *others = (_counts(counted(results, source), words) for source, words in _OF.items())
+    thesis, *others = (_counts_text(counted(results, source), words) for source, words in _OF.items())
     apart = [text for source, text in zip(list(_OF)[1:], others, strict=True) if sum(counted(results, source).values())]
     return f"{thesis}. Apart from these: {'; '.join(apart)}" if apart else thesis
 
 
-def _counts(counts: dict[str, int], words: str) -> str:
+def _counts_text(counts: dict[str, int], words: str) -> str:
+    """Formats counts by verdict as text."""
     return f"{sum(counts.values())} {words}: {', '.join(f'{count} {verdict}' for verdict, count in counts.items())}"
 
 
@@ -77,6 +78,7 @@ def as_data(results: Sequence[Reproduced]) -> dict[str, Any]:
 
 
 def _claim_data(outcome: Outcome) -> dict[str, Any]:
+    """Returns a claim and its outcome as data for JSON."""
     claim = outcome.claim
     return {
         "row": claim.row,
@@ -166,7 +168,7 @@ def page(results: Sequence[Reproduced], folder: Path) -> str:
                 "name": result.entry.name,
                 "label": label(result.entry),
                 "title": result.entry.title,
-                "pictures": [_encoded(folder / picture) for picture in result.pictures],
+                "pictures": [_base64_text(folder / picture) for picture in result.pictures],
                 "rows": [{**_claim_data(outcome), "style": _STYLES[outcome.verdict]} for outcome in result.outcomes],
             }
             for result in results
@@ -175,5 +177,6 @@ def page(results: Sequence[Reproduced], folder: Path) -> str:
     return templates.page(_HERE / "page.html", content, styles=[(_HERE / "page.css").read_text(encoding="utf-8")])
 
 
-def _encoded(picture: Path) -> str:
+def _base64_text(picture: Path) -> str:
+    """Encodes an image file in base64."""
     return base64.b64encode(picture.read_bytes()).decode()

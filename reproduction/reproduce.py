@@ -35,7 +35,7 @@ def reproduce(
     """
     say = progress or (lambda *_: None)
     with resumable_folder(folder, "reproduction", force=force) as path:
-        pictures = [str(_picture(name)) for entry in entries for name in entry.pictures]
+        pictures = [str(_picture_path(name)) for entry in entries for name in entry.pictures]
         require_files(folder, [*pictures, *report.PAGES], force=force)
         store = Store(path / "cache")
         cases = needed(entry.cases for entry in entries)
@@ -43,22 +43,24 @@ def reproduce(
         run_missing(store, cases, lambda done, _: say(done, runs + len(entries)))
         results = []
         for number, entry in enumerate(entries, start=1):
-            results.append(_reproduced(entry, store, folder, force=force))
+            results.append(_judge_entry(entry, store, folder, force=force))
             say(runs + number, runs + len(entries))
         report.write(folder, results, force=force)
         return results
 
 
-def _reproduced(entry: Entry, store: Store, folder: Path, *, force: bool) -> Reproduced:
+def _judge_entry(entry: Entry, store: Store, folder: Path, *, force: bool) -> Reproduced:
+    """Judges the claims of an entry, draws and writes its pictures, and returns the results."""
     phases = store.phases(entry.cases)
     pictures = {}
     for name, draw in entry.pictures.items():
         content = io.BytesIO()
         draw(phases).savefig(content, format="png")
-        pictures[_picture(name)] = content.getvalue()
+        pictures[_picture_path(name)] = content.getvalue()
     write_files(folder, {str(picture): content for picture, content in pictures.items()}, force=force)
     return Reproduced(entry, tuple(judge(claim, phases) for claim in entry.claims), tuple(pictures))
 
 
-def _picture(name: str) -> Path:
+def _picture_path(name: str) -> Path:
+    """Returns the path of a picture, relative to the folder of the reproduction."""
     return Path("figures") / f"{name}.png"

@@ -50,7 +50,7 @@ class Store:
         self._keys: dict[str, str] = {}
 
     def path(self, case: Case, seed: int) -> Path:
-        """Names the file of one result."""
+        """Returns the path of the file of one result."""
         key = self._keys.get(case.name) or self._keys.setdefault(case.name, case.key()[:_KEY])
         return self._folder / f"{case.name}-{seed:02d}-{key}.npz"
 
@@ -70,15 +70,19 @@ class Store:
             LookupError: when one has not been run.
         """
         seeds = _phase_count(cases)
-        single = {label: self._need(case, 0) for label, case in cases.items() if case.seeds == 1}
+        single = {label: self._require_result(case, 0) for label, case in cases.items() if case.seeds == 1}
         several = {label: case for label, case in cases.items() if case.seeds > 1}
-        return [single | {label: self._need(case, seed) for label, case in several.items()} for seed in range(seeds)]
+        return [
+            single | {label: self._require_result(case, seed) for label, case in several.items()}
+            for seed in range(seeds)
+        ]
 
-    def _need(self, case: Case, seed: int) -> Signals:
-        found = self.get(case, seed)
-        if found is None:
+    def _require_result(self, case: Case, seed: int) -> Signals:
+        """Reads a result; raises LookupError where it has not been run."""
+        result = self.get(case, seed)
+        if result is None:
             raise LookupError(f"case '{case.name}', seed {seed}, has not been run")
-        return found
+        return result
 
     def tidy(self) -> None:
         """Removes superseded results of known cases."""
@@ -95,14 +99,14 @@ def _phase_count(cases: Mapping[str, Case]) -> int:
 
 def needed(groups: Iterable[Mapping[str, Case]]) -> list[Case]:
     """Merges groups of cases: each case once, with as many seeds as the phases of its largest group."""
-    found: dict[str, Case] = {}
+    merged: dict[str, Case] = {}
     for cases in groups:
         phases = _phase_count(cases)
         for case in cases.values():
             seeds = min(case.seeds, phases)
-            if case.name not in found or found[case.name].seeds < seeds:
-                found[case.name] = replace(case, seeds=seeds)
-    return list(found.values())
+            if case.name not in merged or merged[case.name].seeds < seeds:
+                merged[case.name] = replace(case, seeds=seeds)
+    return list(merged.values())
 
 
 def run_missing(store: Store, cases: Sequence[Case], progress: Callable[[int, int], None] | None = None) -> int:
@@ -131,6 +135,7 @@ def run_missing(store: Store, cases: Sequence[Case], progress: Callable[[int, in
 
 
 def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
+    """Runs a batch of cases in worker processes, and yields after each."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(WORKERS, len(batch)), mp_context=context, initializer=_start_worker)
     try:
@@ -148,18 +153,20 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
 
 
 def _start_worker() -> None:
-    """Ends when the parent is gone; after Ctrl-C it waits for the runs under way."""
+    """Arranges that a worker ends when its parent is gone; after Ctrl-C it waits for the runs under way."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
+    """Waits for the end of the parent process, then exits."""
     parent.join()
     os._exit(1)
 
 
 def _run_one(case: Case, seed: int, path: Path) -> None:
+    """Runs one case with a seed and writes its result."""
     write_result(path, case.run(seed))
 
 

@@ -24,14 +24,16 @@ def code_digest(*starts: Path, package: Path = PACKAGE) -> str:
         package: folder of `massprop_drake`, whose modules are followed as those of this package are.
     """
     digest = hashlib.sha256()
-    for name, path in sorted((_name(path, package), path) for path in imported_files(*starts, package=package)):
+    for name, path in sorted(
+        (_relative_name(path, package), path) for path in imported_files(*starts, package=package)
+    ):
         digest.update(name.encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 
-def _name(path: Path, package: Path) -> str:
-    """Names a file by its place in its package, wherever that lies."""
+def _relative_name(path: Path, package: Path) -> str:
+    """Returns a file's path relative to the parent of its package, wherever that lies."""
     home = next((home for home in (package, _HERE) if path.is_relative_to(home)), path)
     return path.relative_to(home.parent).as_posix()
 
@@ -45,19 +47,19 @@ def imported_files(*starts: Path, package: Path = PACKAGE) -> set[Path]:
         starts: files of the modules, which are among those returned.
         package: folder of `massprop_drake`.
     """
-    found: set[Path] = set()
+    files: set[Path] = set()
     waiting = list(starts)
     while waiting:
         path = waiting.pop()
-        if path not in found:
-            found.add(path)
-            names = _imported(ast.parse(path.read_bytes()))
-            waiting += [file for name in names for home in (package, _HERE) for file in _files(name, home)]
-    return found
+        if path not in files:
+            files.add(path)
+            names = _imported_names(ast.parse(path.read_bytes()))
+            waiting += [file for name in names for home in (package, _HERE) for file in _files_of_import(name, home)]
+    return files
 
 
-def _imported(tree: ast.AST) -> Iterator[str]:
-    """Names that a module imports; of `from a import b` both a and a.b, which may be a module."""
+def _imported_names(tree: ast.AST) -> Iterator[str]:
+    """Yields the names that a module imports; of `from a import b` both a and a.b, which may be a module."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             continue
@@ -66,11 +68,11 @@ def _imported(tree: ast.AST) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
-        yield from _imported(node)
+        yield from _imported_names(node)
 
 
-def _files(name: str, package: Path) -> Iterator[Path]:
-    """Files that run when a name is imported: the `__init__` of each package on the way, and the module's own."""
+def _files_of_import(name: str, package: Path) -> Iterator[Path]:
+    """Yields the files that run when a name is imported: each package's `__init__`, and the module's own."""
     top, *parts = name.split(".")
     if top != package.name or parts[:1] == [_SHOWS]:
         return

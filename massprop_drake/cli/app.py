@@ -39,9 +39,9 @@ app = typer.Typer(
 app.add_typer(campaigns.app, name="campaign")
 
 
-def _show_version(shown: bool) -> None:
+def _show_version(requested: bool) -> None:
     """Prints the version and ends the command, if `--version` is given."""
-    if shown:
+    if requested:
         from importlib.metadata import version
 
         sys.stdout.write(f"massprop {version('massprop-drake')}\n")
@@ -66,16 +66,16 @@ def list_everything(as_json: Json = False) -> None:
     from massprop_drake.inputs.scenario import bundled_scenarios, load_scenario
     from massprop_drake.inputs.vehicle_file import bundled_vehicles, load_vehicle
 
-    found = {
+    descriptions = {
         "vehicles": {name: load_vehicle(name).description for name in bundled_vehicles()},
         "scenarios": {name: load_scenario(name).description for name in bundled_scenarios()},
         "diagrams": {name: graphs.describe(name) for name in graphs.DIAGRAMS},
         "campaigns": {name: campaign_description(name) for name in bundled_campaigns()},
     }
     if as_json:
-        show.print_json(found)
+        show.print_json(descriptions)
     else:
-        show.print_listing(found)
+        show.print_listing(descriptions)
 
 
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
@@ -157,11 +157,11 @@ def foretell(
     from massprop_drake.runners import forecast
 
     case = sources.load_recovered_scenario(scenario, overrides or [])
-    found = forecast.foretell(case, nominal=nominal, share=leak, since_s=since)
+    result = forecast.foretell(case, nominal=nominal, share=leak, since_s=since)
     if as_json:
-        show.print_json(forecast.forecast_to_json(found))
+        show.print_json(forecast.forecast_to_json(result))
     else:
-        show.print_forecast(found, case.vehicle_data)
+        show.print_forecast(result, case.vehicle_data)
 
 
 @app.command(epilog="Example: `massprop design servicer --target mass=1% --target inertia=0.5% --limit rate=1deg/s`")
@@ -406,11 +406,11 @@ def compare_runs(
     """Compares runs: the errors and 1-sigma of their estimates in a table, what was found, and their plots overlaid."""
     from massprop_drake.cli import pages, show
 
-    found, vehicle, target = pages.compare(runs, out, force=force)
+    summaries, vehicle, target = pages.compare(runs, out, force=force)
     if as_json:
-        show.print_json({name: show.comparison_data(results) for name, results in found})
+        show.print_json({name: show.comparison_data(results) for name, results in summaries})
     elif not quiet:
-        pages.print_comparison(found, vehicle, target)
+        pages.print_comparison(summaries, vehicle, target)
 
 
 @app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
@@ -574,20 +574,20 @@ def check(
     from massprop_drake.inputs.vehicle_file import load_vehicle
 
     if schema is not None:
-        shown = checks.list_schema_keys(schema)
+        keys = checks.list_schema_keys(schema)
         if as_json:
-            show.print_json([key._asdict() for key in shown])
+            show.print_json([key._asdict() for key in keys])
         else:
-            show.print_schema(shown)
+            show.print_schema(keys)
         return
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle, scenario, campaign or map")
-    whose = None if vehicle is None else load_vehicle(vehicle)
-    said = checks.check(files, whose, pairs, report=not quiet)
+    telemetry_vehicle = None if vehicle is None else load_vehicle(vehicle)
+    result = checks.check(files, telemetry_vehicle, pairs, report=not quiet)
     if as_json:
-        show.print_json(said.findings)
+        show.print_json(result.findings)
     else:
-        for line in said.problems if quiet else said.lines:
+        for line in result.problems if quiet else result.lines:
             (note if quiet else say)(line)
-    if said.problems:
+    if result.problems:
         raise typer.Exit(2)

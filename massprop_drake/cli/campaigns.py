@@ -18,7 +18,7 @@ from massprop_drake.errors import InputError
 
 if TYPE_CHECKING:
     from massprop_drake.studies.campaign.campaign import Campaign
-    from massprop_drake.studies.campaign.conclusion import Concluded
+    from massprop_drake.studies.campaign.conclusion import Conclusion
 
 app = typer.Typer(
     help="Flies many cases of a scenario, and reports what becomes of them.",
@@ -53,17 +53,17 @@ def plan(
     """Draws every case of a campaign and writes them down, without flying any."""
     from massprop_drake.cli import show
 
-    chosen = _load_campaign(campaign, overrides)
-    target = _output_folder(chosen, out)
-    planned = chosen.plan(target, force=force)
-    _print_advice(chosen, quiet=quiet)
+    loaded = _load_campaign(campaign, overrides)
+    target = _output_folder(loaded, out)
+    planned = loaded.plan(target, force=force)
+    _print_warnings(loaded, quiet=quiet)
     cases = planned.planned()
     if as_json:
         show.print_json([case._asdict() for case in cases])
     elif not quiet:
         cells = len({case.cell for case in cases})
-        drawn = ", ".join(quantity.label for quantity in chosen.spec.quantities) or "nothing"
-        say(f"{len(cases)} cases of '{chosen.spec.base.name}', {cells} of each draw; drawn: {drawn}")
+        drawn = ", ".join(quantity.label for quantity in loaded.spec.quantities) or "nothing"
+        say(f"{len(cases)} cases of '{loaded.spec.base.name}', {cells} of each draw; drawn: {drawn}")
         say(f"plan: {target}/plan.parquet")
 
 
@@ -94,8 +94,8 @@ def run(
 
     if workers is not None and scheduler is not None:
         raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
-    chosen = _load_campaign(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
-    target = _output_folder(chosen, out)
+    loaded = _load_campaign(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
+    target = _output_folder(loaded, out)
     if report and not only and not force and target.is_dir():
         require_files(target, [_PAGE, _SUMMARY])
     context.obj.watch(
@@ -103,15 +103,15 @@ def run(
         f"the report is saved in {target}/",
         f"cases flown so far are kept in {target}/; the same command with --resume goes on from there",
     )
-    _print_advice(chosen, quiet=quiet)
-    if chosen.spec.base.execution.compiled and not quiet and scheduler is None:
+    _print_warnings(loaded, quiet=quiet)
+    if loaded.spec.base.execution.compiled and not quiet and scheduler is None:
         from massprop_drake.maths.kernels import has_cached_kernels, has_compiler
 
         if has_compiler() and not has_cached_kernels():
             note("kernels are compiled by each worker for its first case, which takes a minute or two, once")
     shown = not (as_json or quiet)
-    with Progress(f"flying {chosen.spec.file.name}", 1.0, shown=shown) as progress:
-        flown = chosen.run(
+    with Progress(f"flying {loaded.spec.file.name}", 1.0, shown=shown) as progress:
+        flown = loaded.run(
             target,
             workers=workers,
             scheduler=scheduler,
@@ -126,10 +126,10 @@ def run(
     else:
         from massprop_drake.studies.campaign.conclusion import make_conclusion
 
-        said = call_in_process(
+        conclusion = call_in_process(
             make_conclusion, target, with_page=report
         )  # thousands of rows leave this process's memory as it is
-        _report_conclusion(said, target, force=force, as_json=as_json, quiet=quiet)
+        _report_conclusion(conclusion, target, force=force, as_json=as_json, quiet=quiet)
 
 
 @app.command(epilog="Example: `massprop campaign status runs/healthy`")
@@ -139,15 +139,15 @@ def status(folder: Folder, as_json: Json = False) -> None:
     from massprop_drake.studies.campaign import counts
     from massprop_drake.studies.campaign.campaign import Campaign
 
-    found = Campaign.load(folder).status()
+    progress = Campaign.load(folder).status()
     if as_json:
-        cells = [{"settings": dict(settings), **one._asdict()} for _, settings, one in found.cells]
-        show.print_json({**found.counts._asdict(), "cells": cells})
+        cells = [{"settings": dict(settings), **case_counts._asdict()} for _, settings, case_counts in progress.cells]
+        show.print_json({**progress.counts._asdict(), "cells": cells})
     else:
         for sentence in (
-            counts.progress(found.counts),
-            counts.failed_to_run_text(found.counts),
-            *counts.outcome_sentences(found),
+            counts.progress_text(progress.counts),
+            counts.failed_to_run_text(progress.counts),
+            *counts.outcome_sentences(progress),
         ):
             if sentence:
                 say(sentence)
@@ -185,54 +185,57 @@ def compare(
         say(f"comparison: {out}")
 
 
-def _load_campaign(campaign: str, overrides: list[str] | None) -> Campaign:
+def _load_campaign(source: str, overrides: list[str] | None) -> Campaign:
+    """Loads a campaign by name, file or folder, with overrides."""
     from massprop_drake.studies.campaign.campaign import Campaign
 
-    return Campaign.load(campaign, overrides or ())
+    return Campaign.load(source, overrides or ())
 
 
-def _output_folder(chosen: Campaign, out: Path | None) -> Path:
-    return out or chosen.folder or Path("runs") / chosen.spec.file.name
+def _output_folder(campaign: Campaign, out: Path | None) -> Path:
+    """Returns the folder to write: `--out`, the campaign's own, or `runs/<name>`."""
+    return out or campaign.folder or Path("runs") / campaign.spec.file.name
 
 
-def _print_advice(chosen: Campaign, *, quiet: bool) -> None:
-    for advice in () if quiet else chosen.advice():
+def _print_warnings(campaign: Campaign, *, quiet: bool) -> None:
+    """Prints warnings on doubtful entries of a campaign; if quiet, none."""
+    for advice in () if quiet else campaign.advice():
         note(f"warning: {advice}")
 
 
-def _print_kept_cases(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
+def _print_kept_cases(campaign: Campaign, case_ids: list[int], *, as_json: bool, quiet: bool) -> None:
     """Prints the folders of cases flown by `--only`; exits with a status if any failed to run."""
     from massprop_drake.cli import show
 
-    kept = {number: flown.case_folder(number) for number in only}
-    failed = [number for number, path in kept.items() if not path.is_dir()]
+    folders = {case_id: campaign.case_folder(case_id) for case_id in case_ids}
+    failed = [case_id for case_id, path in folders.items() if not path.is_dir()]
     if as_json:
-        show.print_json({str(number): None if number in failed else str(path) for number, path in kept.items()})
-    for number, path in kept.items():
-        if number in failed:
-            note(f"case {number} failed to run: {flown.reason(number)}")
+        show.print_json({str(case_id): None if case_id in failed else str(path) for case_id, path in folders.items()})
+    for case_id, path in folders.items():
+        if case_id in failed:
+            note(f"case {case_id} failed to run: {campaign.reason(case_id)}")
         elif not (quiet or as_json):
-            say(f"case {number}: {path}/; 'massprop run {path}' flies it again")
+            say(f"case {case_id}: {path}/; 'massprop run {path}' flies it again")
     if failed:
         raise typer.Exit(NOT_ALL_RAN)
 
 
-def _report_conclusion(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
+def _report_conclusion(conclusion: Conclusion, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     """Writes the report, prints its verdict, and exits with a status if a case failed to run or a gate fails."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import write_files
 
-    found = said.summary
-    if said.page is not None:
-        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: said.page.encode()}
+    summary = conclusion.summary
+    if conclusion.page is not None:
+        files = {_SUMMARY: show.json_text(summary).encode(), _PAGE: conclusion.page.encode()}
         write_files(folder, files, force=force)
     if as_json:
-        show.print_json(found)
+        show.print_json(summary)
     elif not quiet:
-        show.print_verdict(said.verdict)
-        if said.page is not None:
+        show.print_verdict(conclusion.verdict)
+        if conclusion.page is not None:
             say(f"report: {folder / _PAGE}")
-    if found["failed_to_run"]:
+    if summary["failed_to_run"]:
         raise typer.Exit(NOT_ALL_RAN)
-    if not found["passed"]:
+    if not summary["passed"]:
         raise typer.Exit(GATE_FAILED)

@@ -57,41 +57,41 @@ class CheckFindings(NamedTuple):
     problems: list[str]
 
 
-def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bool) -> CheckFindings:
+def check(names: Iterable[str], vehicle: Vehicle | None, n_pairs: int, *, report: bool) -> CheckFindings:
     """Validates files; returns the findings on each as JSON data, the same in words, and the problems.
 
     Args:
         names: of files, or bundled ones.
-        whose: the vehicle of telemetry.
-        pairs: of jets that look alike, in the report on a vehicle.
+        vehicle: that telemetry should be of.
+        n_pairs: number of pairs of jets that look alike, in the report on a vehicle.
         report: whether a vehicle is reported on.
     """
-    said = CheckFindings([], [], [])
+    result = CheckFindings([], [], [])
     for name in names:
         try:
-            good = read_checked_file(name, whose)
+            content = read_checked_file(name, vehicle)
         except InputError as error:
-            said.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
-            lines = _drop_repeated(name, error.problems, said.problems)
-            said.problems.extend(lines)
-            said.lines.extend(lines)
+            result.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
+            lines = _drop_repeated(name, error.problems, result.problems)
+            result.problems.extend(lines)
+            result.lines.extend(lines)
             continue
-        about = good.words if isinstance(good, InputDescription) else show.describe_input(good)
-        doubts = list(map(str, good.doubts))
-        said.findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
-        said.lines.extend([f"{name}: ok: {about}", *(f"{name}: warning: {doubt}" for doubt in doubts)])
-        if isinstance(good, Vehicle) and report:
+        description = content.words if isinstance(content, InputDescription) else show.describe_input(content)
+        doubts = list(map(str, content.doubts))
+        result.findings.append({"file": name, "ok": True, "findings": [description], "warnings": doubts})
+        result.lines.extend([f"{name}: ok: {description}", *(f"{name}: warning: {doubt}" for doubt in doubts)])
+        if isinstance(content, Vehicle) and report:
             from massprop_drake.studies.vehicle_report import vehicle_report  # noqa: PLC0415 (slow to load)
 
-            found = said.findings[-1]["report"] = vehicle_report(good, pairs)
-            said.lines.extend(show.vehicle_lines(found, good.unit_names))
-    return said
+            facts = result.findings[-1]["report"] = vehicle_report(content, n_pairs)
+            result.lines.extend(show.vehicle_lines(facts, content.unit_names))
+    return result
 
 
-def _drop_repeated(name: str, problems: Sequence[str], told: Sequence[str]) -> list[str]:
+def _drop_repeated(name: str, problems: Sequence[str], reported: Sequence[str]) -> list[str]:
     """Drops problems of a scenario that its vehicle's file has already reported; adds a line with their number."""
-    known = {one.partition(": vehicle: ")[2] or one for one in told}
-    new = [one for one in problems if (one.partition(": vehicle: ")[2] or one) not in known or one in told]
+    known = {one.partition(": vehicle: ")[2] or one for one in reported}
+    new = [one for one in problems if (one.partition(": vehicle: ")[2] or one) not in known or one in reported]
     repeated = counted(len(problems) - len(new), "problem")
     return new if len(new) == len(problems) else [*new, f"{name}: {repeated} of the vehicle, told above"]
 
@@ -108,12 +108,12 @@ class InputDescription(NamedTuple):
     doubts: Sequence[str] = ()
 
 
-def read_checked_file(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | InputDescription:
+def read_checked_file(name: str, vehicle: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | InputDescription:
     """Reads and validates a file; returns its model, of telemetry and maps a description; raises InputError."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
-        found = check_telemetry(Path(name), whose)
-        return InputDescription(show.describe_telemetry(found, whose), found["notes"])
+        findings = check_telemetry(Path(name), vehicle)
+        return InputDescription(show.describe_telemetry(findings, vehicle), findings["notes"])
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
@@ -140,5 +140,5 @@ def _require_flyable(scenario: Scenario, name: str) -> Scenario:
         try:
             require_model(scenario)
         except InputError as error:
-            raise InputError(*(f"{name}: {one.removeprefix('scenario: ')}" for one in error.problems)) from None
+            raise InputError(*(f"{name}: {problem.removeprefix('scenario: ')}" for problem in error.problems)) from None
     return scenario

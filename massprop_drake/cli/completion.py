@@ -13,13 +13,13 @@ from massprop_drake.inputs.kinds import Kind, bundled_files
 def make_completer(kind: Kind) -> Callable[[str], list[str]]:
     """Makes a shell completer: from a word's beginning to bundled names of a kind, files and folders."""
 
-    def offered(incomplete: str) -> list[str]:
+    def complete(incomplete: str) -> list[str]:
         """Lists bundled names, files and folders that begin with a word."""
         return [name for name in bundled_files(kind) if name.startswith(incomplete)] + _paths(
             incomplete, (".yaml", ".yml")
         )
 
-    return offered
+    return complete
 
 
 def complete_diagrams(incomplete: str) -> list[str]:

@@ -49,55 +49,57 @@ class ExportOptions(NamedTuple):
     force: bool
 
 
-def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[[Path, str], None]) -> WrittenExport:
+def write(folder: Path, out: Path | None, options: ExportOptions, watch: Callable[[Path, str], None]) -> WrittenExport:
     """Writes a run as a file for a viewer; returns the file's path, size, number of rows and signals.
 
     Args:
         folder: of the run.
         out: the file to write; None: `run.<ending>` in the run's folder.
-        asked: format and options.
+        options: format and options.
         watch: is told the file, and what to say once it is written.
 
     Raises:
         InputError: when there is no such run or format, or the file cannot be written.
     """
-    chosen, epoch_s = export.find_format(asked.to), parse_epoch(asked.epoch)
+    chosen, epoch_s = export.find_format(options.to), parse_epoch(options.epoch)
     read_summary(folder)
     name = f"run.{chosen.ending}"
     target = out or folder / name
-    alone = os.path.realpath(target) != os.path.realpath(folder / name)
-    if alone:
-        require_file(target, chosen.name, force=asked.force, reads=[folder])
+    is_elsewhere = os.path.realpath(target) != os.path.realpath(folder / name)
+    if is_elsewhere:
+        require_file(target, chosen.name, force=options.force, reads=[folder])
     else:
-        require_files(folder, [name], force=asked.force)
-    before = read_manifest(folder)
+        require_files(folder, [name], force=options.force)
+    manifest = read_manifest(folder)
     watch(target, f"the export is saved in {target}")
     run = Run.load(folder)
     content = export.Content(run, epoch_s=epoch_s)
 
-    def put(path: Path) -> None:
+    def write_export(path: Path) -> None:
         """Writes the export to a path."""
-        export.write(content, asked.to, path)
+        export.write(content, options.to, path)
 
-    if alone:
-        write_file(target, put, chosen.name, force=asked.force, reads=[folder])
+    if is_elsewhere:
+        write_file(target, write_export, chosen.name, force=options.force, reads=[folder])
     else:
-        write_files(folder, {name: put}, force=asked.force, manifest_id=None if before is None else before.id)
+        write_files(
+            folder, {name: write_export}, force=options.force, manifest_id=None if manifest is None else manifest.id
+        )
     return WrittenExport(
         str(target), target.stat().st_size, run.time_s.size, list(content.outline.series), list(content.outline.notes)
     )
 
 
-def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, quiet: bool) -> str:
+def play(folder: Path, options: ExportOptions, port: int | None, speed: float, *, quiet: bool) -> str:
     """Plays a run to a viewer on this machine until its end, and returns the viewer's address.
 
     Raises:
         InputError: when there is no such run or format, or no viewer.
     """
-    export.find_format(asked.to)
-    epoch_s = parse_epoch(asked.epoch)
+    export.find_format(options.to)
+    epoch_s = parse_epoch(options.epoch)
     read_summary(folder)
-    replay = export.Replay(Run.load(folder), asked.to, port=port, speed=speed, epoch_s=epoch_s)
+    replay = export.Replay(Run.load(folder), options.to, port=port, speed=speed, epoch_s=epoch_s)
     if not quiet:
         note(
             f"waiting for a viewer at {replay.address}; in Foxglove: Open connection, Foxglove WebSocket"

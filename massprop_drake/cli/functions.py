@@ -24,8 +24,8 @@ _OURS = str(Path(massprop_drake.__file__).parent)
 
 def file_stem(target: str) -> str:
     """Makes the stem of file names for a function: the last word of its module, and its own name."""
-    where, _, name = target.rpartition(":")
-    return re.sub(r"\W+", "_", f"{Path(where.removesuffix('.py')).name.rpartition('.')[2]}_{name}")
+    module, _, name = target.rpartition(":")
+    return re.sub(r"\W+", "_", f"{Path(module.removesuffix('.py')).name.rpartition('.')[2]}_{name}")
 
 
 @contextlib.contextmanager
@@ -47,8 +47,8 @@ def guard_user_code(target: str) -> Iterator[None]:
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # Drake ends the process where a demand is not met, and logs why
-            said = error.msg if isinstance(error, SyntaxError) else str(error)
-            words = " ".join("; ".join([*logged, said]).split()) or "no message"
+            message = error.msg if isinstance(error, SyntaxError) else str(error)
+            words = " ".join("; ".join([*logged, message]).split()) or "no message"
             raise InputError(f"{target}: {type(error).__name__}: {words}{_error_location(error)}") from None
     for line in logged:
         note(line)
@@ -63,32 +63,32 @@ def call(target: str) -> Any:
     Raises:
         InputError: when there is no such module or function, it needs arguments, or it raises.
     """
-    where, _, name = target.rpartition(":")
-    if not where.strip(".") or not name:
+    module, _, name = target.rpartition(":")
+    if not module.strip(".") or not name:
         raise InputError(f"{target}: give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build")
-    function = _find_function(_import_module(where, target), name, target)
+    function = _find_function(_import_module(module, target), name, target)
     with guard_user_code(target):
         return function()
 
 
-def _import_module(where: str, target: str) -> ModuleType:
+def _import_module(source: str, target: str) -> ModuleType:
     """Imports a module by its dotted name or its file's path, and returns it; raises InputError."""
-    if not (where.endswith(".py") or os.sep in where):
+    if not (source.endswith(".py") or os.sep in source):
         with _search_folder_first(Path.cwd()), guard_user_code(target):
             try:
-                return importlib.import_module(where)
+                return importlib.import_module(source)
             except ModuleNotFoundError as error:
-                if error.name is None or not f"{where}.".startswith(f"{error.name}."):
+                if error.name is None or not f"{source}.".startswith(f"{error.name}."):
                     raise
             raise InputError(
-                f"{target}: there is no module '{where}' here; of a file give its path, such as {where}.py"
+                f"{target}: there is no module '{source}' here; of a file give its path, such as {source}.py"
             )
-    path = Path(where)
+    path = Path(source)
     if not path.is_file():
-        raise InputError(f"{target}: there is no file {where}")
+        raise InputError(f"{target}: there is no file {source}")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{target}: {where} is no Python file")
+        raise InputError(f"{target}: {source} is no Python file")
     module = importlib.util.module_from_spec(spec)
     with _search_folder_first(path.resolve().parent), guard_user_code(target):
         spec.loader.exec_module(module)
@@ -110,10 +110,10 @@ def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], A
     """Returns the function of a name in a module; raises InputError unless it can be called without arguments."""
     function = getattr(module, name, None)
     if not callable(function):
-        what = "is no function" if hasattr(module, name) else "is not there"
+        problem = "is no function" if hasattr(module, name) else "is not there"
         theirs = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
         own = [key for key, value in theirs.items() if value.__module__ == module.__name__ and not key.startswith("_")]
-        raise InputError(f"{target}: '{name}' {what}{suggestion(name, own)}")
+        raise InputError(f"{target}: '{name}' {problem}{suggestion(name, own)}")
     try:
         parameters = list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):  # of a function that is not Python's
@@ -122,8 +122,8 @@ def _find_function(module: ModuleType, name: str, target: str) -> Callable[[], A
     needed = [one.name for one in parameters if one.default is one.empty and one.kind not in variable]
     if needed:
         raise InputError(f"{target}: needs arguments, {', '.join(needed)}; give a function that needs none")
-    made: Callable[[], Any] = function
-    return made
+    result: Callable[[], Any] = function
+    return result
 
 
 def _error_location(error: BaseException) -> str:
@@ -131,11 +131,12 @@ def _error_location(error: BaseException) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         return f" ({_shortened_path(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not _is_installed(frame.filename)]
-    return f" ({_shortened_path(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+    user_frames = [frame for frame in frames if not _is_installed(frame.filename)]
+    return f" ({_shortened_path(user_frames[-1].filename)}, line {user_frames[-1].lineno})" if user_frames else ""
 
 
 def _is_installed(filename: str) -> bool:
+    """Tests whether a file belongs to this package, to Python or to an installed package."""
     return filename.startswith(("<", _OURS, sys.prefix, sys.base_prefix)) or "site-packages" in Path(filename).parts
 
 

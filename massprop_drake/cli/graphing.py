@@ -25,27 +25,27 @@ def find_diagram_builders(names: Sequence[str] | None, like: str | None) -> dict
         InputError: when one is not there, or two would have one name.
     """
     case = None if like is None else load_recovered_scenario(like, [])
-    found: dict[str, Callable[[], Any]] = {}
+    builders: dict[str, Callable[[], Any]] = {}
     for name in dict.fromkeys(names or graphs.diagram_names(case)):
-        own = ":" in name
-        if not own and name not in graphs.DIAGRAMS:
+        is_users = ":" in name
+        if not is_users and name not in graphs.DIAGRAMS:
             if name.endswith(".py"):
                 raise InputError(f"'{name}' is a file; say which of its functions builds the diagram: {name}:build")
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
-        if own and case is not None:
+        if is_users and case is not None:
             raise InputError(f"--like: '{name}' is built by a function of your own, which takes no scenario")
-        stem = functions.file_stem(name) if own else name
-        if stem in found:
+        stem = functions.file_stem(name) if is_users else name
+        if stem in builders:
             raise InputError(f"{name}: its files would be called {stem}, as those of another; draw it apart")
-        found[stem] = partial(_build_user_diagram, name) if own else partial(graphs.build, name, case)
-    return found
+        builders[stem] = partial(_build_user_diagram, name) if is_users else partial(graphs.build, name, case)
+    return builders
 
 
 def _build_user_diagram(target: str) -> Any:
     """Calls a user's function and returns its result as a Drake diagram."""
-    made = functions.call(target)
+    result = functions.call(target)
     with functions.guard_user_code(target):
-        return graphs.as_diagram(made, target)
+        return graphs.as_diagram(result, target)
 
 
 def write(builders: Mapping[str, Callable[[], Any]], out: Path, *, force: bool) -> tuple[list[Path], bool]:

@@ -39,15 +39,15 @@ class SavedWork:
         self._before: tuple[int, ...] | None = None
         self._written, self._otherwise = "", "nothing was saved"
 
-    def watch(self, file: Path, written: str, otherwise: str = "nothing was saved") -> None:
+    def watch(self, file: Path, saved: str, unsaved: str = "nothing was saved") -> None:
         """Sets the file whose change shows that the work is saved, and what to say before and after it.
 
         Args:
             file: that the command writes last or together with all others.
-            written: what to say once it is another file than now.
-            otherwise: what to say until then.
+            saved: what to say once it is another file than now.
+            unsaved: what to say until then.
         """
-        self._file, self._before, self._written, self._otherwise = file, _file_identity(file), written, otherwise
+        self._file, self._before, self._written, self._otherwise = file, _file_identity(file), saved, unsaved
 
     @property
     def saved(self) -> bool:
@@ -61,10 +61,10 @@ class SavedWork:
 def _file_identity(file: Path) -> tuple[int, ...] | None:
     """Returns device, inode and time of change of a file, which a rewrite changes; None: there is no file."""
     try:
-        found = os.stat(file)
+        status = os.stat(file)
     except OSError:
         return None
-    return found.st_dev, found.st_ino, found.st_mtime_ns
+    return status.st_dev, status.st_ino, status.st_mtime_ns
 
 
 def _load_massprop() -> Any:
@@ -74,53 +74,53 @@ def _load_massprop() -> Any:
     return app
 
 
-def main(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> None:
+def main(load_app: Callable[[], Any] = _load_massprop, name: str = "massprop") -> None:
     """Runs the command line in `sys.argv` and ends the process with its exit status.
 
     Args:
-        load: loads the commands, a `typer.Typer`.
+        load_app: loads the commands, a `typer.Typer`.
         name: of the program, shown in its help.
     """
     os.environ.update(threads.default_blas_threads(os.environ))  # before numpy is loaded
-    status = run(load, name)
+    status = run(load_app, name)
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the command has ended: its status stands
     sys.exit(status)
 
 
-def run(load: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int:
+def run(load_app: Callable[[], Any] = _load_massprop, name: str = "massprop") -> int:
     """Runs the command line in `sys.argv`, prints any error as one message, and returns the exit status."""
-    kept = SavedWork()
+    saved_work = SavedWork()
     with guard_streams() as output, _raise_on_signals() as received, _print_short_warnings():
         try:
             try:
-                status = _run_command(kept, load, name)
+                status = _run_command(saved_work, load_app, name)
                 output.flush()
             except Exception as error:  # the last line of defense: say it
                 if received:  # which the code that it met turned into an error of its own
                     raise Interrupted from error
-                status = _report_error(error, kept)
-            status = _report_unprinted(output, kept, status)
+                status = _report_error(error, saved_work)
+            status = _report_unprinted(output, saved_work, status)
         except Interrupted:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             word = "interrupted" if received[0] == signal.SIGINT else f"ended by {signal.Signals(received[0]).name}"
-            note(f"{word}: {kept}")
+            note(f"{word}: {saved_work}")
             status = 128 + received[0]
     return status
 
 
-def _run_command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
+def _run_command(saved_work: SavedWork, load_app: Callable[[], Any], name: str) -> int:
     """Checks arguments and locale, runs the command, and returns its exit status."""
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
         raise InputError("Drake does not load where text is ASCII, as in the C locale; set PYTHONUTF8=1")
-    return load()(prog_name=name, standalone_mode=False, obj=kept) or 0
+    return load_app()(prog_name=name, standalone_mode=False, obj=saved_work) or 0
 
 
-def _report_error(error: Any, kept: SavedWork) -> int:
+def _report_error(error: Any, saved_work: SavedWork) -> int:
     """Prints an error, and what is saved nevertheless, on the error stream; returns the exit status."""
-    saved = f"; {kept}" if kept.saved else ""
+    saved = f"; {saved_work}" if saved_work.saved else ""
     if isinstance(error, InputError):
         note(f"{error}{saved}")
         return 2
@@ -136,16 +136,16 @@ def _report_error(error: Any, kept: SavedWork) -> int:
     return 1
 
 
-def _report_unprinted(output: Stream, kept: SavedWork, status: int) -> int:
+def _report_unprinted(output: Stream, saved_work: SavedWork, status: int) -> int:
     """Prints, if standard output has failed, that and what is saved; returns the exit status."""
     if output.failure is None:
         return status
-    saved = [str(kept)] if kept.saved else []
+    messages = [str(saved_work)] if saved_work.saved else []
     if isinstance(output.failure, BrokenPipeError):  # nobody reads, and is told where it can be read if anywhere
-        for line in saved:
+        for line in messages:
             note(line)
         return status
-    note("; ".join([f"the result cannot be printed: {output.failure.strerror}", *saved]))
+    note("; ".join([f"the result cannot be printed: {output.failure.strerror}", *messages]))
     return status or 1
 
 
@@ -165,14 +165,15 @@ def _raise_on_signals() -> Iterator[list[int]]:
 
     def receive(number: int, _: FrameType | None) -> None:
         """Raises the exception for a first signal, and has later ones end the process."""
-        for each in heeded:
-            signal.signal(each, signal.SIG_DFL)
+        for heeded_number in heeded:
+            signal.signal(heeded_number, signal.SIG_DFL)
         received.append(number)
         signal.signal(signal.SIGALRM, receive_again)
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
         raise Interrupted
 
     def receive_again(_: int, __: FrameType | None) -> None:
+        """Raises the exception again, until it is on its way."""
         handled = sys.exception()  # what a cleanup that is under way was begun for
         while handled is not None and not isinstance(handled, Interrupted):
             handled = handled.__context__
@@ -194,9 +195,9 @@ def _raise_on_signals() -> Iterator[list[int]]:
 @contextlib.contextmanager
 def _print_short_warnings() -> Iterator[None]:
     """Prints, in a with block, warnings as one-line messages: those on old names once each."""
-    said: set[str] = set()
+    printed: set[str] = set()
 
-    def shown(
+    def print_warning(
         message: Warning | str,
         category: type[Warning],
         filename: str,
@@ -204,13 +205,14 @@ def _print_short_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
+        """Prints a warning as one line, each text once."""
         place = "" if issubclass(category, RenamedWarning) else f"{filename}:{lineno}: {category.__name__}: "
         words = f"{place}{message}"
-        if words not in said:
-            said.add(words)
+        if words not in printed:
+            printed.add(words)
             note(words)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", RenamedWarning)
-        warnings.showwarning = shown
+        warnings.showwarning = print_warning
         yield

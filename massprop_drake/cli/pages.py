@@ -44,22 +44,22 @@ def write(
     """
     read_summary(folder)
     kind, target = name.partition(".")[0], out or folder / name
-    alone = os.path.realpath(target) != os.path.realpath(folder / name)
-    if alone:
+    is_elsewhere = os.path.realpath(target) != os.path.realpath(folder / name)
+    if is_elsewhere:
         require_file(target, kind, force=force, reads=[folder])
     else:
         require_files(folder, [name], force=force)
-    written = read_manifest(folder)
+    manifest = read_manifest(folder)
     watch(target, f"the {kind} is saved in {target}")
 
-    shown = Run.load(folder)
-    if alone:
-        write_page(target, _page_html(name, shown, None), kind, force=force, reads=[folder])
+    run = Run.load(folder)
+    if is_elsewhere:
+        write_page(target, _page_html(name, run, None), kind, force=force, reads=[folder])
         return target
-    pages = {name: _page_html(name, shown, folder).encode()}
+    pages = {name: _page_html(name, run, folder).encode()}
     if name == REPLAY and (force or is_ours(folder, REPORT)):
-        pages[REPORT] = _page_html(REPORT, shown, None, replay=REPLAY).encode()
-    write_files(folder, pages, force=force, manifest_id=None if written is None else written.id)
+        pages[REPORT] = _page_html(REPORT, run, None, replay=REPLAY).encode()
+    write_files(folder, pages, force=force, manifest_id=None if manifest is None else manifest.id)
     return target
 
 
@@ -89,9 +89,9 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
     """
     if len(runs) < 2:
         raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
-    found = [(str(folder), read_summary(folder)) for folder in runs]
+    summaries = [(str(folder), read_summary(folder)) for folder in runs]
     vehicle = load_scenario(runs[0]).vehicle_data
-    for name, results in found:
+    for name, results in summaries:
         if (results.vehicle, results.units) != (vehicle.name, vehicle.units):
             raise InputError(
                 f"{name}: is of vehicle '{results.vehicle}' in units {results.units}, and {runs[0]} of "
@@ -105,11 +105,11 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
 
     page = comparison_html([(str(folder), Run.load(folder)) for folder in runs])
     write_page(target, page, "comparison", force=force, reads=runs)
-    return found, vehicle, target
+    return summaries, vehicle, target
 
 
-def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
+def print_comparison(summaries: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
     """Prints the table of runs side by side, the findings of each run, and the path of the page."""
-    show.print_side_by_side(found, vehicle)
-    show.print_run_findings(found, vehicle)
+    show.print_side_by_side(summaries, vehicle)
+    show.print_run_findings(summaries, vehicle)
     say(f"plots:       {target}")

@@ -37,57 +37,57 @@ class OutputOptions(NamedTuple):
     reads: tuple[str, ...] = ()
 
 
-def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: OutputOptions) -> None:
+def propose_map(record: str, vehicle: Vehicle, out: Path | None, options: OutputOptions) -> None:
     """Proposes a map of a record's columns, writes it if asked, and prints it and the first rows by it.
 
     Raises:
         InputError: when something could not be found, or the record cannot be what the map says.
     """
-    reads = [*_files_with_record(record), *how.reads]
+    reads = [*_files_with_record(record), *options.reads]
     if out is not None:
-        require_file(out, "map", force=how.force, reads=reads)
+        require_file(out, "map", force=options.force, reads=reads)
     recording = open_recording(record, None, ROWS)
-    found = make_proposal(recording, vehicle)
-    text = _map_text(found, record, vehicle)
+    proposal = make_proposal(recording, vehicle)
+    text = _map_text(proposal, record, vehicle)
     if out is not None:
-        write_page(out, text, "map", yaml=True, force=how.force, reads=reads)
-    if not (how.as_json or how.quiet):
+        write_page(out, text, "map", yaml=True, force=options.force, reads=reads)
+    if not (options.as_json or options.quiet):
         for line in text.splitlines():
             say(line)
-    understood = None
-    if not found.lacking:
+    mapped = None
+    if not proposal.lacking:
         document = Document(text, "the proposed map")
-        by = validate_data(RecordMap, document.data, document)
-        understood = mapping.apply_map(open_recording(record, by, ROWS), by, vehicle, document.source)
-    _print_map(found, understood, how, recording)
-    if found.lacking:
-        raise InputError(*(f"{recording.source}: {one}" for one in found.lacking))
+        record_map = validate_data(RecordMap, document.data, document)
+        mapped = mapping.apply_map(open_recording(record, record_map, ROWS), record_map, vehicle, document.source)
+    _print_map(proposal, mapped, options, recording)
+    if proposal.lacking:
+        raise InputError(*(f"{recording.source}: {problem}" for problem in proposal.lacking))
 
 
-def show_map(record: str, file: Path, vehicle: Vehicle, how: OutputOptions) -> None:
+def show_map(record: str, map_file: Path, vehicle: Vehicle, options: OutputOptions) -> None:
     """Prints the first rows of a record as the map in a file interprets them, and the evidence for it."""
-    by = load_map(file)
-    recording = open_recording(record, by, ROWS)
-    understood, refusal = None, None
+    record_map = load_map(map_file)
+    recording = open_recording(record, record_map, ROWS)
+    mapped, refusal = None, None
     try:
-        understood = mapping.apply_map(recording, by, vehicle, str(file))
+        mapped = mapping.apply_map(recording, record_map, vehicle, str(map_file))
     except InputError as error:
         refusal = error
     # units that cannot be do not hide how the jets act
-    applied = understood or mapping.apply_map(recording, by, vehicle, str(file), limits=False)
+    applied = mapped or mapping.apply_map(recording, record_map, vehicle, str(map_file), limits=False)
     reasons, warnings = describe_evidence(applied)
-    found = Proposal(by.model_dump(mode="json"), reasons, [], [], warnings)
-    if not (how.as_json or how.quiet):
+    proposal = Proposal(record_map.model_dump(mode="json"), reasons, [], [], warnings)
+    if not (options.as_json or options.quiet):
         for line in reasons:
             say(line)
-    if refusal is None or not how.as_json:
-        _print_map(found, understood, how, recording)
+    if refusal is None or not options.as_json:
+        _print_map(proposal, mapped, options, recording)
     if refusal is not None:
         raise refusal
 
 
 def make_vehicle(
-    record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, how: OutputOptions
+    record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, options: OutputOptions
 ) -> None:
     """Writes a vehicle's file from the parameters of a PX4 log, and prints what is assumed.
 
@@ -95,20 +95,20 @@ def make_vehicle(
         InputError: when the record is no ULog, or says too little.
     """
     reads = _files_with_record(record)
-    require_file(target, "vehicle", force=how.force, reads=reads)
+    require_file(target, "vehicle", force=options.force, reads=reads)
     recording = open_recording(record)
     if recording.kind != "ulog":
         raise InputError(f"{record}: has no parameters of a vehicle, which a ULog (.ulg) has")
-    made = vehicle_from_log(recording, target.stem, mass, inertia)
+    vehicle = vehicle_from_log(recording, target.stem, mass, inertia)
     lines = [f"# Made of {Path(record).name}. What the log does not say:"]
-    for one in made.assumed:
-        lines += _comment(one)
-    text = "\n".join(lines) + "\n" + to_yaml(made.data)
-    write_page(target, text, "vehicle", yaml=True, force=how.force, reads=reads)
-    if how.as_json:
-        show.print_json({"vehicle": str(target), "assumed": made.assumed})
-    elif not how.quiet:
-        say(f"{target}: {len(made.data['jets'])} thrusters; what is assumed stands at its beginning")
+    for assumption in vehicle.assumed:
+        lines += _comment_lines(assumption)
+    text = "\n".join(lines) + "\n" + to_yaml(vehicle.data)
+    write_page(target, text, "vehicle", yaml=True, force=options.force, reads=reads)
+    if options.as_json:
+        show.print_json({"vehicle": str(target), "assumed": vehicle.assumed})
+    elif not options.quiet:
+        say(f"{target}: {len(vehicle.data['jets'])} thrusters; what is assumed stands at its beginning")
 
 
 def _files_with_record(record: str) -> list[str]:
@@ -128,23 +128,23 @@ def parse_moments(text: str | None) -> tuple[float, float, float] | None:
     return first, second, third
 
 
-def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
+def _map_text(proposal: Proposal, record: str, vehicle: Vehicle) -> str:
     """Formats a proposed map as YAML text, with the reasons for it, and what it lacks, as comments."""
     lines = [f"# Proposed for {Path(record).name} and vehicle {vehicle.name}. Why it is so:"]
-    for reason in found.reasons:
-        lines += _comment(reason)
-    if found.lacking:
+    for reason in proposal.reasons:
+        lines += _comment_lines(reason)
+    if proposal.lacking:
         lines.append("# What is to be filled in:")
-        for one in found.lacking:
-            lines += _comment(one)
+        for problem in proposal.lacking:
+            lines += _comment_lines(problem)
     order = ("topic", "time", "sensors", "commands", "csv")
-    data = {key: found.data[key] for key in order if key in found.data}
+    data = {key: proposal.data[key] for key in order if key in proposal.data}
     return "\n".join(lines) + "\n" + to_yaml(data)
 
 
-def _comment(text: str) -> list[str]:
+def _comment_lines(text: str) -> list[str]:
     """Wraps a sentence into lines of a YAML comment."""
-    printable = "".join(one if one.isprintable() else " " for one in text)
+    printable = "".join(character if character.isprintable() else " " for character in text)
     first, others = "# - ", "#   "
     return wrap(
         printable,
@@ -156,72 +156,74 @@ def _comment(text: str) -> list[str]:
     )
 
 
-def _print_map(found: Proposal, understood: channels.Mapped | None, how: OutputOptions, recording: Recording) -> None:
+def _print_map(
+    proposal: Proposal, mapped: channels.Mapped | None, options: OutputOptions, recording: Recording
+) -> None:
     """Prints a record's first rows by a map, and notes on the record; as JSON the map, too."""
-    rows = [] if understood is None else mapped_rows.preview_rows(understood)
-    of_rows = () if understood is None else (*understood.notes, *_find_refusals(understood))
-    losses = [f"{one.kind}: {one.text}" for one in recording.losses]
-    facts = list(dict.fromkeys([*recording.information, *(() if understood is None else understood.information)]))
-    notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
-    if how.as_json:
-        said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
-        show.print_json({"map": found.data, **said, "rows": rows, "notes": [*facts, *notes]})
-    elif not how.quiet:
-        if understood is not None:
-            Terminal(120).print(_make_rows_table(understood, rows))
+    rows = [] if mapped is None else mapped_rows.preview_rows(mapped)
+    row_notes = () if mapped is None else (*mapped.notes, *_find_refusals(mapped))
+    losses = [f"{loss.kind}: {loss.text}" for loss in recording.losses]
+    facts = list(dict.fromkeys([*recording.information, *(() if mapped is None else mapped.information)]))
+    notes = list(dict.fromkeys([*losses, *recording.notes, *proposal.warnings, *row_notes]))
+    if options.as_json:
+        explanation = {"reasons": proposal.reasons, "lacking": proposal.lacking, "left_out": proposal.left_out}
+        show.print_json({"map": proposal.data, **explanation, "rows": rows, "notes": [*facts, *notes]})
+    elif not options.quiet:
+        if mapped is not None:
+            Terminal(120).print(_make_rows_table(mapped, rows))
         for sentence in facts:
             note(sentence)
         for sentence in notes:
             note(f"warning: {sentence}")
 
 
-def _find_refusals(understood: channels.Mapped) -> list[str]:
+def _find_refusals(mapped: channels.Mapped) -> list[str]:
     """Lists reasons for which massprop estimate would refuse the record as mapped; empty: none."""
-    vehicle = understood.vehicle
+    vehicle = mapped.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
         reader = Reader(
-            mapped_rows.make_table(understood, gyro, own_times=mapped_rows.is_oversampled(understood)),
+            mapped_rows.make_table(mapped, gyro, own_times=mapped_rows.is_oversampled(mapped)),
             vehicle,
             gyro=gyro,
         )
-        reader.own_times = mapped_rows.is_oversampled(understood)
+        reader.own_times = mapped_rows.is_oversampled(mapped)
         for _ in reader:
             pass
     except InputError as error:
-        return [f"'massprop estimate' will refuse it as it stands: {one}" for one in error.problems]
+        return [f"'massprop estimate' will refuse it as it stands: {problem}" for problem in error.problems]
     return []
 
 
-def _make_rows_table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
+def _make_rows_table(mapped: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
     """Makes a table of a record's first rows: a line per sensor component, and one for the open jets."""
     table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
     table.add_column("")
     for row in rows:
         table.add_column(f"{moment(row['time_s'])} s", justify="right")
-    for name, channel in understood.channels.items():
+    for name, channel in mapped.channels.items():
         for component in channels.COMPONENTS[channel.kind][: channel.values.shape[1]]:
             values = [row["sensors"][name][component] for row in rows]
             if any(value is not None for value in values):
-                unit = _unit_suffix(understood, channel, component)
+                unit = _unit_suffix(mapped, channel, component)
                 table.add_row(f"{name} {component}{unit}", *("-" if one is None else f"{one:.5g}" for one in values))
     table.add_row("jets open", *(_open_jets_text(row["jets"]) for row in rows))
     return table
 
 
-def _unit_suffix(understood: channels.Mapped, channel: channels.Channel, component: str) -> str:
+def _unit_suffix(mapped: channels.Mapped, channel: channels.Channel, component: str) -> str:
     """Returns the unit of a channel's component, after a blank; empty where it has none."""
     if component.startswith("q_") or component == "level":
         return ""
-    length = understood.vehicle.unit_names["length"]
+    length = mapped.vehicle.unit_names["length"]
     by_kind = {"gyro": "rad/s", "wheel": "rad/s", "engine": "rad", "velocity": f"{length}/s", "pose": length}
     integrates = channel.gives in ("integral", "increment")
     return " " + by_kind.get(channel.kind, f"{length}/s" if integrates else f"{length}/s^2")
 
 
-def _open_jets_text(jets: dict[str, float | None]) -> str:
+def _open_jets_text(shares: dict[str, float | None]) -> str:
     """Formats the jets open in a row, with the share of the row where it is below 1 and ? where unknown."""
     shown = []
-    for name, share in jets.items():
+    for name, share in shares.items():
         shown.append(f"{name} ?" if share is None else name if share == 1.0 else f"{name} {share:.2f}")
     return " ".join(shown) or "none"

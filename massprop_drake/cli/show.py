@@ -46,52 +46,54 @@ def print_json(content: Any) -> None:
     sys.stdout.write(json_text(content))
 
 
-def print_forecast(found: Forecast, vehicle: Vehicle) -> None:
+def print_forecast(forecast: Forecast, vehicle: Vehicle) -> None:
     """Prints a forecast: a table of 1-sigmas of the parameters, and one of the jets' leaks."""
     console, rows = Terminal(), []
-    before, after = found.deviations[0], found.deviations[-1]
+    before, after = forecast.deviations[0], forecast.deviations[-1]
     for place, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
-        value, floor = found.properties[place], found.floors[place]
+        value, floor = forecast.properties[place], forecast.floors[place]
         scaled = place < _DIAGONAL or place == len(SYMBOLS) - 1  # products and centers may be zero
         percent = f"{100.0 * after[place] / abs(value):.3g}" if scaled else ""
         numbers = f"{value:.5g}", f"{before[place]:.3g}", f"{after[place]:.3g}"
         rows.append([symbol, unit, *numbers, percent, f"{floor:.3g}" if floor else ""])
     headings = ["parameter", "unit", "value", "1-sigma before", "1-sigma after", "%", "floor"]
-    print_table(console, "mass properties", headings, rows, spare=["1-sigma before", "unit"])
-    console.say(f"propellant:  {found.propellant:.4g} {vehicle.unit_names['mass']}")
+    print_table(console, "mass properties", headings, rows, droppable=["1-sigma before", "unit"])
+    console.say(f"propellant:  {forecast.propellant:.4g} {vehicle.unit_names['mass']}")
     jets = []
-    for one in found.suspects:
-        times = ("not" if time_s is None else f"{time_s:.3g}" for time_s in (one.noticed_s, one.after_s))
-        jets.append([one.jet, f"{one.force:.3g}", *times, one.alike or ""])
+    for suspect in forecast.suspects:
+        times = ("not" if time_s is None else f"{time_s:.3g}" for time_s in (suspect.noticed_s, suspect.after_s))
+        jets.append([suspect.jet, f"{suspect.force:.3g}", *times, suspect.alike or ""])
     leak = f"leak, {vehicle.unit_names['force']}"
     headings = ["jet", leak, "something is wrong, s", "which it is, s", "longest taken for"]
-    print_table(console, f"a jet that leaks from {found.fails_s:g} s on is told, in the mean", headings, jets)
+    print_table(console, f"a jet that leaks from {forecast.fails_s:g} s on is told, in the mean", headings, jets)
 
 
-def print_design(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, float, float]], folder: Path) -> None:
+def print_design(
+    verdict: Iterable[Mapping[str, Any]], firings: Iterable[tuple[str, float, float]], folder: Path
+) -> None:
     """Prints a designed maneuver: the sentences of its verdict, and a table of its firings.
 
     Args:
         verdict: see `saving.verdict`.
-        fired: see `saving.firings`.
+        firings: see `saving.firings`.
         folder: in which it is.
     """
     console = Terminal()
     for line in verdict:
         console.say(line["text"])
-    rows = [[name, f"{start:.3f}", f"{end - start:.3g}"] for name, start, end in fired]
+    rows = [[name, f"{start:.3f}", f"{end - start:.3g}"] for name, start, end in firings]
     print_table(console, "firings", ["jet or wheel", "begins, s", "lasts, s"], rows)
     console.say(f"written to {folder}/; fly it with: massprop run {folder}")
 
 
-def print_listing(found: Mapping[str, Mapping[str, str]]) -> None:
+def print_listing(listing: Mapping[str, Mapping[str, str]]) -> None:
     """Prints bundled names with descriptions, a line each; a narrow terminal has the description below.
 
     Args:
-        found: descriptions by name, by kind in the plural.
+        listing: descriptions by name, by kind in the plural.
     """
     console, table = Terminal(), Table.grid(padding=(0, 2))
-    rows = [(kind.removesuffix("s"), name, text) for kind, items in found.items() for name, text in items.items()]
+    rows = [(kind.removesuffix("s"), name, text) for kind, items in listing.items() for name, text in items.items()]
     kinds, names = (max(cell_len(row[column]) for row in rows) for column in (0, 1))
     narrow = console.width - kinds - names - 4 < _READABLE
     for kind, name, text in rows:
@@ -106,12 +108,12 @@ def print_listing(found: Mapping[str, Mapping[str, str]]) -> None:
         console.print(table)
 
 
-def print_schema(found: Iterable[Key]) -> None:
+def print_schema(keys: Iterable[Key]) -> None:
     """Prints a table of the keys that a file may have."""
     table = Table(box=None, header_style="bold")
     for heading in Key._fields:
         table.add_column(heading, overflow="fold", no_wrap=heading == "name")
-    for key in found:
+    for key in keys:
         table.add_row(*key)
     Terminal(160).print(table)
 
@@ -180,28 +182,28 @@ def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> N
     """Prints the intervals of the ten parameters that readings guarantee, or why there are none."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    found = results.intervals
-    if found is None:
+    intervals = results.intervals
+    if intervals is None:
         return
-    if found.guaranteed:
+    if intervals.guaranteed:
         headings, rows, _ = table.interval_sheet(results, vehicle.unit_names)
         print_table(console, "what readings allow", headings, rows)
-    name = ("contradicted:", "bold red") if found.contradicted else "intervals:"
-    console.say(name, f"{'' if found.contradicted else '  '} {found.in_words()}")
+    name = ("contradicted:", "bold red") if intervals.contradicted else "intervals:"
+    console.say(name, f"{'' if intervals.contradicted else '  '} {intervals.in_words()}")
 
 
-def _print_simulation_comparison(console: Terminal, found: Against) -> None:
+def _print_simulation_comparison(console: Terminal, comparison: Against) -> None:
     """Prints a table of residuals of a record from its simulation, and possible causes."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    headings, rows, _ = table.residual_sheet(found)
-    print_table(console, f"beside {found.run}", headings, rows, spare=("at",))
-    console.say(f"against:     {found.in_words()}")
-    if found.causes:
-        headings, rows, _ = table.cause_sheet(found)
+    headings, rows, _ = table.residual_sheet(comparison)
+    print_table(console, f"beside {comparison.run}", headings, rows, droppable=("at",))
+    console.say(f"against:     {comparison.in_words()}")
+    if comparison.causes:
+        headings, rows, _ = table.cause_sheet(comparison)
         print_table(console, "what would explain it", headings, rows)
-        if found.causes[0].alike:
-            console.say(f"             by itself as good as the first: {', '.join(found.causes[0].alike)}")
+        if comparison.causes[0].alike:
+            console.say(f"             by itself as good as the first: {', '.join(comparison.causes[0].alike)}")
 
 
 def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
@@ -212,23 +214,23 @@ def comparison_data(results: Summary) -> dict[str, dict[str, float | None]]:
         return None if math.isnan(value) else value
 
     return {
-        one.name: {
-            "estimate": known(one.estimate),
-            "standard_deviation": known(one.standard_deviation),
-            "percent_error": known(one.percent_error),
+        parameter.name: {
+            "estimate": known(parameter.estimate),
+            "standard_deviation": known(parameter.standard_deviation),
+            "percent_error": known(parameter.percent_error),
         }
-        for one in results.parameters
+        for parameter in results.parameters
     }
 
 
-def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
+def print_side_by_side(summaries: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
     """Prints a table of the ten parameters: error or estimate, and 1-sigma, of several runs in columns.
 
     Args:
-        found: name and summary of each run.
+        summaries: name and summary of each run.
         vehicle: whose runs they are.
     """
-    runs = list(found)
+    runs = list(summaries)
     headings, spare = ["parameter", "unit"], []
     for name, results in runs:
         what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
@@ -238,7 +240,7 @@ def print_side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -
         [symbol, unit, *(cell for _, results in runs for cell in _error_and_sigma(results.parameters[index], results))]
         for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True))
     ]
-    print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
+    print_table(Terminal(160), "estimates side by side", headings, rows, droppable=("unit", *spare))
 
 
 def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
@@ -251,15 +253,15 @@ def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) ->
         say(f"{escape_unprintable(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
 
 
-def _error_and_sigma(one: Parameter, results: Summary) -> tuple[str, str]:
+def _error_and_sigma(parameter: Parameter, results: Summary) -> tuple[str, str]:
     """Formats a parameter's error, or its estimate where the truth is not known, and its 1-sigma, percent."""
-    if math.isnan(one.estimate):
+    if math.isnan(parameter.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)
-    what = f"{one.percent_error:+.5f}" if simulated else f"{one.estimate:.6g}"
-    if simulated and math.isnan(one.percent_error):
-        what = "-"
-    return what, "-" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.5f}"
+    value = f"{parameter.percent_error:+.5f}" if simulated else f"{parameter.estimate:.6g}"
+    if simulated and math.isnan(parameter.percent_error):
+        value = "-"
+    return value, "-" if math.isnan(parameter.percent_deviation) else f"{parameter.percent_deviation:.5f}"
 
 
 def print_detection(entry: DetectionRecord, vehicle: Vehicle) -> None:
@@ -286,11 +288,12 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
         red = [console.words((cell, "bold red")) if cell == "no" else cell for cell in row or ()]
         rows.append(None if row is None else red[: len(first.headings)])
     spare = ("1-sigma %", table.IN_THREE_SIGMA, "truth")
-    print_table(console, title, first.headings, rows, spare=spare, absent=(table.KNOWN,))
+    print_table(console, title, first.headings, rows, droppable=spare, hidden=(table.KNOWN,))
 
 
-def _consistency_text(found: Consistency) -> str:
-    return f"consistency: {found.verdict}; {found.in_words()}"
+def _consistency_text(consistency: Consistency) -> str:
+    """Formats the verdict of consistency and its statistics as one line."""
+    return f"consistency: {consistency.verdict}; {consistency.in_words()}"
 
 
 def _print_doubts(console: Terminal, results: Summary) -> None:
@@ -308,8 +311,9 @@ def _print_doubts(console: Terminal, results: Summary) -> None:
 
 
 def _infeasible_text(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
-    missed = autopilot.lp_infeasible
-    return ["; ", (f"{missed} requests beyond the jets' reach, met as far as they go", "bold yellow")] if missed else []
+    """Formats the number of requests beyond the jets' reach; empty without any."""
+    count = autopilot.lp_infeasible
+    return ["; ", (f"{count} requests beyond the jets' reach, met as far as they go", "bold yellow")] if count else []
 
 
 _DETECTIONS = ("failed", "group", "jump")  # events that are the beginning of a detection
@@ -357,6 +361,7 @@ def _print_detector_report(console: Terminal, results: Summary, vehicle: Vehicle
 
 
 def _event_text(event: EventRecord, vehicle: Vehicle) -> str:
+    """Formats an event as one line."""
     from massprop_drake.results.events import in_words  # noqa: PLC0415 (slow to load)
 
     return f"event:       {event.time_s:.2f} s: {in_words(event, vehicle.unit_names)}"
@@ -383,46 +388,46 @@ def _print_files(console: Terminal, folder: Path) -> None:
 # ------------------------------------------------------------------------------------------- files
 
 
-def describe_input(good: Vehicle | Scenario | CampaignSpec) -> str:
+def describe_input(content: Vehicle | Scenario | CampaignSpec) -> str:
     """Formats a valid vehicle, scenario or campaign as one line: name, size and contents."""
-    if isinstance(good, CampaignSpec):
-        cells = math.prod(len(values) for values in good.file.sweep.values())
-        cases = "every one" if good.file.cases is None else str(good.file.cases)
+    if isinstance(content, CampaignSpec):
+        cells = math.prod(len(values) for values in content.file.sweep.values())
+        cases = "every one" if content.file.cases is None else str(content.file.cases)
         swept = f", each in {cells} ways" if cells > 1 else ""
-        drawn = f"{len(good.quantities)} quantities drawn"
-        return f"campaign '{good.file.name}' of scenario '{good.base.name}', cases: {cases}{swept}, {drawn}"
-    if isinstance(good, Scenario):
-        return f"scenario '{good.name}', {good.duration_s:g} s, vehicle '{good.vehicle_data.name}'"
-    sensors = good.sensors_in_words
-    return f"vehicle '{good.name}', {len(good.jets)} jets, {sensors}, units {good.units}"
+        drawn = f"{len(content.quantities)} quantities drawn"
+        return f"campaign '{content.file.name}' of scenario '{content.base.name}', cases: {cases}{swept}, {drawn}"
+    if isinstance(content, Scenario):
+        return f"scenario '{content.name}', {content.duration_s:g} s, vehicle '{content.vehicle_data.name}'"
+    sensors = content.sensors_in_words
+    return f"vehicle '{content.name}', {len(content.jets)} jets, {sensors}, units {content.units}"
 
 
-def describe_map(by: RecordMap) -> str:
+def describe_map(record_map: RecordMap) -> str:
     """Formats a valid map of a record as one line: its sensors, and the number of jets."""
-    sensors = ", ".join(f"{sensor.kind} '{name}'" for name, sensor in by.sensors.items())
-    jets = "all jets" if by.commands.jets is None else f"{len(by.commands.jets)} jets"
+    sensors = ", ".join(f"{sensor.kind} '{name}'" for name, sensor in record_map.sensors.items())
+    jets = "all jets" if record_map.commands.jets is None else f"{len(record_map.commands.jets)} jets"
     return f"map of a record, {sensors}, commands of {jets}"
 
 
-def describe_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
+def describe_telemetry(facts: Mapping[str, Any], vehicle: Vehicle | None) -> str:
     """Formats what was found in a readable record as one line: rows, period, gaps, columns not used.
 
     Args:
-        found: as `telemetry.reader.check` returns it.
-        whose: the vehicle it was checked against; None for any.
+        facts: as `telemetry.reader.check` returns it.
+        vehicle: the vehicle it was checked against; None for any.
     """
-    period = "" if found["period_s"] is None else f", {found['period_s']:.6g} s apart"
-    parts = [f"telemetry{'' if whose is None else f' of {whose.name}'}, {found['rows']} rows{period}"]
-    parts[0] += f", from {moment(found['first_s'])} to {moment(found['last_s'])} s"
+    period = "" if facts["period_s"] is None else f", {facts['period_s']:.6g} s apart"
+    parts = [f"telemetry{'' if vehicle is None else f' of {vehicle.name}'}, {facts['rows']} rows{period}"]
+    parts[0] += f", from {moment(facts['first_s'])} to {moment(facts['last_s'])} s"
     for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on")):
-        if found[key]:
-            parts.append(f"{found[key]} {words}")
-    if found["unknown"]:
-        parts.append(f"columns not used: {', '.join(found['unknown'][:5])}{', ...' if found['unknown'][5:] else ''}")
-    if found["absent"]:
-        parts.append(f"no readings of {', '.join(found['absent'])}")
-    if found["completeness_detail"]:
-        parts.append(f"{found['completeness']}: {'; '.join(found['completeness_detail'])}")
+        if facts[key]:
+            parts.append(f"{facts[key]} {words}")
+    if facts["unknown"]:
+        parts.append(f"columns not used: {', '.join(facts['unknown'][:5])}{', ...' if facts['unknown'][5:] else ''}")
+    if facts["absent"]:
+        parts.append(f"no readings of {', '.join(facts['absent'])}")
+    if facts["completeness_detail"]:
+        parts.append(f"{facts['completeness']}: {'; '.join(facts['completeness_detail'])}")
     return "; ".join(parts)
 
 
@@ -470,14 +475,14 @@ def _range_text(values: Sequence[float]) -> str:
 
 def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
     """Formats median and largest of the jets' smallest isolable failures, and the jets never isolable."""
-    found = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
+    sizes = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
     rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
     never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]
     parts = []
-    if found:
-        force, jet, rival = found[-1]
-        beside = "" if rival is None else f", like {rival}"
-        parts.append(f"median {median(entry[0] for entry in found):.4g}, largest {force:.4g} ({jet}{beside})")
+    if sizes:
+        force, jet, rival = sizes[-1]
+        similar = "" if rival is None else f", like {rival}"
+        parts.append(f"median {median(entry[0] for entry in sizes):.4g}, largest {force:.4g} ({jet}{similar})")
     if never:
         more = f" and {len(never) - 3} more" if len(never) > 3 else ""
         parts.append(f"never: {', '.join(never[:3])}{more}")
@@ -496,17 +501,17 @@ def print_verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
         console.say((sentence["text"], _GOOD_STYLES[sentence["good"]]))
 
 
-def print_differences(found: Mapping[str, Any]) -> None:
+def print_differences(comparison: Mapping[str, Any]) -> None:
     """Prints tables of differences between campaigns and their baseline, with 95 % bounds and p.
 
     Args:
-        found: as `studies.campaign.compare.summary` returns it.
+        comparison: as `studies.campaign.compare.summary` returns it.
     """
     console = Terminal(120)
-    for column in found["columns"]:
+    for column in comparison["columns"]:
         if not column["differences"]:
             continue
-        baseline = found["columns"][column["baseline"]]["label"]
+        baseline = comparison["columns"][column["baseline"]]["label"]
         rows = []
         for one in column["differences"]:
             difference = one["difference"]
@@ -518,4 +523,5 @@ def print_differences(found: Mapping[str, Any]) -> None:
 
 
 def _number_text(value: float | None) -> str:
+    """Formats a number to three digits, a missing one as "-"."""
     return "-" if value is None else f"{value:.3g}"

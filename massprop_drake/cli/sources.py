@@ -29,10 +29,10 @@ def report_compilation(case: Scenario, *, quiet: bool) -> Iterator[None]:
         yield
         return
     with _print_log_messages(quiet=quiet):
-        found = compiler()
+        compiled_by = compiler()
         yield
-    if found.spent_s and not quiet:
-        note(f"kernels were compiled in {found.spent_s:.0f} s")
+    if compiled_by.spent_s and not quiet:
+        note(f"kernels were compiled in {compiled_by.spent_s:.0f} s")
 
 
 @contextlib.contextmanager
@@ -50,6 +50,7 @@ class _NoteHandler(logging.Handler):
     """Log handler that prints each message as a note on the error stream."""
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Prints a message as a note."""
         note(record.getMessage())
 
 
@@ -78,10 +79,10 @@ def make_run_saver(place: Place, *, pictures: bool, report: bool, replay: bool) 
     return save
 
 
-def extend_or_save(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
-    """Returns the run with an addition; where that fails, saves the run with the reason and raises again."""
+def extend_or_save(extend: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
+    """Returns the run extended by a function; where that fails, saves the run with the reason and raises again."""
     try:
-        return add(run)
+        return extend(run)
     except Exception as error:
         run.note_end(error, early=False)
         save(run)
@@ -108,16 +109,17 @@ def scenario_for_record(
     return load_recovered_scenario(source, overrides)
 
 
-def command_inputs(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
+def command_inputs(arguments: Iterable[str | Path | None], files_read: Iterable[Path]) -> list[Path]:
     """Returns paths of files and folders that a command reads: its arguments, and those read through them.
 
     Args:
-        named: as given, bundled names among them.
-        files: that have been read so far.
+        arguments: as given, bundled names among them.
+        files_read: that have been read so far.
     """
     bundled = {*bundled_scenarios(), *bundled_vehicles(), "-"}
-    given = [Path(one) for one in named if one is not None and one not in bundled]
-    return given + [one for one in files if one.parent not in given]  # of a run's folder the folder stands for them
+    paths = [Path(one) for one in arguments if one is not None and one not in bundled]
+    # of a run's folder the folder stands for them
+    return paths + [one for one in files_read if one.parent not in paths]
 
 
 def load_recovered_scenario(scenario: str | Path, overrides: list[str]) -> Scenario:
@@ -145,12 +147,12 @@ def load_vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scena
 
 def parse_assignments(words: Iterable[str], option: str) -> dict[str, str]:
     """Parses `NAME=VALUE` words to a dict; raises InputError for another word, or a repeated name."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for word in words:
         name, sign, value = word.partition("=")
         if not (name and sign and value):
             raise InputError(f"{option} {word}: write it like NAME=VALUE, such as mass=1%")
-        if name in found:
+        if name in values:
             raise InputError(f"{option} {name} is given twice")
-        found[name] = value
-    return found
+        values[name] = value
+    return values

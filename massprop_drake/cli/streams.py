@@ -36,6 +36,7 @@ def note(line: object) -> None:
 
 
 def _print_line(stream: TextIO, line: object) -> None:
+    """Prints one line on a stream, with unprintable characters escaped, at once."""
     stream.write(escape_unprintable(line, stream.encoding or "utf-8") + "\n")
     stream.flush()
 

@@ -74,8 +74,8 @@ def print_table(
     headings: Sequence[str],
     rows: Iterable[Sequence[Text | str] | None],
     *,
-    spare: Sequence[str] = (),
-    absent: Sequence[str] = (),
+    droppable: Sequence[str] = (),
+    hidden: Sequence[str] = (),
 ) -> None:
     """Prints a table without cutting a cell: a table that is too wide loses frame and columns, or is a list.
 
@@ -87,20 +87,20 @@ def print_table(
         title: above it.
         headings: of the columns, in one line or several.
         rows: cells, "-" where one is missing at the end; None: a line between two sections.
-        spare: headings of columns that can be spared, the first one first.
-        absent: headings of columns that are never printed.
+        droppable: headings of columns that can be spared, the first one first.
+        hidden: headings of columns that are never printed.
     """
-    every = [row and [*row, *["-"] * (len(headings) - len(row))] for row in rows]
-    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
+    cells = [row and [*row, *["-"] * (len(headings) - len(row))] for row in rows]
+    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(droppable) + 1))]
     for frame, gap, left_out in layouts:
-        kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
+        kept = [place for place, heading in enumerate(headings) if heading not in (*hidden, *droppable[:left_out])]
         padding = (0, gap, 0, 1 if frame else 0)
         table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
         for place in kept:
             left = headings[place] in ABOUT
             lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
             table.add_column(lines, justify="left" if left else "right", no_wrap=True)
-        for row in every:
+        for row in cells:
             if row is None and frame:
                 table.add_section()
             elif row is None:
@@ -111,7 +111,7 @@ def print_table(
         if width <= console.width:
             break
     if width > console.width and sys.stdout.isatty():
-        shown = [[row[place] for place in kept] for row in every if row is not None]
+        shown = [[row[place] for place in kept] for row in cells if row is not None]
         _print_as_list(console, title, [headings[place] for place in kept], shown)
         return
     console.width = max(console.width, width)
@@ -123,13 +123,13 @@ def _print_as_list(
 ) -> None:
     """Prints a table as a list: the subject of a row, with its unit, and below it a line per other cell."""
     console.say((title, "italic"))
-    named = [heading.replace("\n", " ") for heading in headings]
-    longest = max(map(cell_len, named))
+    names = [heading.replace("\n", " ") for heading in headings]
+    longest = max(map(cell_len, names))
     for row in rows:
-        about = [place for place, heading in enumerate(named) if heading in ABOUT]
-        console.say((", ".join(str(row[place]) for place in about), "bold"))
+        subject = [place for place, heading in enumerate(names) if heading in ABOUT]
+        console.say((", ".join(str(row[place]) for place in subject), "bold"))
         for place, cell in enumerate(row):
-            if place not in about:
-                padding = " " * (longest - cell_len(named[place]) + 2)
+            if place not in subject:
+                padding = " " * (longest - cell_len(names[place]) + 2)
                 shown = cell if isinstance(cell, Text) else console.words(cell)
-                console.print(console.words(f"  {named[place]}{padding}") + shown, soft_wrap=True)
+                console.print(console.words(f"  {names[place]}{padding}") + shown, soft_wrap=True)

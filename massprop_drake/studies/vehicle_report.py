@@ -58,8 +58,8 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     activity = activity_vectors(vehicle.wrenches, nominal)
     rank, condition = observability.activity_rank(activity, vehicle.rms_arm or 1.0)
     reach = dict(zip(DIRECTIONS, largest_accelerations(activity), strict=True))
-    hidden, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
-    seen = _whitened_signatures(vehicle)
+    unobservable, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
+    whitened = _whitened_signatures(vehicle)
     return {
         "body": _vehicle_dimensions(vehicle),
         "control": {
@@ -68,10 +68,10 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
             "reach": reach,
             "missing": [name for name, value in reach.items() if value == 0.0],
         },
-        "observability": {"rank": free - len(hidden), "estimated": free, "unobservable": hidden},
+        "observability": {"rank": free - len(unobservable), "estimated": free, "unobservable": unobservable},
         "notes": _geometry_notes(vehicle),
-        "alike": _similar_jet_pairs(vehicle, seen, n_pairs),
-        "isolable": _smallest_isolable(vehicle, seen),
+        "alike": _similar_jet_pairs(vehicle, whitened, n_pairs),
+        "isolable": _smallest_isolable(vehicle, whitened),
     }
 
 
@@ -96,12 +96,12 @@ def largest_accelerations(activity: Array) -> list[float]:
         rad/s^2, then ft/s^2 or m/s^2; zero where the jets cannot push that way alone.
     """
     n_jets = activity.shape[1]
-    program, second = JetSelectionProgram(np.ones(n_jets)), np.ones(n_jets)
+    program, limits = JetSelectionProgram(np.ones(n_jets)), np.ones(n_jets)
     floor = _NOTHING * np.abs(activity).sum(axis=1)
-    found = [
-        (row, program.reach(activity, row, sign, second, alone=True)) for row, sign in product(range(6), (1.0, -1.0))
+    accelerations = [
+        (row, program.reach(activity, row, sign, limits, alone=True)) for row, sign in product(range(6), (1.0, -1.0))
     ]
-    return [value if value > floor[row] else 0.0 for row, value in found]
+    return [value if value > floor[row] else 0.0 for row, value in accelerations]
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
@@ -160,19 +160,19 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
     return observability.whiten_signatures(effects, covariance)
 
 
-def _similar_jet_pairs(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
+def _similar_jet_pairs(vehicle: Vehicle, whitened: Array, n_pairs: int) -> list[dict[str, Any]]:
     """Lists the pairs of jets with the smallest angles between whitened signatures, rad, smallest first."""
     names = vehicle.designations
     return [
         {"jets": [names[pair.first], names[pair.second]], "angle_rad": pair.angle, "opposed": pair.opposed}
-        for pair in observability.jet_pairs(seen)[:n_pairs]
+        for pair in observability.jet_pairs(whitened)[:n_pairs]
     ]
 
 
-def _smallest_isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
+def _smallest_isolable(vehicle: Vehicle, whitened: Array) -> list[dict[str, Any]]:
     """Lists the smallest isolable force of each jet, stuck on or lost, and the jet most similar to it."""
     names, margin = vehicle.designations, CglrBlock().margin
-    found = {kind: observability.smallest_isolable(seen, margin, lost=kind == "lost") for kind in ("on", "lost")}
+    found = {kind: observability.smallest_isolable(whitened, margin, lost=kind == "lost") for kind in ("on", "lost")}
     return [
         {
             "jet": name,
@@ -235,4 +235,5 @@ def _direction_text(direction: Array) -> str:
 
 
 def _finite(value: float) -> float | None:
+    """Returns the value, or None where it is not finite."""
     return value if math.isfinite(value) else None

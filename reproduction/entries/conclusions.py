@@ -8,7 +8,7 @@ from reproduction import analytic, checks, flights, words
 from reproduction.cases import Calculation
 from reproduction.claims import AtLeast, AtMost, Because, Claim, Measure, Phase, Pooled, Reading
 from reproduction.entry import Entry
-from reproduction.measures import MASS, apart_in_sigma, mass_rms, mean_nis, percent_error, ratio, value, worst
+from reproduction.measures import MASS, difference_in_sigma, mass_rms, mean_nis, percent_error, ratio, value, worst
 
 
 def _final_ratio(case: str) -> Pooled:
@@ -16,13 +16,14 @@ def _final_ratio(case: str) -> Pooled:
     return ratio(mass_rms(case), mass_rms("base"))
 
 
-def _named(jet: int, label: str) -> Measure:
-    """Makes a measure: share of alarms that name a jet, of those that name one at all; the jet's own."""
+def _right_share(jet_number: int, case: str) -> Measure:
+    """Makes a measure: of alarms after 50 s that name a jet, the share that name this one."""
 
     def measure(phase: Phase) -> float:
-        run = phase[label]
+        """Computes the share in one phase."""
+        run = phase[case]
         named = (run["jet_isolated"][:, 0] != 0.0) & (run["time_s"] > 50.0 + 1e-6)
-        return float(np.mean(run["suspected_jet"][named, 0] == jet - 1))
+        return float(np.mean(run["suspected_jet"][named, 0] == jet_number - 1))
 
     return measure
 
@@ -52,7 +53,7 @@ ENTRIES = (
                 "largest difference that ignoring coupling makes in an estimate of the diagonal at 36.9 s, before "
                 "rates rise, over the filter's 1-sigma",
                 "coupling is negligible when firings are near-impulsive, or whenever rates are small", words.NEGLIGIBLE,
-                apart_in_sigma("base", "ignored", 36.9)),
+                difference_in_sigma("base", "ignored", 36.9)),
             Claim(1, "final error of 1/m with the centripetal term, difference to that without",
                 "so is the centripetal acceleration",
                 Reading(AtMost(0.1), "negligible: a tenth of the final error of 1 %"),
@@ -65,7 +66,7 @@ ENTRIES = (
                 because=Because(
                     "{:.4f} % with and {:.3f} % without: rates with two axes commanded are not small, and until then "
                     "the two differ by {:.2f} of the filter's 1-sigma",
-                    (worst("base"), worst("ignored"), apart_in_sigma("base", "ignored", 36.9)))),
+                    (worst("base"), worst("ignored"), difference_in_sigma("base", "ignored", 36.9)))),
             Claim(2, "RMS error of 1/m before 25 s, NONE over T+COV",
                 "transverse acceleration has a significant effect on the initial estimation of 1/m", words.SIGNIFICANT,
                 ratio(mass_rms("none", 1.0, 24.9), mass_rms("base", 1.0, 24.9)), pooled=True),
@@ -93,8 +94,9 @@ ENTRIES = (
             Claim(4, "its updates per sample over those of the weighted average", "it increases the load considerably",
                 words.CONSIDERABLE, ratio(value("counts", "serial"), value("counts", "weighted_average"))),
             Claim(5, "share of jets named that are right, jet 29 stuck on",
-                "CGLR isolates hard failures even among close, similar jets", AtLeast(1.0), _named(29, "stuck_on")),
-            Claim(5, "the same, jet 11 stuck off", "hard failures", AtLeast(1.0), _named(11, "stuck_off")),
+                "CGLR isolates hard failures even among close, similar jets", AtLeast(1.0),
+                _right_share(29, "stuck_on")),
+            Claim(5, "the same, jet 11 stuck off", "hard failures", AtLeast(1.0), _right_share(11, "stuck_off")),
             Claim(5, "largest force over least that one sample needs to tell a cluster from all others",
                 "the ability to isolate soft failures depends considerably upon observability and separability",
                 words.MUCH_MORE,

@@ -15,17 +15,17 @@ from reproduction.measures import orbiter, value
 _WIRING = {"wiring": Calculation("wiring", checks.wiring)}
 
 
-def _three_modules(_: Phase) -> float:
-    """Jets that belong to none of the modules forward, aft left and aft right, by their position."""
+def _jets_outside_modules(_: Phase) -> float:
+    """Counts jets outside the modules forward, aft left and aft right, by their position."""
     positions = orbiter().positions
     forward = positions[:, 0] > 90.0
     aft = positions[:, 0] < 0.0
-    sideways = np.abs(positions[:, 1]) > 9.0
-    return float(np.count_nonzero(~(forward | (aft & sideways))))
+    aside = np.abs(positions[:, 1]) > 9.0
+    return float(np.count_nonzero(~(forward | (aft & aside))))
 
 
-def _jets(_: Phases) -> Figure:
-    """Jet positions and directions of their forces, from above, from the side and from behind."""
+def _draw_jets(_: Phases) -> Figure:
+    """Draws jet positions and directions of their forces, from above, from the side and from behind."""
     vehicle = orbiter()
     figure = Figure(figsize=(9.0, 7.0), dpi=100, layout="constrained")
     figure.suptitle("Jet locations and directions of the force on the vehicle (figure 5-1)", fontsize=11)
@@ -43,10 +43,10 @@ def _jets(_: Phases) -> Figure:
         panel = axes[key]
         tidy(panel)
         for kind, color in zip(("primary", "vernier"), COLORS, strict=False):
-            own = np.array([jet.kind == kind for jet in vehicle.jets])
-            shown = np.zeros(len(own), dtype=bool)
+            of_kind = np.array([jet.kind == kind for jet in vehicle.jets])
+            shown = np.zeros(len(of_kind), dtype=bool)
             shown[which] = True
-            shown &= own
+            shown &= of_kind
             at, to = vehicle.positions[shown], directions[shown]
             panel.quiver(
                 at[:, across], at[:, up], to[:, across], to[:, up], color=color, angles="xy", width=0.003, label=kind
@@ -116,9 +116,9 @@ ENTRIES = (
     ),
     Entry("fig_5_1", "RCS jet locations and thrust directions", {}, (
             Claim(1, "jets outside the three modules forward, aft left, aft right", "44 jets in three modules",
-                AtMost(0.0), _three_modules),
+                AtMost(0.0), _jets_outside_modules),
         ),
-        {"fig_5_1": _jets},
+        {"fig_5_1": _draw_jets},
     ),
 )
 # fmt: on

@@ -12,11 +12,13 @@ from reproduction.measures import mass_rms, mean, mean_nis, nis, ratio, value, w
 from reproduction.words import CHI_SQUARE
 
 
-def _above(limit: float) -> Pooled:
+def _share_above(limit: float) -> Pooled:
+    """Makes a pooled measure: share of healthy samples whose largest argument exceeds a limit."""
     return mean(lambda phase: float(np.mean(phase["rest"]["largest"] > limit)))
 
 
-def _quantile(level: float) -> Pooled:
+def _argument_quantile(level: float) -> Pooled:
+    """Makes a pooled measure: quantile of the largest arguments of healthy samples."""
     return lambda phases: float(np.quantile(np.concatenate([phase["rest"]["largest"] for phase in phases]), level))
 
 
@@ -65,9 +67,9 @@ ENTRIES = (
             erratum(3, "the same with the thesis's smaller gains", "1.1 to 1.2: claimed too small", Between(1.05, 1.25),
                 mean(value("corrected", "thesis")), pooled=True),
             erratum(4, "healthy samples whose largest argument of 44 exceeds 6.63",
-                "(4-27): 4.8 %, five times the 1 % of one jet", Near(0.048, 0.0015), _above(6.635), pooled=True),
-            erratum(4, "their 99 % value", "9.7", Near(9.7, 0.15), _quantile(0.99), pooled=True),
-            erratum(4, "their 99.9 % value", "14.3", Near(14.3, 0.4), _quantile(0.999), pooled=True),
+                "(4-27): 4.8 %, five times the 1 % of one jet", Near(0.048, 0.0015), _share_above(6.635), pooled=True),
+            erratum(4, "their 99 % value", "9.7", Near(9.7, 0.15), _argument_quantile(0.99), pooled=True),
+            erratum(4, "their 99.9 % value", "14.3", Near(14.3, 0.4), _argument_quantile(0.999), pooled=True),
             erratum(5, "healthy samples that pass the margin of six", "0.0015 per sample", Near(0.0015, 0.0002),
                 mean(lambda phase: float(np.mean(phase["rest"]["cluster_margin"] > analytic.MARGIN))), pooled=True),
             erratum(6, "correlation of the noises of consecutive increments",

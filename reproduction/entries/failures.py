@@ -39,283 +39,300 @@ _CLUSTERS = np.array([jet.cluster for jet in orbiter().jets])
 Samples = NDArray[np.bool_]
 
 
-def _tested(run: Signals) -> Samples:
+def _select_tested(run: Signals) -> Samples:
     """Selects the samples tested after the onset of the failure."""
     result: Samples = (run["tested"][:, 0] != 0.0) & (run["time_s"] > _ONSET_S + 1e-6)
     return result
 
 
-def _showing(run: Signals, jet: int) -> Samples:
+def _select_commanded(run: Signals, jet_number: int) -> Samples:
     """Selects the tested samples over whose interval a jet was commanded."""
-    on = run["command"][:, jet - 1] > 0.0
-    result: Samples = _tested(run) & np.concatenate([[False], on[:-1]])  # a row's command acts from its time on
+    on = run["command"][:, jet_number - 1] > 0.0
+    result: Samples = _select_tested(run) & np.concatenate([[False], on[:-1]])  # a row's command acts from its time on
     return result
 
 
-def _column(run: Signals, name: str, samples: Samples) -> Array:
+def _signal_at(run: Signals, name: str, samples: Samples) -> Array:
+    """Returns a signal of one component at the selected samples."""
     result: Array = run[name][samples, 0]
     return result
 
 
-def _named(phase: Phase) -> Samples:
-    """Selects, of the tested samples, those whose alarm names a jet."""
+def _flag_named(phase: Phase) -> Samples:
+    """Flags the tested samples whose alarm names a jet."""
     run = phase["flight"]
-    result: Samples = _column(run, "jet_isolated", _tested(run)) != 0.0
+    result: Samples = _signal_at(run, "jet_isolated", _select_tested(run)) != 0.0
     return result
 
 
 def _share_named(phase: Phase) -> float:
-    """Share of the tested samples whose alarm names a jet."""
-    return float(_named(phase).mean())
+    """Computes the share of the tested samples whose alarm names a jet."""
+    return float(_flag_named(phase).mean())
 
 
-def _first_named(phase: Phase) -> float:
-    """Number of the first tested sample whose alarm names a jet; infinity: none does."""
-    found = np.flatnonzero(_named(phase))
-    return float(found[0] + 1) if found.size else np.inf
+def _first_named_sample(phase: Phase) -> float:
+    """Returns the number of the first tested sample whose alarm names a jet; infinity: none does."""
+    indices = np.flatnonzero(_flag_named(phase))
+    return float(indices[0] + 1) if indices.size else np.inf
 
 
 def _largest(values: Array) -> float:
+    """Returns the largest size of some values."""
     return float(np.abs(values).max())
 
 
-def _within(values: Array) -> float:
-    """Share of errors up to 1 lbf."""
-    return float(np.mean(np.abs(values) <= 1.0))
+def _share_within_1_lbf(errors: Array) -> float:
+    """Computes the share of errors up to 1 lbf."""
+    return float(np.mean(np.abs(errors) <= 1.0))
 
 
-def _onset(panel: Axes, label: str) -> None:
-    """Names a panel's vertical axis and marks the onset."""
+def _mark_onset(panel: Axes, label: str) -> None:
+    """Labels a panel's vertical axis and marks the onset of the failure."""
     panel.set_ylabel(label)
     panel.axvline(_ONSET_S, color=TRUTH_COLOR, linewidth=0.8, linestyle=":")
 
 
-def _shown(run: Signals) -> Samples:
+def _select_plotted(run: Signals) -> Samples:
     """Selects the tested samples that pictures show."""
     return (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
 
 
 @dataclass(frozen=True)
-class Failed:
+class FailedJet:
     """Failed jet of three figures, with measures of a phase of its flight.
 
     Attributes:
         flight: with the failure.
         jet: number in table 5-1.
-        force, given: on top of its commands, by table 5-1 and as the thesis gives it, lbf.
+        force, thesis_force: on top of its commands, by table 5-1 and as the thesis gives it, lbf.
         title: words for it.
-        of_cluster: whether its cluster is what the thesis shows.
+        of_cluster: whether the thesis shows its cluster.
     """
 
     flight: Flight
     jet: int
     force: float
-    given: float
+    thesis_force: float
     title: str
     of_cluster: bool = False
 
     @property
     def inside(self) -> Samples:
-        """The jets of its cluster, shape (44,)."""
+        """Flags the jets of its cluster, shape (44,)."""
         result: Samples = _CLUSTERS[self.jet - 1] == _CLUSTERS
         return result
 
     def shows(self, run: Signals) -> Samples:
         """Selects the tested samples that show the failure: missing thrust alone while the jet is commanded."""
-        return _tested(run) if self.force > 0.0 else _showing(run, self.jet)
+        return _select_tested(run) if self.force > 0.0 else _select_commanded(run, self.jet)
 
     def rise(self, phase: Phase) -> float:
-        """Orders of magnitude from the largest argument of the 5 s before to the first sample's after."""
+        """Computes the orders of magnitude by which the argument rises at the first sample that shows the failure."""
         run = phase["flight"]
         before = (run["tested"][:, 0] != 0.0) & (run["time_s"] < _ONSET_S + 1e-6)
         first = int(np.flatnonzero(self.shows(run))[0])
         return float(np.log10(run["likelihood"][first, self.jet - 1] / run["likelihood"][before].max()))
 
     def median(self, run: Signals) -> float:
-        """Median argument of the jet at the samples that show the failure."""
+        """Computes the median argument of the jet at the samples that show the failure."""
         return float(np.median(run["likelihood"][self.shows(run), self.jet - 1]))
 
     def orders_below(self, phase: Phase) -> float:
-        """Orders of magnitude of its median argument below that of jet 29, stuck on."""
+        """Computes the orders of magnitude of its median argument below that of jet 29, stuck on."""
         return float(np.log10(_ON.median(phase["hard"]) / self.median(phase["flight"])))
 
-    def first(self, name: str) -> Measure:
+    def first(self, margin: str) -> Measure:
         """Makes a measure: a margin at the first sample that shows the failure; NaN: none does."""
-        return lambda phase: float(np.append(_column(phase["flight"], name, self.shows(phase["flight"])), np.nan)[0])
+        return lambda phase: float(
+            np.append(_signal_at(phase["flight"], margin, self.shows(phase["flight"])), np.nan)[0]
+        )
 
     def right(self, phase: Phase) -> float:
-        """Share of samples that show the failure whose alarm names the jet."""
+        """Computes the share of samples that show the failure whose alarm names the jet."""
         run = phase["flight"]
         samples = self.shows(run)
-        named = _column(run, "jet_isolated", samples) != 0.0
-        return float((named & (_column(run, "suspected_jet", samples) == self.jet - 1)).mean())
+        named = _signal_at(run, "jet_isolated", samples) != 0.0
+        return float((named & (_signal_at(run, "suspected_jet", samples) == self.jet - 1)).mean())
 
     def right_cluster(self, phase: Phase) -> float:
-        """Share of tested samples whose alarm names the cluster."""
+        """Computes the share of tested samples whose alarm names the cluster."""
         run = phase["flight"]
-        samples = _tested(run)
-        right = _column(run, "suspected_cluster", samples) == _CLUSTERS[self.jet - 1]
-        return float(((_column(run, "alarm", samples) != 0.0) & right).mean())
+        samples = _select_tested(run)
+        right = _signal_at(run, "suspected_cluster", samples) == _CLUSTERS[self.jet - 1]
+        return float(((_signal_at(run, "alarm", samples) != 0.0) & right).mean())
 
     def likeliest(self, run: Signals) -> Array:
-        """Index of the likeliest jet of the cluster, for the tested samples."""
-        result: Array = np.where(self.inside, run["likelihood"][_tested(run)], -1.0).argmax(axis=1)
+        """Returns the index of the likeliest jet of the cluster at each tested sample."""
+        result: Array = np.where(self.inside, run["likelihood"][_select_tested(run)], -1.0).argmax(axis=1)
         return result
 
     def likeliest_is_right(self, phase: Phase) -> float:
-        """Share of tested samples whose likeliest jet of the cluster is the failed one."""
+        """Computes the share of tested samples whose likeliest jet of the cluster is the failed one."""
         return float(np.mean(self.likeliest(phase["flight"]) == self.jet - 1))
 
-    def force_error(self, size: Callable[[Array], float]) -> Measure:
-        """Makes a measure: size of the errors of the force at the samples that show the failure, lbf."""
-        return lambda phase: size(
-            phase["flight"]["failure_magnitude"][self.shows(phase["flight"]), self.jet - 1] - self.given
+    def force_error(self, statistic: Callable[[Array], float]) -> Measure:
+        """Makes a measure: a statistic of the errors of the force at the samples that show the failure, lbf."""
+        return lambda phase: statistic(
+            phase["flight"]["failure_magnitude"][self.shows(phase["flight"]), self.jet - 1] - self.thesis_force
         )
 
     def likeliest_within(self, phase: Phase) -> float:
-        """Share of tested samples whose likeliest jet of the cluster has the force within 1 lbf."""
+        """Computes the share of tested samples whose likeliest jet of the cluster has the force within 1 lbf."""
         run = phase["flight"]
-        return _within(run["failure_magnitude"][_tested(run), self.likeliest(run)] - self.given)
+        return _share_within_1_lbf(
+            run["failure_magnitude"][_select_tested(run), self.likeliest(run)] - self.thesis_force
+        )
 
-    def exact(self, what: str, *commanded: int) -> Measure:
-        """Makes a measure: argument, margin or 1-sigma without noise, at table 5-2's truth.
+    def exact(self, quantity: str, *jets_on: int) -> Measure:
+        """Makes a measure: argument, margin or 1-sigma without noise, at table 5-2's mass properties.
 
         Args:
-            what: argument, cluster, jet or std.
-            commanded: numbers of the jets that are on; without, the failed one where thrust is missing.
+            quantity: argument, cluster, jet or std.
+            jets_on: numbers of the jets that are on; without, the failed one where thrust is missing.
         """
 
         def measure(_: Phase) -> float:
-            on = commanded or ((self.jet,) if self.force < 0.0 else ())
-            tests, isolation = analytic.noise_free(self.jet, self.force, on)
+            """Computes the quantity, which is the same in every phase."""
+            on = jets_on or ((self.jet,) if self.force < 0.0 else ())
+            tests, isolation = analytic.noise_free_tests(self.jet, self.force, on)
             values = {
                 "argument": tests.likelihood[self.jet - 1],
                 "cluster": isolation.cluster_margin,
                 "jet": isolation.jet_margin,
                 "std": np.sqrt(tests.variance[self.jet - 1]),
             }
-            return float(values[what])
+            return float(values[quantity])
 
         return measure
 
-    def arguments(self, figure: str, *claims: Claim, **others: Case) -> Entry:
+    def arguments(self, figure: str, *claims: Claim, **other_cases: Case) -> Entry:
         """Makes the figure of the argument of the failed jet, or its cluster, and of the largest elsewhere."""
         title = f"{'Cluster likelihood' if self.of_cluster else 'Likelihood'} argument, {self.title}"
 
         def draw(phases: Phases) -> Figure:
+            """Draws the arguments of the first phase over time."""
             picture, (panel,) = panels(1, f"{title} (figure {figure})", windows=False, height=2.6)
             run = phases[0]["flight"]
-            shown, likelihood = _shown(run), run["likelihood"]
-            own = likelihood[:, self.inside].max(axis=1) if self.of_cluster else likelihood[:, self.jet - 1]
+            shown, likelihood = _select_plotted(run), run["likelihood"]
+            jet_values = likelihood[:, self.inside].max(axis=1) if self.of_cluster else likelihood[:, self.jet - 1]
             name = f"cluster {_CLUSTERS[self.jet - 1]}" if self.of_cluster else f"jet {self.jet}"
             elsewhere = likelihood[:, ~self.inside].max(axis=1)
             for values, color, label in (
                 (elsewhere, COLORS[1], "largest of the other clusters"),
-                (own, COLORS[0], name),
+                (jet_values, COLORS[0], name),
             ):
                 panel.plot(run["time_s"][shown], np.maximum(values[shown], 0.05), ".", color=color, ms=4, label=label)
             panel.set_yscale("log")
-            _onset(panel, "likelihood argument")
+            _mark_onset(panel, "likelihood argument")
             panel.legend(fontsize=8)
             return picture
 
-        return self._entry(figure, title, claims, draw, **others)
+        return self._entry(figure, title, claims, draw, **other_cases)
 
-    def margins(self, figure: str, *claims: Claim, **others: Case) -> Entry:
-        """Makes the figure of both margins."""
+    def margins(self, figure: str, *claims: Claim, **other_cases: Case) -> Entry:
+        """Makes the figure of the margins within the cluster and between clusters."""
 
         def draw(phases: Phases) -> Figure:
+            """Draws the margins of the first phase over time."""
             title = f"Largest minus next-largest argument, {self.title} (figure {figure})"
             picture, axes = panels(2, title, windows=False)
             run = phases[0]["flight"]
-            shown = _shown(run)
+            shown = _select_plotted(run)
             names = {"jet_margin": "(a) within the cluster", "cluster_margin": "(b) between clusters"}
             for panel, (name, label), color in zip(axes, names.items(), COLORS, strict=False):
                 panel.plot(run["time_s"][shown], np.maximum(run[name][shown, 0], 0.05), ".", color=color, ms=4)
                 panel.axhline(_MARGIN, color=TRUTH_COLOR, linewidth=0.8, linestyle="--")
                 panel.set_yscale("log")
-                _onset(panel, label)
+                _mark_onset(panel, label)
             return picture
 
-        return self._entry(figure, f"Margins, {self.title}", claims, draw, **others)
+        return self._entry(figure, f"Margins, {self.title}", claims, draw, **other_cases)
 
     def magnitudes(self, figure: str, *claims: Claim) -> Entry:
         """Makes the figure of the estimated force of the failed jet and, if soft, of its cluster's likeliest."""
 
         def draw(phases: Phases) -> Figure:
+            """Draws the estimated forces of the first phase over time."""
             title = f"Estimated failure force, {self.title} (figure {figure})"
             picture, axes = panels(1 + self.of_cluster, title, windows=False, height=2.2)
             run = phases[0]["flight"]
-            shown, inside = _shown(run), np.flatnonzero(self.inside)
+            shown, inside = _select_plotted(run), np.flatnonzero(self.inside)
             likeliest = inside[run["likelihood"][:, inside].argmax(axis=1)]
             forces = run["failure_magnitude"]
             both = (forces[:, self.jet - 1], forces[np.arange(len(likeliest)), likeliest])
             labels = (f"jet {self.jet}, lbf", "likeliest in cluster, lbf")
             for panel, values, label, color in zip(axes, both, labels, COLORS, strict=False):
                 panel.plot(run["time_s"][shown], values[shown], ".", color=color, ms=4)
-                panel.axhline(self.given, color=TRUTH_COLOR, linewidth=0.8)
-                _onset(panel, label)
+                panel.axhline(self.thesis_force, color=TRUTH_COLOR, linewidth=0.8)
+                _mark_onset(panel, label)
             return picture
 
         return self._entry(figure, f"Failure magnitude, {self.title}", claims, draw)
 
     def _entry(
-        self, figure: str, title: str, claims: tuple[Claim, ...], draw: Callable[[Phases], Figure], **others: Case
+        self, figure: str, title: str, claims: tuple[Claim, ...], draw: Callable[[Phases], Figure], **other_cases: Case
     ) -> Entry:
+        """Makes the entry of a figure, whose cases are the flight and some others."""
         name = f"fig_{figure.replace('-', '_')}"
-        return Entry(name, title, {"flight": self.flight, **others}, claims, {name: draw})
+        return Entry(name, title, {"flight": self.flight, **other_cases}, claims, {name: draw})
 
 
-_ON = Failed(flights.STUCK_ON, 29, 868.819, 868.819, "jet 29 stuck on")
-_OFF = Failed(flights.STUCK_OFF, 11, -874.185, -874.185, "jet 11 stuck off")
-_VERNIER = Failed(flights.VERNIER, 39, 24.483, 24.483, "vernier 39 stuck on", of_cluster=True)
-_LEAK = Failed(flights.LEAK, 24, 0.015 * 691.018, 10.4, "jet 24 leaking 1.5 %", of_cluster=True)
+_ON = FailedJet(flights.STUCK_ON, 29, 868.819, 868.819, "jet 29 stuck on")
+_OFF = FailedJet(flights.STUCK_OFF, 11, -874.185, -874.185, "jet 11 stuck off")
+_VERNIER = FailedJet(flights.VERNIER, 39, 24.483, 24.483, "vernier 39 stuck on", of_cluster=True)
+_LEAK = FailedJet(flights.LEAK, 24, 0.015 * 691.018, 10.4, "jet 24 leaking 1.5 %", of_cluster=True)
 
 
 def _least_margin(phase: Phase) -> float:
+    """Returns the smallest margin, of both, at the tested samples."""
     run = phase["flight"]
-    return float(min(_column(run, name, _tested(run)).min() for name in ("cluster_margin", "jet_margin")))
+    return float(min(_signal_at(run, name, _select_tested(run)).min() for name in ("cluster_margin", "jet_margin")))
 
 
 def _cluster_eight_on(run: Signals) -> Samples:
-    return np.any([_showing(run, int(jet)) for jet in np.flatnonzero(_CLUSTERS == 8) + 1], axis=0)
+    """Selects the tested samples over whose interval a jet of cluster 8 was commanded."""
+    return np.any([_select_commanded(run, int(jet)) for jet in np.flatnonzero(_CLUSTERS == 8) + 1], axis=0)
 
 
-def _margins_apart(phase: Phase) -> float:
-    """Median of the margin between clusters over that within, while the opposing cluster is off."""
+def _margin_ratio(phase: Phase) -> float:
+    """Computes the median margin between clusters over that within, while the opposing cluster is off."""
     run = phase["flight"]
-    samples = _tested(run) & ~_cluster_eight_on(run)
-    return float(np.median(_column(run, "cluster_margin", samples)) / np.median(_column(run, "jet_margin", samples)))
+    samples = _select_tested(run) & ~_cluster_eight_on(run)
+    return float(
+        np.median(_signal_at(run, "cluster_margin", samples)) / np.median(_signal_at(run, "jet_margin", samples))
+    )
 
 
-def _dip(phase: Phase) -> float:
-    """Median margin between clusters while the opposing cluster fires over that while it does not; NaN: it never."""
+def _margin_ratio_opposed(phase: Phase) -> float:
+    """Computes the median margin between clusters while the opposing cluster fires over that while not; NaN: never."""
     run = phase["flight"]
     opposed = _cluster_eight_on(run)
     if not opposed.any():
         return float("nan")
-    margins = [np.median(_column(run, "cluster_margin", which)) for which in (opposed, _tested(run) & ~opposed)]
+    margins = [
+        np.median(_signal_at(run, "cluster_margin", samples)) for samples in (opposed, _select_tested(run) & ~opposed)
+    ]
     return float(margins[0] / margins[1])
 
 
 def _force_while_off(phase: Phase) -> float:
-    """RMS force of jet 11 while it is not commanded, lbf."""
+    """Computes the RMS force of jet 11 while it is not commanded, lbf."""
     run = phase["flight"]
-    return rms(run["failure_magnitude"][_tested(run) & ~_OFF.shows(run), _OFF.jet - 1])
+    return rms(run["failure_magnitude"][_select_tested(run) & ~_OFF.shows(run), _OFF.jet - 1])
 
 
-def _first_at_lower_threshold(phase: Phase) -> float:
-    """Number of the jet that the largest margin within the cluster belongs to."""
+def _jet_of_largest_margin(phase: Phase) -> float:
+    """Returns the number of the jet that the largest margin within the cluster belongs to."""
     run = phase["flight"]
-    return float(_LEAK.likeliest(run)[int(_column(run, "jet_margin", _tested(run)).argmax())] + 1)
+    return float(_LEAK.likeliest(run)[int(_signal_at(run, "jet_margin", _select_tested(run)).argmax())] + 1)
 
 
-def _gaussian(what: str) -> Measure:
-    """Makes a measure: share of independent samples of the vernier with Gaussian noise."""
-    return lambda phase: float(phase["gaussian"][what].mean())
+def _gaussian_share(flag: str) -> Measure:
+    """Makes a measure: share of independent samples of the vernier with Gaussian noise that have a flag."""
+    return lambda phase: float(phase["gaussian"][flag].mean())
 
 
-def _grown(case: str, time_s: float) -> Measure:
+def _error_growth(case: str, time_s: float) -> Measure:
     """Makes a measure: largest error of the diagonal at a time over that before the failure."""
     return ratio(worst(case, DIAGONAL, time_s), worst(case, DIAGONAL, _ONSET_S))
 
@@ -326,12 +343,12 @@ ENTRIES = (
         {"flight": flights.STUCK_ON, "reset": flights.STUCK_ON_RESET, "jump": flights.STUCK_ON_JUMP}, (
             Claim(1, "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps, over that before",
                 "an erroneous decision that a mass-property jump has occurred quickly leads to state divergence",
-                words.TREMENDOUS, _grown("jump", 52.0)),
+                words.TREMENDOUS, _error_growth("jump", 52.0)),
             Claim(2, "largest error of the diagonal 8 s after, jet logic reset after two alarms, over that before",
                 "a reset would also prevent divergence of the mass-property states",
-                Reading(AtMost(2.0), "no divergence: at most doubled"), _grown("reset", 58.0)),
+                Reading(AtMost(2.0), "no divergence: at most doubled"), _error_growth("reset", 58.0)),
             Claim(2, "the same without a reset", "divergence due to an improper correction of the residuals",
-                words.CONSIDERABLE, _grown("flight", 58.0),
+                words.CONSIDERABLE, _error_growth("flight", 58.0),
                 because=Because(
                     "no correction is improper here: {:.0%} of the tested samples name the right jet, and the error is "
                     "{:.4f} % before and {:.4f} % after",
@@ -354,10 +371,10 @@ ENTRIES = (
         expected(2, "margin (b) without noise", "17 800, next cluster 7", Near(17800, 50), _ON.exact("cluster")),
         Claim(3, "margin (b) over margin (a), medians while the opposing cluster is off",
             "isolation between clusters is normally much more significant than within", words.MUCH_MORE,
-            _margins_apart),
+            _margin_ratio),
         Claim(4, "median margin (b) while cluster 8 fires over that while it does not",
             "abrupt negative spikes of (b) when the opposing jet is fired",
-            Reading(AtMost(1.0 / 3.0), "abrupt: to a third"), _dip),
+            Reading(AtMost(1.0 / 3.0), "abrupt: to a third"), _margin_ratio_opposed),
         expected(4, "margin (b) without noise while jet 17 fires", "32.8, next cluster 8", Near(32.8, 0.05),
             _ON.exact("cluster", 17)),
         Claim(5, "least of both margins from 50 to 58 s",
@@ -371,8 +388,8 @@ ENTRIES = (
             because=Because(
                 "one sample's own 1-sigma is {:.2f} lbf by (4-25) with the sensors of section 5.1; of {:.0f} "
                 "tested samples {:.0%} are within 1 lbf",
-                (_ON.exact("std"), lambda phase: float(np.count_nonzero(_tested(phase["flight"]))),
-                 _ON.force_error(_within)))),
+                (_ON.exact("std"), lambda phase: float(np.count_nonzero(_select_tested(phase["flight"]))),
+                 _ON.force_error(_share_within_1_lbf)))),
         expected(6, "1-sigma of the force", "0.97", Near(0.97, 0.005), _ON.exact("std"), "lbf"),
     ),
 
@@ -425,37 +442,37 @@ ENTRIES = (
             words.NEARLY_ALL, _VERNIER.right_cluster),
         expected(1, "margin (b) without noise", "582, next cluster 2", Near(582, 0.5), _VERNIER.exact("cluster")),
         Claim(3, "number of the first sample that names the jet",
-            "isolation to the particular jet occurred after four time instants", Printed(4.0), _first_named,
+            "isolation to the particular jet occurred after four time instants", Printed(4.0), _first_named_sample,
             because=Because(
                 "which sample is the first is a matter of chance: {:.0%} of the samples name the jet here, and of "
                 "independent samples with Gaussian noise {:.0%}, of which {:.0%} of the runs would wait for the "
                 "fourth or longer",
-                (_share_named, _gaussian("named"), lambda phase: (1.0 - _gaussian("named")(phase)) ** 3))),
+                (_share_named, _gaussian_share("named"), lambda phase: (1.0 - _gaussian_share("named")(phase)) ** 3))),
         Claim(3, "longest row of samples that name the jet",
             "no two isolations ever occurred consecutively thereafter", AtMost(1.0),
-            lambda phase: float(longest_row(_named(phase))),
+            lambda phase: float(longest_row(_flag_named(phase))),
             because=Because(
                 "{:.0%} of the samples name the jet, so among {:.0f} tested ones two in a row are the rule; with "
                 "Gaussian noise of equal variance it is {:.0%}",
-                (_share_named, lambda phase: float(_named(phase).size), _gaussian("named")))),
+                (_share_named, lambda phase: float(_flag_named(phase).size), _gaussian_share("named")))),
         Claim(3, "share of tested samples that name the jet", "isolation to the jet is marginal", words.MARGINAL,
             _share_named),
         expected(3, "the same of independent samples with Gaussian noise", "0.17", Near(0.17, 0.02),
-            mean(_gaussian("named")), pooled=True),
+            mean(_gaussian_share("named")), pooled=True),
         expected(3, "mean margin (a) without noise", "2.8, next jet 9", Near(2.8, 0.05), _VERNIER.exact("jet")),
         reference(3, "share of samples whose likeliest jet is the right one", "(best-jet choice right 80 %)",
             Near(0.80, 0.05), _VERNIER.likeliest_is_right,
             because=Because(
                 "quantized sensors at rest repeat few values: {:.0%} here, {:.0%} with Gaussian noise of equal "
-                "variance", (_VERNIER.likeliest_is_right, _gaussian("best")))),
+                "variance", (_VERNIER.likeliest_is_right, _gaussian_share("best")))),
         expected(3, "the same of independent samples with Gaussian noise", "0.80", Near(0.80, 0.02),
-            mean(_gaussian("best")), pooled=True),
+            mean(_gaussian_share("best")), pooled=True),
         gaussian=Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20),
     ),
     _VERNIER.magnitudes("5-24",
         Claim(4, "share of tested samples whose force is within 1 lbf, (a) failed jet",
             "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
-            _VERNIER.force_error(_within)),
+            _VERNIER.force_error(_share_within_1_lbf)),
         Claim(4, "the same, (b) jet that maximizes the argument in the cluster",
             "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
             _VERNIER.likeliest_within),
@@ -476,18 +493,18 @@ ENTRIES = (
             words.NEARLY_ALL, _LEAK.right_cluster),
         expected(1, "margin (b) without noise", "81, next cluster 8", Near(81, 0.5), _LEAK.exact("cluster")),
         Claim(2, "samples that name a jet", "no isolation to the jet in the whole run", AtMost(0.0),
-            lambda phase: float(_named(phase).sum())),
+            lambda phase: float(_flag_named(phase).sum())),
         expected(2, "mean margin (a) without noise", "0.04, next jet 25", Near(0.04, 0.005), _LEAK.exact("jet")),
         Claim(2, "number of the jet with the largest margin (a)",
             "a lower threshold would first have isolated jet 42, incorrectly", Near(42.0, 0.0),
-            _first_at_lower_threshold),
+            _jet_of_largest_margin),
         reference(2, "share of samples whose likeliest jet is a wrong one of the cluster",
             "(jets 24, 25, 26 and 42 compete)", AtLeast(0.25), lambda phase: 1.0 - _LEAK.likeliest_is_right(phase)),
     ),
     _LEAK.magnitudes("5-27",
         Claim(3, "share of tested samples whose force is within 1 lbf, (a) leaking jet",
             "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
-            _LEAK.force_error(_within)),
+            _LEAK.force_error(_share_within_1_lbf)),
         Claim(3, "the same, (b) jet that maximizes the argument in the cluster",
             "we can typically estimate the failure magnitude to within 1 lbf", words.TYPICALLY,
             _LEAK.likeliest_within),

@@ -44,7 +44,7 @@ from reproduction.measures import (
     YY,
     YZ,
     ZZ,
-    apart_in_sigma,
+    difference_in_sigma,
     during,
     maneuver_windows,
     mean_nis,
@@ -69,8 +69,8 @@ _ORDERS = {"second": flights.HYBRID, "linear": flights.EXTENDED}
 _ORDER_LABELS = {"second": "second-order filter", "linear": "extended Kalman filter"}
 
 
-def _advantage(phase: Phase) -> float:
-    """Errors of the diagonal without over those with subtraction, geometric mean over 11 to 50 s."""
+def _error_ratio_without_subtraction(phase: Phase) -> float:
+    """Computes the ratio of the diagonal's errors without over with subtraction, geometric mean from 11 s on."""
     size = {
         case: np.log([rms(row) for row in percent_error(run)[run["time_s"] >= 11.0, DIAGONAL]])
         for case, run in phase.items()
@@ -79,14 +79,14 @@ def _advantage(phase: Phase) -> float:
     return float(np.exp((size["without"] - size["with"]).mean()))
 
 
-def _coupling_apart(phase: Phase) -> float:
-    """Largest difference that subtraction makes in an error of the diagonal, % of the initial error."""
-    apart = percent_error(phase["with"])[:, DIAGONAL] - percent_error(phase["without"])[:, DIAGONAL]
-    return float(np.abs(apart).max())
+def _coupling_difference(phase: Phase) -> float:
+    """Computes the largest difference that subtraction makes in an error of the diagonal, % of the initial error."""
+    difference = percent_error(phase["with"])[:, DIAGONAL] - percent_error(phase["without"])[:, DIAGONAL]
+    return float(np.abs(difference).max())
 
 
-def _off_axis(phase: Phase) -> tuple[float, float]:
-    """RMS torque about the axes not commanded, while jets fire in the single rotations: jets', coupling's, ft-lbf."""
+def _off_axis_torques(phase: Phase) -> tuple[float, float]:
+    """Computes the RMS torque about the axes not commanded in single rotations: jets', and coupling's, ft-lbf."""
     run, inertia = phase["with"], orbiter().nominal.inertia
     jets, coupling = [], []
     for window in maneuver_windows()[:6]:
@@ -98,7 +98,7 @@ def _off_axis(phase: Phase) -> tuple[float, float]:
 
 
 def _accurate_from_s(run: Signals, element: int, digits: int) -> float:
-    """Time from which on an estimate has its first significant digits right; infinity: not at the end, s."""
+    """Returns the time from which on an estimate has its first digits right, s; infinity: not at the end."""
     truth = abs(float(run["truth"][0, element]))
     unit = 10.0 ** (math.floor(math.log10(truth)) - digits + 1)
     wrong = np.flatnonzero(np.abs(run["truth"][:, element] - run["estimate"][:, element]) > 0.5 * unit)
@@ -107,28 +107,30 @@ def _accurate_from_s(run: Signals, element: int, digits: int) -> float:
     return float(np.append(run["time_s"], np.inf)[wrong[-1] + 1])
 
 
-def _digits_apart(phase: Phase) -> float:
-    """Time from four digits of Izz^-1 to one of Iyz^-1, s; infinity: the latter never comes."""
+def _time_between_digits_s(phase: Phase) -> float:
+    """Computes the time from four digits of Izz^-1 to one of Iyz^-1, s; infinity: the latter never comes."""
     diagonal, product = _accurate_from_s(phase["with"], ZZ, 4), _accurate_from_s(phase["with"], YZ, 1)
     return product - diagonal if np.isfinite(diagonal) else -np.inf
 
 
-def _much_faster(phase: Phase) -> float:
+def _product_error_ratio(phase: Phase) -> float:
+    """Computes the ratio of the typical error of Ixy^-1 or Iyz^-1, the smaller, to that of Ixz^-1."""
     sizes = {element: _typical_percent(phase["with"], element) for element in (XZ, XY, YZ)}
     return min(sizes[XY], sizes[YZ]) / sizes[XZ]
 
 
-def _settled_s(phase: Phase) -> float:
-    """Time from which on the diagonal is within 0.1 %, s; infinity: not at the end."""
+def _diagonal_settled_s(phase: Phase) -> float:
+    """Returns the time from which on the diagonal is within 0.1 %, s; infinity: not at the end."""
     run = phase["with"]
     wrong = np.flatnonzero(np.abs(percent_error(run)[:, DIAGONAL]).max(axis=1) > 0.1)
     return float(np.append(run["time_s"], np.inf)[wrong[-1] + 1])
 
 
-def _after_updates(count: int, case: str) -> Measure:
-    """Makes a measure: the error of Ixx^-1 after so many used samples, %."""
+def _error_after_updates(count: int, case: str) -> Measure:
+    """Makes a measure: the error of Ixx^-1 after a number of used samples, %."""
 
     def measure(phase: Phase) -> float:
+        """Computes the error in one phase, %."""
         run = phase[case]
         sample = int(np.flatnonzero(used(run, "rotation"))[count - 1])
         return float(abs(percent_error(run)[sample, XX]))
@@ -136,27 +138,28 @@ def _after_updates(count: int, case: str) -> Measure:
     return measure
 
 
-def _first_exactly(phase: Phase) -> float:
-    """Error of Ixx^-1 after the jets of the first used sample, measured without noise, %."""
+def _error_after_exact_update(phase: Phase) -> float:
+    """Computes the error of Ixx^-1 after the jets of the first used sample, measured without noise, %."""
     run = phase["with"]
     sample = int(np.flatnonzero(used(run, "rotation"))[0])
     return first_update([int(jet) for jet in np.flatnonzero(run["command"][sample - 1])])
 
 
 def _typical_percent(run: Signals, element: int) -> float:
-    """Geometric mean of an error's size from 11 s on, when every axis has been turned about, %."""
+    """Computes the geometric mean of an error's size from 11 s on, when every axis has been turned about, %."""
     late = run["time_s"] >= 11.0
     return float(np.exp(np.log(np.abs(percent_error(run)[late, element])).mean()))
 
 
-def _ordered(phase: Phase) -> float:
+def _count_steps_up(phase: Phase) -> float:
     """Counts which of the three steps diagonal, xz, xy, yz are steps up in the size of the error from 11 s on."""
     sizes = [max(_typical_percent(phase["with"], element) for element in (XX, YY, ZZ))]
     sizes += [_typical_percent(phase["with"], element) for element in (XZ, XY, YZ)]
     return float(sum(small <= large for small, large in pairwise(sizes)))
 
 
-def _yz_is_worst(phase: Phase) -> float:
+def _yz_error_ratio(phase: Phase) -> float:
+    """Computes the final error of Iyz^-1 over the largest of the other five."""
     errors = percent_at(phase["with"])[:6]
     return float(errors[YZ] / np.delete(errors, YZ).max())
 
@@ -165,6 +168,7 @@ def _improvement(element: int) -> Pooled:
     """Makes a pooled measure: the median error just before the first translation over that after it."""
 
     def measure(phases: Phases) -> float:
+        """Computes the ratio over all phases."""
         before, after = (np.median([percent_at(phase["with"], t)[element] for phase in phases]) for t in (24.9, 27.5))
         return float(before / after)
 
@@ -184,6 +188,7 @@ _KNOWN_BEFORE = Because(
 
 
 def _true_orders(_: Phase) -> float:
+    """Computes the orders of magnitude of Izz^-1 over Iyz^-1, true values."""
     truth = orbiter().nominal.vector()
     return float(np.log10(truth[ZZ] / truth[YZ]))
 
@@ -192,8 +197,8 @@ _MORE_AT_THE_END = Because(
     "until 37 s the two differ by {:.2f} of the filter's 1-sigma, then rates rise and they end {:.1f} of it apart: "
     "errors are {:.4f} % with and {:.3f} % without subtraction",
     (
-        apart_in_sigma("with", "without", 36.9),
-        apart_in_sigma("with", "without", END_S),
+        difference_in_sigma("with", "without", 36.9),
+        difference_in_sigma("with", "without", END_S),
         worst("with"),
         worst("without"),
     ),
@@ -201,7 +206,7 @@ _MORE_AT_THE_END = Because(
 
 
 def coupling_bias(rates: tuple[float, float, float]) -> float:
-    """|I^-1 (w x I w) dt|^2 / (q^2 / 6) at rates in multiples of 0.5 deg/s: what coupling adds to the statistic."""
+    """Computes what dynamic coupling adds to the consistency function (NIS) at rates in multiples of 0.5 deg/s."""
     vehicle = orbiter()
     inertia = vehicle.nominal.inertia
     rate = np.radians(0.5) * np.array(rates)
@@ -210,28 +215,31 @@ def coupling_bias(rates: tuple[float, float, float]) -> float:
 
 
 def _peak(case: str, start_s: float, end_s: float) -> Measure:
+    """Makes a measure: largest value of the rotation filter's consistency function over a time."""
     return lambda phase: float(nis(phase[case], "rotation", start_s, end_s).max())
 
 
 # ----------------------------------------------------------------------------------------- pictures
 
 
-def _errors(
-    title: str, elements: tuple[int, ...], labels: Mapping[str, str], small: float
+def _draw_errors(
+    title: str, elements: tuple[int, ...], labels: Mapping[str, str], linear_share: float
 ) -> Callable[[Phases], Figure]:
-    """Makes a picture of estimation errors, true minus estimate, on an axis that is linear up to a small share."""
+    """Makes a function that draws estimation errors, true minus estimate, linear up to a share of the truth."""
 
     def error(element: int) -> Callable[[Signals], Array]:
+        """Makes a function that returns the error of an element, true minus estimate."""
         return lambda run: run["truth"][:, element] - run["estimate"][:, element]
 
     def draw(phases: Phases) -> Figure:
+        """Draws the picture from all phases."""
         figure, axes = panels(len(elements), title)
         units = mass_property_units(orbiter().unit_names)
         for panel, element in zip(axes, elements, strict=True):
             curves(panel, phases, labels, error(element))
             truth = abs(float(phases[0][next(iter(labels))]["truth"][0, element]))
             largest = max(float(np.abs(error(element)(phases[0][case])).max()) for case in labels)
-            set_symmetric_log(panel, small * truth, max(truth, largest))
+            set_symmetric_log(panel, linear_share * truth, max(truth, largest))
             panel.set_ylabel(f"{SYMBOLS[element]}, {units[element]}", fontsize=8)
         return figure
 
@@ -246,27 +254,27 @@ ENTRIES = (
         {**_COUPLING, "groups": Calculation("first_updates", first_updates)}, (
             Claim(1, "largest difference that subtraction makes in an error of the diagonal, of the initial error",
                 "as is clearly seen, the coupling has a rather minor effect on the error histories", words.NOT_SEEN,
-                _coupling_apart, "%"),
+                _coupling_difference, "%"),
             Claim(1, "largest final error of the diagonal, without over with subtraction", "a rather minor effect",
                 words.SLIGHTLY_MORE, ratio(worst("without"), worst("with")), because=_MORE_AT_THE_END),
             Claim(1, "errors of the diagonal without over those with subtraction, geometric mean from 11 s on",
                 "convergence being somewhat more rapid when the coupling is subtracted", words.SLIGHTLY_MORE,
-                _advantage),
+                _error_ratio_without_subtraction),
             Claim(2, "error of Ixx⁻¹ after the first used sample", "drops from 100 % to 3 % at the first used sample",
-                Printed(3.0), _after_updates(1, "with"), "%",
+                Printed(3.0), _error_after_updates(1, "with"), "%",
                 because=Because(
                     "it follows from the jets that fire first: an exact measurement of those here gives {:.1f} %. Over "
                     "all pairs and triples of primary jets that mainly roll the vehicle it is {:.1f} % in the median, "
                     "below 4 % for {:.0%} and above 6 % for {:.0%} of them. The second sample leaves {:.1f} % here",
-                    (_first_exactly, lambda phase: float(np.median(phase["groups"]["percent"])),
+                    (_error_after_exact_update, lambda phase: float(np.median(phase["groups"]["percent"])),
                      lambda phase: float(np.mean(phase["groups"]["percent"] < 4.0)),
-                     lambda phase: float(np.mean(phase["groups"]["percent"] > 6.0)), _after_updates(2, "with")))),
+                     lambda phase: float(np.mean(phase["groups"]["percent"] > 6.0)), _error_after_updates(2, "with")))),
             Claim(2, "the same", "a drastic drop at the first used sample", Reading(AtMost(10.0), "drastic: tenfold"),
-                _after_updates(1, "with"), "%"),
+                _error_after_updates(1, "with"), "%"),
             Claim(2, "the same, not subtracted", "in both cases", Reading(AtMost(10.0), "drastic: tenfold"),
-                _after_updates(1, "without"), "%"),
+                _error_after_updates(1, "without"), "%"),
             reference(2, "error of Ixx⁻¹ after three used samples", "(below 3 % after a few)", AtMost(3.0),
-                _after_updates(3, "with"), "%"),
+                _error_after_updates(3, "with"), "%"),
             Claim(3, "error of Iyy⁻¹ at 5 s over that at 7 s",
                 "errors of the diagonal rapidly decrease when there is torque about the axis", words.MUCH_MORE,
                 ratio(worst("with", YY, 4.9), worst("with", YY, 7.0))),
@@ -279,15 +287,15 @@ ENTRIES = (
                 lambda phase: max(percent_at(phase["with"], 4.9)[YY], percent_at(phase["with"], 8.9)[ZZ]), "%"),
             reference(3, "largest error of the diagonal at 11 s", "(below 0.1 % for all three at 11 s)", AtMost(0.1),
                 worst("with", DIAGONAL, 11.0), "%",
-                because=Because("it is within 0.1 % from {:.1f} s on", (_settled_s,))),
+                because=Because("it is within 0.1 % from {:.1f} s on", (_diagonal_settled_s,))),
             Claim(4, "steps up in the typical error from 11 s on in the order diagonal, xz, xy, yz, of three",
                 "convergence of the off-diagonals is slower; xz, the most significant, fastest; yz worst", AtLeast(3.0),
-                _ordered),
+                _count_steps_up),
             Claim(4, "typical error from 11 s on, smaller of Ixy⁻¹ and Iyz⁻¹ over Ixz⁻¹",
-                "xz: its convergence is much faster than the others", words.MUCH_MORE, _much_faster),
+                "xz: its convergence is much faster than the others", words.MUCH_MORE, _product_error_ratio),
             reference(5, "error of Iyz⁻¹ at the end", "(tens of percent)", Between(10.0, 100.0), worst("with", YZ),
                 "%"),
-            Claim(5, "the same over the largest of the other five", "yz is worst", AtLeast(1.0), _yz_is_worst),
+            Claim(5, "the same over the largest of the other five", "yz is worst", AtLeast(1.0), _yz_error_ratio),
             reference(5, "Izz⁻¹ over Iyz⁻¹, true values", "(true ratio 2.5e3)", Near(2508.0, 1.0),
                 lambda _: float(orbiter().nominal.vector()[ZZ] / orbiter().nominal.vector()[YZ])),
             Claim(5, "orders of magnitude of the same", "yz is four orders of magnitude smaller than zz",
@@ -295,7 +303,7 @@ ENTRIES = (
                 because=Because("table 5-2 itself: {:.2f} orders", (_true_orders,))),
             Claim(5, "time from when Izz⁻¹ keeps four digits to when Iyz⁻¹ keeps one; inf: it never does",
                 "zz must be accurate to four digits before yz is accurate to one",
-                Reading(AtLeast(0.0), "n digits: to half a unit of the n-th"), _digits_apart, "s"),
+                Reading(AtLeast(0.0), "n digits: to half a unit of the n-th"), _time_between_digits_s, "s"),
             Claim(6, "median error of Ixy⁻¹ just before the first translation over that after it",
                 "once the center of mass is known, off-diagonals improve considerably after the first translation",
                 words.CONSIDERABLE, _improvement(XY), pooled=True, because=_KNOWN_BEFORE),
@@ -303,15 +311,15 @@ ENTRIES = (
                 words.CONSIDERABLE, _improvement(YZ), pooled=True, because=_KNOWN_BEFORE),
             Claim(3, "torque that coupling amounts to about the axes not commanded, over that of the jets there, RMS",
                 "the subtracted term is essentially the same size as the residual torque due to the jets",
-                words.COMPARABLE, lambda phase: _off_axis(phase)[1] / _off_axis(phase)[0],
+                words.COMPARABLE, lambda phase: _off_axis_torques(phase)[1] / _off_axis_torques(phase)[0],
                 because=Because(
                     "in turns at 0.5 deg/s about one axis coupling amounts to {:.1f} ft-lbf about the others, and the "
                     "jets selected here give {:.0f} ft-lbf there while they fire",
-                    (lambda phase: _off_axis(phase)[1], lambda phase: _off_axis(phase)[0]))),
+                    (lambda phase: _off_axis_torques(phase)[1], lambda phase: _off_axis_torques(phase)[0]))),
         ),
         {
-            "fig_5_6a": _errors(f"{_TITLE}: diagonal (figure 5-6a)", (XX, YY, ZZ), _COUPLING_LABELS, 1e-3),
-            "fig_5_6b": _errors(f"{_TITLE}: products (figure 5-6b)", (XY, YZ, XZ), _COUPLING_LABELS, 1e-2),
+            "fig_5_6a": _draw_errors(f"{_TITLE}: diagonal (figure 5-6a)", (XX, YY, ZZ), _COUPLING_LABELS, 1e-3),
+            "fig_5_6b": _draw_errors(f"{_TITLE}: products (figure 5-6b)", (XY, YZ, XZ), _COUPLING_LABELS, 1e-2),
         },
     ),
     Entry("fig_5_7", "Effect of dynamic coupling on the center of mass", {**_COUPLING, "pure": _PURE}, (
@@ -330,7 +338,7 @@ ENTRIES = (
             Claim(2, "largest of the three at 27.5 s, coupling not subtracted", "in both cases",
                 Reading(AtMost(5.0), "good: a few percent"), worst("without", CENTER, 27.5), "%"),
         ),
-        {"fig_5_7": _errors(f"{_TITLE}: center of mass (figure 5-7)", (6, 7, 8), _COUPLING_LABELS, 1e-3)},
+        {"fig_5_7": _draw_errors(f"{_TITLE}: center of mass (figure 5-7)", (6, 7, 8), _COUPLING_LABELS, 1e-3)},
     ),
     Entry("fig_5_8", "Effect of dynamic coupling on the rotation consistency function",
         {**_COUPLING, "unguarded": flights.SUBTRACTED}, (
@@ -407,8 +415,8 @@ ENTRIES = (
                 mean_nis("no_covariance", "rotation")),
         ),
         {
-            "fig_5_9a": _errors(f"{_TITLE}: diagonal (figure 5-9a)", (XX, YY, ZZ), _ORDER_LABELS, 1e-3),
-            "fig_5_9b": _errors(f"{_TITLE}: products (figure 5-9b)", (XY, YZ, XZ), _ORDER_LABELS, 1e-2),
+            "fig_5_9a": _draw_errors(f"{_TITLE}: diagonal (figure 5-9a)", (XX, YY, ZZ), _ORDER_LABELS, 1e-3),
+            "fig_5_9b": _draw_errors(f"{_TITLE}: products (figure 5-9b)", (XY, YZ, XZ), _ORDER_LABELS, 1e-2),
         },
     ),
     Entry("fig_5_10", "Effect of second-order terms on the center of mass", _ORDERS, (
@@ -418,7 +426,7 @@ ENTRIES = (
             Claim(1, "largest final error of the center of mass, extended Kalman filter", "tremendous final errors",
                 Reading(AtLeast(100.0), "tremendous: larger than at the start"), worst("linear", CENTER), "%"),
         ),
-        {"fig_5_10": _errors(f"{_TITLE}: center of mass (figure 5-10)", (6, 7, 8), _ORDER_LABELS, 1e-3)},
+        {"fig_5_10": _draw_errors(f"{_TITLE}: center of mass (figure 5-10)", (6, 7, 8), _ORDER_LABELS, 1e-3)},
     ),
     Entry("fig_5_11", "Effect of second-order terms on the consistency function", _ORDERS, (
             Claim(1, "mean after 5 s, second-order filter",

@@ -16,29 +16,29 @@ def _largest_before(case: str, end_s: float) -> Measure:
     return lambda phase: float(np.abs(mass_error(phase[case], 1.5, end_s)).max())
 
 
-def _early(run: Signals) -> Array:
-    """Variance that the center of mass adds to a velocity increment, over that of the sensor, before 25 s."""
+def _variance_before(run: Signals) -> Array:
+    """Returns the variance that the center of mass adds to a velocity increment over the sensor's, before 25 s."""
     result: Array = added_variance(run)[run["time_s"][used(run, "mass")] < 25.0]
     return result
 
 
 def _last_uncertain_s(phase: Phase) -> float:
-    """Last time at which that was one or more, s."""
+    """Returns the last time at which the center of mass added as much variance as the sensor before 25 s, s."""
     run = phase["sample"]
     times_s = run["time_s"][used(run, "mass")]
-    return float(times_s[: _early(run).size][_early(run) >= 1.0].max(initial=0.0))
+    return float(times_s[: _variance_before(run).size][_variance_before(run) >= 1.0].max(initial=0.0))
 
 
-def _late(run: Signals) -> Array:
-    """The same as `_early` from the end of the first translation on."""
+def _variance_after(run: Signals) -> Array:
+    """Returns the variance that the center of mass adds to a velocity increment over the sensor's, after 27.5 s."""
     result: Array = added_variance(run)[run["time_s"][used(run, "mass")] > 27.5]
     return result
 
 
-def _correlation_matters(phases: Phases) -> float:
-    """RMS difference of stacked and serial estimates of 1/m at the end over the error."""
-    one, other = (np.concatenate([mass_error(p[case], END_S) for p in phases]) for case in ("stacked", "serial"))
-    return rms(one - other) / rms(other)
+def _correlation_effect(phases: Phases) -> float:
+    """Computes the RMS difference of stacked and serial estimates of 1/m at the end, over the RMS error."""
+    stacked, serial = (np.concatenate([mass_error(p[case], END_S) for p in phases]) for case in ("stacked", "serial"))
+    return rms(stacked - serial) / rms(serial)
 
 
 # fmt: off
@@ -101,25 +101,26 @@ ENTRIES = (
             Claim(3,
                 "share of the used samples before 25 s to whose variance the uncertain center of mass adds as much as "
                 "the sensor", "this uncertainty is often as large as the measurement noise", words.OFTEN,
-                lambda phase: float(np.mean(_early(phase["sample"]) >= 1.0)),
+                lambda phase: float(np.mean(_variance_before(phase["sample"]) >= 1.0)),
                 because=Because(
                     "it is for {:.0f} of {:.0f} samples, the last at {:.1f} s, with variances up to {:.1f} times the "
                     "sensor's: residual force then has shown the center of mass",
-                    (lambda phase: float(np.count_nonzero(_early(phase["sample"]) >= 1.0)),
-                     lambda phase: float(_early(phase["sample"]).size), _last_uncertain_s,
-                     lambda phase: float(_early(phase["sample"]).max())))),
+                    (lambda phase: float(np.count_nonzero(_variance_before(phase["sample"]) >= 1.0)),
+                     lambda phase: float(_variance_before(phase["sample"]).size), _last_uncertain_s,
+                     lambda phase: float(_variance_before(phase["sample"]).max())))),
             Claim(4, "RMS error of 1/m before 25 s of three sensors over one, their correlation counted",
                 "the worse transient of serial processing is due primarily to the correlation of the noises",
                 Reading(AtMost(1.0), "counted, no worse than one"),
                 ratio(mass_rms("stacked", 1.0, 24.9), mass_rms("sample", 1.0, 24.9)), pooled=True),
             Claim(4, "variance that the center of mass adds to all three sensors after 27.5 s, over that of the sensor",
                 "this correlation becomes negligible after the first translational maneuver", words.NEGLIGIBLE,
-                lambda phase: float(_late(phase["sample"]).max())),
+                lambda phase: float(_variance_after(phase["sample"]).max())),
             Claim(4, "what the correlation changes in the final estimate, RMS over the error",
-                "this correlation becomes negligible", words.NEGLIGIBLE, _correlation_matters, pooled=True,
+                "this correlation becomes negligible", words.NEGLIGIBLE, _correlation_effect, pooled=True,
                 because=Because(
                     "the correlation itself does (claim above: {:.1e} of the sensor's variance); the final estimates "
-                    "still remember the samples before it did", (lambda phase: float(_late(phase["sample"]).max()),))),
+                    "still remember the samples before it did",
+                    (lambda phase: float(_variance_after(phase["sample"]).max()),))),
         ),
     ),
 )

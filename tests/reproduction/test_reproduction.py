@@ -143,7 +143,7 @@ def test_the_noise_free_tests_agree_with_the_sampled_ones() -> None:
     from reproduction import analytic  # noqa: PLC0415 (slow to load)
 
     exact = analytic.separations(0)
-    tests, isolation = analytic.noise_free(39, 24.483, ())
+    tests, isolation = analytic.noise_free_tests(39, 24.483, ())
     assert tests.likelihood[38] == pytest.approx(exact["argument"][38] * 24.483**2, rel=1e-12)
     assert isolation.cluster_margin == pytest.approx(exact["cluster_margin"][38] * 24.483**2, rel=1e-12)
     named = np.mean([analytic.vernier_gaussian(seed)["best"].mean() for seed in range(3)])

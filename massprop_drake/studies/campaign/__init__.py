@@ -7,18 +7,15 @@ from massprop_drake.errors import InputError
 TO_FLY = ("dask", "distributed", "psutil", "threadpoolctl")  # packages that plans and reports do without
 
 
-def require(what: str, *packages: str) -> None:
-    """Checks that packages can be imported; InputError names the missing ones, and what needs them.
+def require_packages(feature: str, *packages: str) -> None:
+    """Checks that the packages that a feature needs can be imported; InputError names the missing ones.
 
     Args:
-        what: needs them, in the plural.
+        feature: what needs them, in the plural, for the message.
         packages: names to import.
-
-    Raises:
-        InputError: when one is not.
     """
     if missing := [name for name in packages if find_spec(name) is None]:
-        raise InputError(f"{what} need {', '.join(missing)}: pip install 'massprop-drake[campaign]'")
+        raise InputError(f"{feature} need {', '.join(missing)}: pip install 'massprop-drake[campaign]'")
 
 
-require("campaigns", "pyarrow")
+require_packages("campaigns", "pyarrow")

@@ -16,7 +16,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import collect_files_read, exists
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
-from massprop_drake.studies.campaign import TO_FLY, engine, reading, require, store
+from massprop_drake.studies.campaign import TO_FLY, engine, reading, require_packages, store
 from massprop_drake.studies.campaign.counts import Status
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name, plan_cases
 
@@ -62,7 +62,7 @@ class Campaign:
         if spec.file.gates:
             from massprop_drake.studies.campaign import merit  # noqa: PLC0415 (scipy.stats is slow to load)
 
-            merit.require_known(spec.file.gates, spec.source)
+            merit.require_known_figures(spec.file.gates, spec.source)
         return Campaign(spec, files=files)
 
     def planned(self) -> list[PlannedCase]:
@@ -78,8 +78,8 @@ class Campaign:
     def reason(self, case_id: int) -> str | None:
         """Returns why a case failed to run; None where it did not fail, or has not been flown."""
         rows = store.read_rows(self._require_folder(), ["case_id", "reason"])
-        found = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
-        return found.get(case_id)
+        reasons = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
+        return reasons.get(case_id)
 
     def case_folder(self, case_id: int) -> Path:
         """Returns the path of a case's run folder, which exists if the run is kept."""
@@ -97,38 +97,39 @@ class Campaign:
         """
         target = Path(folder)
         cases = self.planned()  # before anything is made
-        with resumable_folder(target, _KIND, force=force, reads=self._reads(cases)) as path:
-            self._plan(target, path, cases)
+        with resumable_folder(target, _KIND, force=force, reads=self._input_files(cases)) as path:
+            self._write_plan(target, path, cases)
         return Campaign(self.spec, target)
 
-    def _reads(self, cases: Sequence[PlannedCase]) -> list[str | Path]:
+    def _input_files(self, cases: Sequence[PlannedCase]) -> list[str | Path]:
+        """Returns the paths of the campaign's files and of its cases' telemetry records."""
         return [*self.files, *(case.record for case in cases if case.record is not None)]
 
-    def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
-        """Writes campaign file and plan, returns its metadata; InputError if it does not extend an earlier plan."""
-        facts = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
+    def _write_plan(self, shown_folder: Path, folder: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
+        """Writes campaign file and plan and returns the plan's metadata; InputError if the folder has another plan."""
+        metadata = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
         earlier: list[PlannedCase] = []
-        if exists(path / store.PLAN):
-            earlier, found = store.read_plan(path)
-            if found.get("digest") != facts["digest"]:
+        if exists(folder / store.PLAN):
+            earlier, stored = store.read_plan(folder)
+            if stored.get("digest") != metadata["digest"]:
                 raise InputError(
-                    f"{target}: holds the plan of another campaign, or of an earlier version of this one; "
+                    f"{shown_folder}: holds the plan of another campaign, or of an earlier version of this one; "
                     "give another folder with --out"
                 )
             if len(cases) < len(earlier):
-                raise InputError(f"{target}: holds a plan of {len(earlier)} cases, more than {len(cases)}")
+                raise InputError(f"{shown_folder}: holds a plan of {len(earlier)} cases, more than {len(cases)}")
             if any(old.digest != new.digest for old, new in zip(earlier, cases, strict=False)):
                 raise InputError(
-                    f"{target}: holds a plan of {len(earlier)} cases that are not the first of these {len(cases)}: "
-                    f"{self.spec.file.method} makes draws as a whole, or records have come in between; give another "
-                    "folder with --out"
+                    f"{shown_folder}: holds a plan of {len(earlier)} cases that are not the first of these "
+                    f"{len(cases)}: {self.spec.file.method} makes draws as a whole, or records have come in between; "
+                    "give another folder with --out"
                 )
-            facts = found
-        store.write_text(path / store.BASE, yaml_text(self.spec.base))
-        store.write_text(path / store.FILE, yaml_text(self.spec.file))  # gates and limits may be others
+            metadata = stored
+        store.write_text(folder / store.BASE, yaml_text(self.spec.base))
+        store.write_text(folder / store.FILE, yaml_text(self.spec.file))  # gates and limits may be others
         if len(cases) > len(earlier):
-            store.write_plan(path, cases, facts)
-        return facts
+            store.write_plan(folder, cases, metadata)
+        return metadata
 
     def run(
         self,
@@ -164,46 +165,48 @@ class Campaign:
         The processes of a cluster on this machine load the program that calls this: its own doings must stand under
         `if __name__ == "__main__":`.
         """
-        require("flights of a campaign", *TO_FLY)
+        require_packages("flights of a campaign", *TO_FLY)
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
-        alone = frozenset(only)
+        selected = frozenset(only)
         cases = self.planned()
-        unknown = sorted(alone - {case.case_id for case in cases})
+        unknown = sorted(selected - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
-        here = self.spec.base.execution.compiled and client is None and scheduler is None
-        if here and not resume:
+        compiles_here = self.spec.base.execution.compiled and client is None and scheduler is None
+        if compiles_here and not resume:
             require_compiler()  # before anything is written
         with contextlib.ExitStack() as stack:
             if client is None and scheduler is not None:  # before anything is written
                 client = stack.enter_context(engine.remote_client(scheduler))
-            path = stack.enter_context(resumable_folder(target, _KIND, force=force, reads=self._reads(cases)))
-            done = store.flown_ids(path)
-            if done and not resume and not alone:
+            path = stack.enter_context(resumable_folder(target, _KIND, force=force, reads=self._input_files(cases)))
+            flown = store.flown_ids(path)
+            if flown and not resume and not selected:
                 raise InputError(
                     f"{target}: holds results already; --resume goes on with them, --out names another folder"
                 )
-            facts = self._plan(target, path, cases)
-            if alone:
-                store.forget_failed(path, alone)
-                done = store.flown_ids(path)
-            todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
-            if todo:
-                if here:
+            metadata = self._write_plan(target, path, cases)
+            if selected:
+                store.remove_failed_rows(path, selected)
+                flown = store.flown_ids(path)
+            remaining = [
+                case for case in cases if (case.case_id in selected if selected else case.case_id not in flown)
+            ]
+            if remaining:
+                if compiles_here:
                     require_compiler()
                 client = client or stack.enter_context(
-                    engine.local_client(min(workers or len(os.sched_getaffinity(0)), len(todo)))
+                    engine.local_client(min(workers or len(os.sched_getaffinity(0)), len(remaining)))
                 )
-                link = engine.dashboard(client)
+                link = engine.dashboard_address(client)
                 if dashboard is not None and link is not None:
                     dashboard(link)
-                counts = self._write_chunks(client, path, facts, done, self._make_work(path, todo, alone))
+                counts = self._write_chunks(client, path, metadata, flown, self._make_work(path, remaining, selected))
                 for count in stack.enter_context(contextlib.closing(counts)):
                     if progress is not None:
                         progress(count, len(cases))
         return Campaign(self.spec, target)
 
-    def _make_work(self, folder: Path, todo: Sequence[PlannedCase], alone: frozenset[int]) -> engine.CampaignWork:
+    def _make_work(self, folder: Path, cases: Sequence[PlannedCase], kept_ids: frozenset[int]) -> engine.CampaignWork:
         """Makes the work to distribute: cases, their common settings, and limits of time and memory."""
         file = self.spec.file
         setup = {
@@ -213,24 +216,25 @@ class Campaign:
             "keep": file.keep,
             "folder": str(folder),
         }
-        return engine.CampaignWork(setup, todo, alone, file.limits.time_s, file.limits.memory_mb)
+        return engine.CampaignWork(setup, cases, kept_ids, file.limits.time_s, file.limits.memory_mb)
 
     def _write_chunks(
-        self, client: Client, folder: Path, facts: dict[str, str], done: set[int], work: engine.CampaignWork
+        self, client: Client, folder: Path, metadata: dict[str, str], flown_ids: set[int], work: engine.CampaignWork
     ) -> Generator[int]:
         """Writes result rows chunk by chunk as cases are flown; yields the number of cases that have a row."""
         columns = store.schema(self.spec.file.times_s)
-        execution = json.loads(facts["execution"]) if "execution" in facts else None
+        execution = json.loads(metadata["execution"]) if "execution" in metadata else None
         with contextlib.closing(engine.fly_chunks(client, work, execution, folder)) as chunks:
             for chunk in chunks:
                 if execution is None:
                     execution = chunk.execution
-                    store.write_facts(folder, {**facts, "execution": json.dumps(execution)})
-                rows = [row for row in chunk.rows if row["case_id"] not in done]  # one flown alone may have its row
+                    store.write_metadata(folder, {**metadata, "execution": json.dumps(execution)})
+                # a case flown alone may have its row
+                rows = [row for row in chunk.rows if row["case_id"] not in flown_ids]
                 if rows:
                     store.write_rows(folder, sorted(rows, key=lambda row: row["case_id"]), columns)
-                done.update(row["case_id"] for row in rows)
-                yield len(done)
+                flown_ids.update(row["case_id"] for row in rows)
+                yield len(flown_ids)
 
     def status(self) -> Status:
         """Returns progress and outcomes of the cases, read from the folder."""
@@ -256,9 +260,10 @@ class Campaign:
             return None
         from massprop_drake.studies.campaign import campaign_report  # noqa: PLC0415 (templates and scipy are slow to load)
 
-        return campaign_report.notebook(reading.read(self.folder))
+        return campaign_report.notebook_html(reading.read(self.folder))
 
     def _require_folder(self) -> Path:
+        """Returns the campaign's folder; raises InputError where it has not been run."""
         if self.folder is None:
             raise InputError(f"campaign '{self.spec.file.name}' has not been run; give the folder of one that has")
         return self.folder

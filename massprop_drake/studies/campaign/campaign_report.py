@@ -13,7 +13,7 @@ from massprop_drake.display import plotted, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.studies.campaign import merit, report_plots, report_tables
 from massprop_drake.studies.campaign.counts import Row
-from massprop_drake.studies.campaign.merit import Passed
+from massprop_drake.studies.campaign.merit import GateResult
 from massprop_drake.studies.campaign.reading import Study
 from massprop_drake.studies.campaign.report_words import figure_row, verdict
 from massprop_drake.studies.campaign.statistics import Figure
@@ -37,15 +37,15 @@ def summary_data(study: Study) -> dict[str, Any]:
     file = study.spec.file
     cells: list[dict[str, Any]] = []
     for number, cell in enumerate(study.cells):
-        found = merit.figures(cell.rows)
+        figures = merit.figures(cell.rows)
         cells.append(
             {
                 "cell": number,
                 "settings": dict(cell.settings),
                 "cases": cell.numbers._asdict(),
                 "hours": merit.hours(cell.rows),
-                "figures": {name: figure_data(figure) for name, figure in found.items()},
-                "gates": [_gate_data(passed) for passed in merit.judge_gates(file.gates, found)],
+                "figures": {name: figure_data(figure) for name, figure in figures.items()},
+                "gates": [_gate_data(result) for result in merit.judge_gates(file.gates, figures)],
             }
         )
     gates = [{"cell": cell["cell"], **gate} for cell in cells for gate in cell["gates"]]
@@ -75,9 +75,10 @@ def figure_data(figure: Figure) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in figure._asdict().items()}
 
 
-def _gate_data(passed: Passed) -> dict[str, Any]:
-    value = passed.value if math.isfinite(passed.value) else None
-    return {"figure": passed.name, **passed.gate.model_dump(mode="json"), "value": value, "passes": passed.passes}
+def _gate_data(result: GateResult) -> dict[str, Any]:
+    """Converts the result of a gate to JSON values: figure, bounds, value, and whether it passes."""
+    value = result.value if math.isfinite(result.value) else None
+    return {"figure": result.name, **result.gate.model_dump(mode="json"), "value": value, "passes": result.passes}
 
 
 def _count_reasons(rows: Sequence[Row]) -> dict[str, int]:
@@ -90,29 +91,29 @@ def _count_reasons(rows: Sequence[Row]) -> dict[str, int]:
 
 def report_page(study: Study) -> str:
     """Returns the report of a campaign's results as the text of one HTML file."""
-    return plotted.page(_HERE / "campaign.html", contents(study))
+    return plotted.page(_HERE / "campaign.html", page_content(study))
 
 
-def notebook(study: Study) -> str:
+def notebook_html(study: Study) -> str:
     """Returns title and verdict of a campaign as HTML for a notebook."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 
 
-def contents(study: Study) -> dict[str, Any]:
+def page_content(study: Study) -> dict[str, Any]:
     """Makes the content of the report page as plain values: texts, tables and plots."""
     spec = study.spec
     cell = study.cells[study.reference]
     rows = cell.rows
-    found = merit.figures(rows)
-    acted = merit.events(rows)
+    figures = merit.figures(rows)
+    failures = merit.events(rows)
     force = spec.base.vehicle_data.unit_names["force"]
-    sized = {kind: group for kind, group in merit.group_events(acted, "kind").items() if kind in SIZED}
-    places = {
-        "detection": report_plots.delay_plots(study, acted),
-        "isolation": report_plots.confusion_plots(study, acted, merit.events(rows, payloads=True)),
-        "sizes": report_plots.size_plots(sized, force),
-        "magnitudes": report_plots.magnitude_plots(acted, force),
+    failures_by_kind = {kind: group for kind, group in merit.group_events(failures, "kind").items() if kind in SIZED}
+    plots_by_section = {
+        "detection": report_plots.delay_plots(study, failures),
+        "isolation": report_plots.confusion_plots(study, failures, merit.events(rows, payloads=True)),
+        "sizes": report_plots.size_plots(failures_by_kind, force),
+        "magnitudes": report_plots.magnitude_plots(failures, force),
         "consistency": report_plots.consistency_plots(cell, spec.file.times_s),
         "sensitivity": report_plots.sensitivity_plots(study, cell),
     }
@@ -121,18 +122,18 @@ def contents(study: Study) -> dict[str, Any]:
         "description": spec.file.description,
         "about": _headline(study),
         "verdict": verdict(study),
-        "figures": [figure_row(name, figure) for name, figure in found.items() if figure.n],
+        "figures": [figure_row(name, figure) for name, figure in figures.items() if figure.n],
         "sweep": report_tables.sweep(study),
         "falsely": report_tables.false_declaration_rows(rows),
-        "false_of": report_tables.false_by_jet(rows),
+        "false_of": report_tables.false_declarations_by_jet(rows),
         "outcomes": report_tables.outcomes(rows),
-        "delays": report_tables.delays(acted),
+        "delays": report_tables.delays(failures),
         "jumps": report_tables.jump_confusion_rows(rows),
         "healthy_out": report_tables.healthy_jets_out(
             rows, {jet.designation: jet.cluster for jet in spec.base.vehicle_data.jets}
         ),
-        "leaks": {kind: report_tables.smallest_found_rows(group, force) for kind, group in sized.items()},
-        "magnitudes": report_tables.magnitudes(acted, force),
+        "leaks": {kind: report_tables.smallest_found_rows(group, force) for kind, group in failures_by_kind.items()},
+        "magnitudes": report_tables.magnitudes(failures, force),
         "groups": report_tables.consistency_rows(rows),
         "coverage": report_tables.coverage(rows),
         "sobol": spec.file.method == "saltelli",
@@ -141,8 +142,8 @@ def contents(study: Study) -> dict[str, Any]:
         "execution": report_tables.execution(study),
         "file": yaml_text(spec.file),
         "base": yaml_text(spec.base),
-        "places_of": places,
-        "plots": [plot for plots in places.values() for plot in plots],
+        "places_of": plots_by_section,
+        "plots": [plot for plots in plots_by_section.values() for plot in plots],
     }
 
 

@@ -44,18 +44,19 @@ def _style(number: int) -> tuple[str, str]:
     return colors[number % len(colors)], _DASHES[number // len(colors) % len(_DASHES)]
 
 
-def _axis(title: str, **more: Any) -> Json:
-    return {"title": {"text": escape_text(title), "font": {"size": 11}}, "automargin": True, **more}
+def _axis(title: str, **options: Any) -> Json:
+    """Makes a plotly axis with a plain-text title."""
+    return {"title": {"text": escape_text(title), "font": {"size": 11}}, "automargin": True, **options}
 
 
-def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
+def _log_axis(title: str, low: float, high: float, **options: Any) -> Json:
     """Makes a plotly logarithmic axis over a range, with few round numbers at its ticks."""
     ends = [math.log10(low), math.log10(high)]
     decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
     steps = (1.0,) if ends[1] - ends[0] > 2.5 else (1.0, 2.0, 5.0) if ends[1] - ends[0] > 0.6 else (1, 1.5, 2, 3, 5, 7)
     ticks = [float(f"{step}e{decade}") for decade in decades for step in steps]
     ticks = [tick for tick in ticks if low <= tick <= high]
-    return _axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks], **more)
+    return _axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks], **options)
 
 
 def _make_plot(
@@ -78,37 +79,39 @@ _KEY = {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom", "font": {"
 def _error_bars(figures: Sequence[Figure]) -> Json:
     """Makes plotly error bars from the figures' intervals; a bound that is missing or open has none."""
 
-    def size(of: float, to: float) -> float | None:
-        return abs(to - of) if math.isfinite(of) and math.isfinite(to) else None
+    def bar_length(value: float, bound: float) -> float | None:
+        """Returns the distance of a bound from the value; None where either is not finite."""
+        return abs(bound - value) if math.isfinite(value) and math.isfinite(bound) else None
 
     return {
         "type": "data",
         "symmetric": False,
-        "array": [size(figure.value, figure.high) for figure in figures],
-        "arrayminus": [size(figure.value, figure.low) for figure in figures],
+        "array": [bar_length(figure.value, figure.high) for figure in figures],
+        "arrayminus": [bar_length(figure.value, figure.low) for figure in figures],
         "thickness": 1.2,
         "width": 3,
     }
 
 
 def _finite_values(figures: Sequence[Figure]) -> list[float | None]:
+    """Returns the values of figures, None where not finite."""
     return [figure.value if math.isfinite(figure.value) else None for figure in figures]
 
 
-def _line_trace(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
+def _line_trace(x: Array, y: Array, color: str, label: str = "", **options: Any) -> Json:
     """Makes a plotly trace of a line; without a label it is not in the legend."""
-    style = {"color": color, "width": 1.6, **more.pop("line", {})}
+    style = {"color": color, "width": 1.6, **options.pop("line", {})}
     return {
         "type": "scatter", "mode": "lines", "x": rounded_numbers(x), "y": rounded_numbers(y), "line": style,
         "name": escape_text(label),
-        "showlegend": bool(label), **more,
+        "showlegend": bool(label), **options,
     }  # fmt: skip
 
 
-def _band_traces(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Json]:
+def _band_traces(x: Array, low: Array, high: Array, color: str, **options: Any) -> list[Json]:
     """Makes two plotly traces of a shaded band between two curves."""
-    shape = more.pop("shape", "linear")
-    edge = {"line": {"width": 0, "shape": shape}, "hoverinfo": "skip", **more}
+    shape = options.pop("shape", "linear")
+    edge = {"line": {"width": 0, "shape": shape}, "hoverinfo": "skip", **options}
     return [
         _line_trace(x, low, color, **edge),
         _line_trace(x, high, color, **edge, fill="tonexty", fillcolor=f"{color}{_BAND}"),
@@ -118,7 +121,7 @@ def _band_traces(x: Array, low: Array, high: Array, color: str, **more: Any) -> 
 # ------------------------------------------------------------------------------------------ delays
 
 
-def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "by kind of failure") -> Json:
+def delays(curves: Mapping[str, Detections], name: str = "delays", grouping: str = "by kind of failure") -> Json:
     """Plots Kaplan-Meier curves of detection delay, one color per group; delays below 50 ms are drawn at 50 ms."""
     traces: list[Json] = []
     longest = max([curve.followed_s for curve in curves.values()], default=0.0)
@@ -142,40 +145,40 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
         "Kaplan-Meier, bands 95 %. What was never found, or taken for something else, is censored at the end of its "
         "flight; each curve ends where the longest flight does. In brackets: found, of those that acted."
     )
-    return _make_plot(name, f"Delay to the right declaration, {what}", traces, layout, note)
+    return _make_plot(name, f"Delay to the right declaration, {grouping}", traces, layout, note)
 
 
 def operating_curve(
-    curve: Sequence[OperatingPoint], cells: Sequence[OperatingPoint], flown: OperatingPoint, swept: str
+    by_threshold: Sequence[OperatingPoint], by_cell: Sequence[OperatingPoint], as_flown: OperatingPoint, swept: str
 ) -> Json:
     """Plots share found, and delay, over false declarations per hour: by threshold, by cell, and as flown.
 
     Args:
-        curve: by threshold.
-        cells: of the sweep.
-        flown: the operating point.
+        by_threshold: by threshold.
+        by_cell: of the sweep.
+        as_flown: the operating point.
         swept: what the labels of the cells are values of.
     """
     traces: list[Json] = []
-    everything = [*curve, *cells, flown]
-    high = max(point.false_per_hour.high for point in everything)
-    low = min(_rate_position(point) for point in everything)
+    points_all = [*by_threshold, *by_cell, as_flown]
+    high = max(point.false_per_hour.high for point in points_all)
+    low = min(_rate_position(point) for point in points_all)
     panels: tuple[tuple[str, Callable[[OperatingPoint], Figure]], ...] = (
         ("", lambda point: point.found),
         ("2", lambda point: point.delay_s),
     )
     for axis, figure_of in panels:
         place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
-        if curve:
-            x = np.array([_rate_position(point) for point in curve])
-            y = np.array([figure_of(point).value for point in curve])
-            settings = [f"likelihood argument at least {point.setting:.4g}" for point in curve]
+        if by_threshold:
+            x = np.array([_rate_position(point) for point in by_threshold])
+            y = np.array([figure_of(point).value for point in by_threshold])
+            settings = [f"likelihood argument at least {point.setting:.4g}" for point in by_threshold]
             label = "as flown, less what is below a threshold" if not axis else ""
             style = {"line": {"dash": "dot"}, "text": settings, "hoverinfo": "x+y+text"}
             traces.append(_line_trace(x, y, _CURVE_COLOR, label, **style, **place))
         for points, color, symbol, label in (
-            (list(cells), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(swept)}"),
-            ([flown], FAILED_COLOR, "star", "operating point"),
+            (list(by_cell), ESTIMATE_COLOR, "circle", f"flown again with other {escape_text(swept)}"),
+            ([as_flown], FAILED_COLOR, "star", "operating point"),
         ):
             if not points:
                 continue
@@ -209,7 +212,7 @@ def operating_curve(
         "Bars: 95 %. An open symbol has no false declaration: it stands at half of one, and its bar reaches to "
         "3 / hours flown. Jumps of the mass properties have another statistic and are not counted here."
     )
-    if curve:
+    if by_threshold:
         note += (
             " The dotted curve leaves out declarations of these flights with a lower likelihood argument. None was "
             "flown again for it, so that what would have been declared later is missing: of the share found it is a "
@@ -276,6 +279,7 @@ def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name:
 
 
 def _sort_names(names: set[str], order: Sequence[str]) -> list[str]:
+    """Sorts names by a given order, and the others behind them alphabetically."""
     place = {name: number for number, name in enumerate(order)}
     return sorted(names, key=lambda name: (place.get(name, len(place)), name))
 
@@ -283,7 +287,9 @@ def _sort_names(names: set[str], order: Sequence[str]) -> list[str]:
 # -------------------------------------------------------------------------------------------- sizes
 
 
-def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
+def sizes(
+    kind: str, failures: Sequence[InjectedEvent], curve: SizeCurve | None, bins: Sequence[Any], unit: str
+) -> Json:
     """Plots the probability of detection over failure size: shares by bin of size, and the fitted curve."""
     traces: list[Json] = []
     if curve is not None:
@@ -292,7 +298,7 @@ def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bi
         traces += _band_traces(x, low, high, ESTIMATE_COLOR)
         traces.append(_line_trace(x, middle, ESTIMATE_COLOR, "logistic fit with 95 % band"))
     for right, y, label in ((True, 1.06, "found, one by one"), (False, -0.06, "not found")):
-        x = np.array([failure_size(event) for event in found if event.right == right])[:_MOST_POINTS]
+        x = np.array([failure_size(event) for event in failures if event.right == right])[:_MOST_POINTS]
         color = ESTIMATE_COLOR if right else FAILED_COLOR
         traces.append(
             {"type": "scatter", "mode": "markers", "x": rounded_numbers(x), "y": [y] * x.size, "name": label,
@@ -333,20 +339,20 @@ def _level_line(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) ->
     }  # fmt: skip
 
 
-def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json:
+def magnitudes(failures_by_group: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json:
     """Plots declared over true force of failures, by group."""
     traces: list[Json] = []
-    everything: list[float] = []
-    for number, (kind, found) in enumerate(groups.items()):
+    all_forces: list[float] = []
+    for number, (kind, failures) in enumerate(failures_by_group.items()):
         pairs = [
-            (one["force"], one["magnitude"], one["magnitude_std"] or 0.0)
-            for one in (event.injected for event in found if event.right)
-            if None not in (one["force"], one["magnitude"])
+            (record["force"], record["magnitude"], record["magnitude_std"] or 0.0)
+            for record in (event.injected for event in failures if event.right)
+            if None not in (record["force"], record["magnitude"])
         ][:_MOST_POINTS]
         if not pairs:
             continue
         true, declared, sigma = (np.array(part) for part in zip(*pairs, strict=True))
-        everything += [*true.tolist(), *declared.tolist()]
+        all_forces += [*true.tolist(), *declared.tolist()]
         color, _ = _style(number)
         traces.append(
             {"type": "scatter", "mode": "markers", "x": rounded_numbers(true), "y": rounded_numbers(declared),
@@ -355,7 +361,7 @@ def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json
                          "color": color},
              "marker": {"size": 6, "color": color}}
         )  # fmt: skip
-    low, high = (min(everything), max(everything)) if everything else (0.0, 1.0)
+    low, high = (min(all_forces), max(all_forces)) if all_forces else (0.0, 1.0)
     ends = np.array([low, high])
     traces.append(_line_trace(ends, ends, TRUTH_COLOR, "no error", line={"dash": "dash", "width": 1}))
     layout = {
@@ -394,8 +400,9 @@ def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
     return [bars, {**line, "showlegend": first}], int((np.abs(z) > 6.0).sum())
 
 
-def _normal_note(outside: int, n: int) -> str:
-    beyond = f"; {outside} of {n} values lie beyond 6 and are in the outermost bars" if outside else ""
+def _normal_note(n_outside: int, n: int) -> str:
+    """Returns the note of a normal histogram, with the number of values beyond 6 sigma."""
+    beyond = f"; {n_outside} of {n} values lie beyond 6 and are in the outermost bars" if n_outside else ""
     return f"Line: numbers expected of a consistent filter{beyond}."
 
 
@@ -428,17 +435,17 @@ def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
     )
 
 
-def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str], n: int = 1) -> Json:
+def chi_square(values: Sequence[float], degrees: int, texts: tuple[str, str, str], n: int = 1) -> Json:
     """Plots a histogram of a chi-square statistic on a logarithmic axis, with its 95 % band and expected numbers.
 
     Args:
         values: means of n chi-square statistics each.
         degrees: of freedom of one.
-        what: name and title of the plot, and what its axis shows.
+        texts: name and title of the plot, and what its axis shows.
         n: how many each value is the mean of.
     """
     x = np.asarray([value for value in values if value > 0.0], dtype=float)
-    name, title, label = what
+    name, title, label = texts
     low, high = stats.chi2.ppf([0.025, 0.975], degrees * n) / n
     ends = math.log10(min(x.min(initial=low), 0.3 * low)), math.log10(max(x.max(initial=high), 3.0 * high))
     count = int(np.clip(round(3.0 * (ends[1] - ends[0]) / min(math.log10(high / low), 0.4)), 12, 90))
@@ -463,19 +470,19 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
     return _make_plot(name, title, traces, layout, f"Shaded: the band that holds 95 %, {low:.3g} to {high:.3g}.")
 
 
-def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
+def coverage(shares: Mapping[str, Mapping[float, Figure]]) -> Json:
     """Plots shares of estimates within 1, 2 and 3 sigma, by parameter, beside the expected ones."""
     traces: list[Json] = []
     layout: Json = {
-        "xaxis": _axis("", tickvals=list(range(len(found))), ticktext=[PARAMETERS[name] for name in found]),
+        "xaxis": _axis("", tickvals=list(range(len(shares))), ticktext=[PARAMETERS[name] for name in shares]),
         "yaxis": _axis("share of cases", range=[-0.02, 1.04], tickformat=".0%"),
         "shapes": [],
     }
     for number, sigma in enumerate((1.0, 2.0, 3.0)):
         color, _ = _style(number)
-        figures = [by_sigma[sigma] for by_sigma in found.values()]
+        figures = [by_sigma[sigma] for by_sigma in shares.values()]
         traces.append(
-            {"type": "scatter", "mode": "markers", "x": [place + 0.16 * (number - 1) for place in range(len(found))],
+            {"type": "scatter", "mode": "markers", "x": [place + 0.16 * (number - 1) for place in range(len(shares))],
              "y": _finite_values(figures), "error_y": {**_error_bars(figures), "color": color},
              "name": f"within {sigma:g} sigma",
              "marker": {"color": color, "size": 7}, "hoverinfo": "y+name"}
@@ -485,14 +492,14 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
     return _make_plot("coverage", "Estimates within what they claim", traces, layout, note)
 
 
-def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
+def coverage_over_time(shares: Mapping[float, Mapping[str, Figure]]) -> Json:
     """Plots shares within 3 sigma at chosen times, of the rotational parameters and of 1/m."""
     traces: list[Json] = []
-    for number, label in enumerate(next(iter(found.values()))):
+    for number, label in enumerate(next(iter(shares.values()))):
         color, _ = _style(number)
-        figures = [parts[label] for parts in found.values()]
+        figures = [parts[label] for parts in shares.values()]
         traces.append(
-            {"type": "scatter", "mode": "lines+markers", "x": list(found), "y": _finite_values(figures), "name": label,
+            {"type": "scatter", "mode": "lines+markers", "x": list(shares), "y": _finite_values(figures), "name": label,
              "error_y": {**_error_bars(figures), "color": color}, "line": {"color": color, "width": 1.6}}
         )  # fmt: skip
     layout: Json = {
@@ -506,42 +513,43 @@ def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
 # ------------------------------------------------------------------------------------- sensitivity
 
 
-def correlations(found: Mapping[str, Mapping[str, Figure]], name: str, title: str) -> Json:
+def correlations(coefficients: Mapping[str, Mapping[str, Figure]], name: str, title: str) -> Json:
     """Plots a heat map of rank correlations of errors with draws; bold where the interval excludes zero."""
-    draws = list(dict.fromkeys(draw for by_draw in found.values() for draw in by_draw))
-    cells = [[by_draw.get(draw) for by_draw in found.values()] for draw in draws]
+    draws = list(dict.fromkeys(draw for by_draw in coefficients.values() for draw in by_draw))
+    cells = [[by_draw.get(draw) for by_draw in coefficients.values()] for draw in draws]
     sure = sum(cell is not None and cell.low * cell.high > 0.0 for line in cells for cell in line)
     total = sum(cell is not None for line in cells for cell in line)
     note = (
         f"Spearman's rank correlation; bold: {sure} of {total} whose 95 % interval leaves out zero, of which about "
         f"{0.05 * total:.0f} would by chance alone. Draws that are no numbers, such as jets, are not in it."
     )
-    text = [["" if cell is None else _bold(cell) for cell in line] for line in cells]
-    return _heat_map((name, title, note), [PARAMETERS[one] for one in found], draws, cells, text)
+    text = [["" if cell is None else _correlation_text(cell) for cell in line] for line in cells]
+    return _heat_map((name, title, note), [PARAMETERS[parameter] for parameter in coefficients], draws, cells, text)
 
 
-def _bold(cell: Figure) -> str:
-    text = f"{cell.value:+.2f}"
-    return f"<b>{text}</b>" if cell.low * cell.high > 0.0 else text
+def _correlation_text(correlation: Figure) -> str:
+    """Formats a correlation, bold where its interval excludes zero."""
+    text = f"{correlation.value:+.2f}"
+    return f"<b>{text}</b>" if correlation.low * correlation.high > 0.0 else text
 
 
-def sobol(found: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequence[str], order: str) -> Json:
+def sobol(indices: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequence[str], order: str) -> Json:
     """Plots a heat map of Sobol indices of each parameter's error, by draw."""
-    cells = [[by_draw[number] for by_draw in found] for number in range(len(draws))]
+    cells = [[by_draw[number] for by_draw in indices] for number in range(len(draws))]
     text = [[f"{cell.value:.2f}" for cell in line] for line in cells]
     note = f"Share of the variance of the error that is due to a draw {order}; point at a cell for its 95 % interval."
-    what = ("sobol-total", "Sobol indices, total") if "with" in order else ("sobol-first", "Sobol indices, first order")
-    return _heat_map((*what, note), [PARAMETERS[name] for name in names], draws, cells, text)
+    kind = ("sobol-total", "Sobol indices, total") if "with" in order else ("sobol-first", "Sobol indices, first order")
+    return _heat_map((*kind, note), [PARAMETERS[name] for name in names], draws, cells, text)
 
 
 def _heat_map(
-    what: tuple[str, str, str],
+    texts: tuple[str, str, str],
     columns: Sequence[str],
     rows: Sequence[str],
     cells: Sequence[Sequence[Figure | None]],
     text: Sequence[Sequence[str]],
 ) -> Json:
-    """Plots a heat map of figures from -1 to 1, with cell texts; `what` are name, title and note of the plot."""
+    """Plots a heat map of figures from -1 to 1, with cell texts; `texts` are name, title and note of the plot."""
     interval = [
         ["" if cell is None else f"{cell.low:.2f} to {cell.high:.2f} (n = {cell.n:g})" for cell in line]
         for line in cells
@@ -561,4 +569,4 @@ def _heat_map(
                        tickfont={"size": 10},
                        showgrid=False, zeroline=False, range=[len(rows) - 0.5, -0.5]),
     }  # fmt: skip
-    return _make_plot(*what[:2], [trace], layout, what[2], wide=True)
+    return _make_plot(*texts[:2], [trace], layout, texts[2], wide=True)

@@ -77,8 +77,9 @@ def _read_requests() -> Iterator[dict[str, Any]]:
         yield json.loads(line)
 
 
-def _reply(replies: TextIO, content: dict[str, Any]) -> None:
-    replies.write(json.dumps(content) + "\n")
+def _reply(stream: TextIO, content: dict[str, Any]) -> None:
+    """Writes one reply as a JSON line."""
+    stream.write(json.dumps(content) + "\n")
 
 
 def _end_with_the_parent() -> None:

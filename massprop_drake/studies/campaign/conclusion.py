@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Concluded(NamedTuple):
+class Conclusion(NamedTuple):
     """Summary, verdict and page of a campaign.
 
     Attributes:
@@ -20,7 +20,7 @@ class Concluded(NamedTuple):
     page: str | None
 
 
-def make_conclusion(folder: str | Path, *, with_page: bool) -> Concluded:
+def make_conclusion(folder: str | Path, *, with_page: bool) -> Conclusion:
     """Returns summary, verdict and report page of the campaign in a folder, whose results are read once.
 
     Raises:
@@ -33,7 +33,7 @@ def make_conclusion(folder: str | Path, *, with_page: bool) -> Concluded:
     )
 
     study = reading.read(folder)
-    return Concluded(
+    return Conclusion(
         campaign_report.summary_data(study),
         report_words.verdict(study),
         campaign_report.report_page(study) if with_page else None,

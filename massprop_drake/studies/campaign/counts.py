@@ -95,7 +95,7 @@ FAILING = "a wrong estimate, a false or missing declaration, or a healthy jet ou
 WRONG = f"a parameter more than {WRONG_SIGMAS:g} sigma off"
 
 
-def progress(counts: Counts) -> str:
+def progress_text(counts: Counts) -> str:
     """Returns a sentence on how many planned cases have been flown."""
     if counts.tried < counts.planned:
         return f"{counts.tried} of {counts.planned} planned cases have been flown so far."
@@ -107,15 +107,16 @@ def failed_to_run_text(counts: Counts) -> str:
     return f"{counts.failed_to_run} of {counts.tried} cases failed to run." if counts.failed_to_run else ""
 
 
-def outcome_sentences(found: Status) -> list[str]:
+def outcome_sentences(status: Status) -> list[str]:
     """Returns sentences on how many cases fail, and end wrong, in all and by cell; none if nothing is known."""
     kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
     sentences = []
-    for name, of, words in kinds:
+    for name, base, words in kinds:
         number, *by_cell = (
-            f"{getattr(one, name)} of {getattr(one, of)}" for one in (found.counts, *(one for *_, one in found.cells))
+            f"{getattr(one, name)} of {getattr(one, base)}"
+            for one in (status.counts, *(one for *_, one in status.cells))
         )
-        told = [f"{each} with {label}" for each, (label, *_) in zip(by_cell, found.cells, strict=True)]
-        if getattr(found.counts, of):
-            sentences.append(f"{number} cases {words}{': ' + '; '.join(told) if len(told) > 1 else ''}.")
+        texts = [f"{text} with {label}" for text, (label, *_) in zip(by_cell, status.cells, strict=True)]
+        if getattr(status.counts, base):
+            sentences.append(f"{number} cases {words}{': ' + '; '.join(texts) if len(texts) > 1 else ''}.")
     return sentences

@@ -137,7 +137,7 @@ def remote_client(address: str) -> Iterator[Client]:
                 client.close()
 
 
-def dashboard(client: Client) -> str | None:
+def dashboard_address(client: Client) -> str | None:
     """Returns the address of Dask's dashboard; None where the scheduler has none."""
     if client.run_on_scheduler(importlib.util.find_spec, "bokeh") is None:  # an extra of Dask's
         return None
@@ -160,7 +160,7 @@ def fly_chunks(
             scheduler is lost.
     """
     key = uuid.uuid4().hex
-    with _folder_token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
+    with _folder_token(folder, needed=work.setup["keep"] != "none" or bool(work.kept)) as token:
         setup = {**work.setup, "key": key, "token": token}
         chunks = _Chunks(client, work._replace(setup=setup), execution)
         try:
@@ -175,24 +175,24 @@ def fly_chunks(
             _tidy_with_timeout(client.run, end_campaign_work, key, on_error="ignore")
 
 
-def _tidy_with_timeout(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+def _tidy_with_timeout(cleanup: Callable[..., Any], *arguments: Any, **options: Any) -> None:
     """Calls a cleanup function for a limited time, as workers that are being lost may never answer."""
 
-    def tried() -> None:
+    def run_cleanup() -> None:
         """Calls the cleanup and ignores errors of a lost connection."""
         # lost anyway; a client without a scheduler may have no connection object to ask
         with contextlib.suppress(*_LOST_ERRORS, RuntimeError, AttributeError):
-            tidy(*arguments, **options)
+            cleanup(*arguments, **options)
 
-    thread = threading.Thread(target=tried, daemon=True)
+    thread = threading.Thread(target=run_cleanup, daemon=True)
     thread.start()
     thread.join(_TIDY_S)
 
 
 @contextlib.contextmanager
-def _folder_token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
+def _folder_token(folder: Path, *, needed: bool) -> Iterator[str | None]:
     """Makes a file for the block by which workers recognize the campaign's folder; yields its name or None."""
-    if not wanted:
+    if not needed:
         yield None
         return
     path = folder / f".seen-{uuid.uuid4().hex}"
@@ -286,21 +286,21 @@ class _Chunks:
         share = len(self._waiting) // (_WAITING * threads)
         if self._per_case_s is None:
             return max(1, min(_FIRST, share))
-        least, most = (max(1, min(_MOST, round(span / self._per_case_s))) for span in (_LEAST_S, _CHUNK_S))
-        return min(most, max(least, share))
+        smallest, largest = (max(1, min(_MOST, round(span / self._per_case_s))) for span in (_LEAST_S, _CHUNK_S))
+        return min(largest, max(smallest, share))
 
     def _collect_chunk(self, chunk: Sequence[Case], result: Mapping[str, Any]) -> Flown:
         """Checks that a chunk was executed like those before it, and returns its rows."""
-        here, answers = result["execution"], result["answers"]
-        if self._execution is not None and differences(here, self._execution):
+        execution, answers = result["execution"], result["answers"]
+        if self._execution is not None and differences(execution, self._execution):
             raise InputError(
                 f"{result['worker']} executes cases differently, so that they would not be the same bit for bit: "
-                f"{'; '.join(differences(here, self._execution))}; give all workers the same environment"
+                f"{'; '.join(differences(execution, self._execution))}; give all workers the same environment"
             )
-        self._execution = here
+        self._execution = execution
         self._per_case_s = max(1e-3, sum(answer["wall_s"] for answer in answers) / len(answers))
         rows = [_result_row(case, answer, result["worker"]) for case, answer in zip(chunk, answers, strict=True)]
-        return Flown(rows, here)
+        return Flown(rows, execution)
 
 
 def _result_row(case: Case, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:

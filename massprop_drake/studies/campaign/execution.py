@@ -34,10 +34,10 @@ def execution(*, compiled: bool = False) -> dict[str, str]:
     }
 
 
-def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
-    """Lists differences between two executions' versions and processors, in words; empty if equal."""
+def differences(execution: Mapping[str, str], reference: Mapping[str, str]) -> list[str]:
+    """Lists in words how versions and processor of an execution differ from a reference; empty if equal."""
     return [
-        f"{name} {here.get(name, 'unknown')} instead of {there.get(name, 'unknown')}"
-        for name in dict.fromkeys([*there, *here])
-        if here.get(name) != there.get(name)
+        f"{name} {execution.get(name, 'unknown')} instead of {reference.get(name, 'unknown')}"
+        for name in dict.fromkeys([*reference, *execution])
+        if execution.get(name) != reference.get(name)
     ]

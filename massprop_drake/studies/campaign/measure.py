@@ -56,13 +56,14 @@ def failing_reasons(row: dict[str, Any]) -> list[str]:
         reasons.append(f"healthy jets out of use: {', '.join(row['healthy_jets_out'])}")
     for failure in row["injected"]:
         if failure["outcome"] in ("wrong", "missed", "not_tested"):
-            what = failure["jet"] or failure["kind"]
+            name = failure["jet"] or failure["kind"]
             taken = f" for {failure['taken_for']}" if failure["taken_for"] else ""
-            reasons.append(f"{what} {failure['outcome'].replace('_', ' ')}{taken}")
+            reasons.append(f"{name} {failure['outcome'].replace('_', ' ')}{taken}")
     return reasons
 
 
-def _number(value: float) -> float | None:
+def _finite(value: float) -> float | None:
+    """Returns the value as a float, or None where it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -70,11 +71,11 @@ def _error_columns(suffix: str, estimate: Array, sigma: Array, truth: Array) -> 
     """Returns estimate, error and sigma by column; at the end also truth and largest error in sigma."""
     row: dict[str, Any] = {}
     for name, x, s, t in zip(NAMES, estimate.tolist(), sigma.tolist(), truth.tolist(), strict=True):
-        row[f"estimate{suffix}.{name}"] = _number(x)
-        row[f"error{suffix}.{name}"] = _number(x - t)
-        row[f"sigma{suffix}.{name}"] = _number(s)
+        row[f"estimate{suffix}.{name}"] = _finite(x)
+        row[f"error{suffix}.{name}"] = _finite(x - t)
+        row[f"sigma{suffix}.{name}"] = _finite(s)
         if not suffix:
-            row[f"truth.{name}"] = _number(t)
+            row[f"truth.{name}"] = _finite(t)
     if not suffix:
         ratios = np.abs(estimate - truth) / np.where(sigma > 0.0, sigma, np.nan)
         known = np.isfinite(ratios)
@@ -94,19 +95,19 @@ def _nees_columns(error: Array, covariance: Array) -> dict[str, Any]:
         value = None
         if known:
             unit = p / np.outer(scale, scale)
-            value = _number(float((e / scale) @ np.linalg.solve(unit, e / scale)))
+            value = _finite(float((e / scale) @ np.linalg.solve(unit, e / scale)))
         row[f"nees.{name}"] = value
     return row
 
 
 def _consistency_columns(run: Run) -> dict[str, Any]:
     """Returns mean NIS, number of samples used, and time of convergence, s, by column."""
-    found = run.results.consistency
+    consistency = run.results.consistency
     converged = np.flatnonzero(run["converged"][:, 0])
     return {
-        "nis.rotation": found.rotation_nis_mean,
-        "nis.translation": found.translation_nis_mean,
-        "samples": found.samples,
+        "nis.rotation": consistency.rotation_nis_mean,
+        "nis.translation": consistency.translation_nis_mean,
+        "samples": consistency.samples,
         "converged_s": float(run.time_s[converged[0]]) if converged.size else None,
     }
 

@@ -50,45 +50,45 @@ class InjectedEvent(NamedTuple):
         if not self.right:
             return math.nan
         at_s = self.injected["declared_s"]
-        found = [entry for entry in self.row["declared"] if entry["time_s"] == at_s and not entry["false"]]
-        return max((entry["statistic"] for entry in found), default=math.nan)
+        declarations = [entry for entry in self.row["declared"] if entry["time_s"] == at_s and not entry["false"]]
+        return max((entry["statistic"] for entry in declarations), default=math.nan)
 
 
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent]:
     """Returns the injected jet failures that acted, or the payloads that docked or were released, of flown cases."""
-    found = []
+    acted = []
     for row in select_flown(rows):
-        for one in row["injected"]:
-            if (one["kind"] in PAYLOADS) != payloads or one["first_acted_s"] is None:
+        for record in row["injected"]:
+            if (record["kind"] in PAYLOADS) != payloads or record["first_acted_s"] is None:
                 continue
-            right = one["outcome"] in ("named", "group")
-            delay = one["declared_s"] - one["first_acted_s"] if right else math.nan
-            found.append(InjectedEvent(row, one, delay, row["duration_s"] - one["first_acted_s"]))
-    return found
+            right = record["outcome"] in ("named", "group")
+            delay = record["declared_s"] - record["first_acted_s"] if right else math.nan
+            acted.append(InjectedEvent(row, record, delay, row["duration_s"] - record["first_acted_s"]))
+    return acted
 
 
 def count_outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
     """Maps each kind of injected failure or payload event to the numbers of its outcomes."""
-    found: dict[str, Counter[str]] = {}
+    outcomes: dict[str, Counter[str]] = {}
     for row in select_flown(rows):
-        for one in row["injected"]:
-            found.setdefault(one["kind"], Counter())[one["outcome"]] += 1
-    return found
+        for record in row["injected"]:
+            outcomes.setdefault(record["kind"], Counter())[record["outcome"]] += 1
+    return outcomes
 
 
-def detection_curve(found: Sequence[InjectedEvent]) -> Detections:
+def detection_curve(failures: Sequence[InjectedEvent]) -> Detections:
     """Computes the Kaplan-Meier curve of the delay from failure to right declaration."""
     return statistics.detection_curve(
-        [max(0.0, event.delay_s) for event in found if event.right],
-        [max(0.0, event.present_s) for event in found if not event.right],
+        [max(0.0, event.delay_s) for event in failures if event.right],
+        [max(0.0, event.present_s) for event in failures if not event.right],
     )
 
 
-def share_of_events(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent], bool]) -> Figure:
-    """Computes the share of failures that fulfill a condition, with an interval clustered by case."""
+def share_of_events(events: Sequence[InjectedEvent], condition: Callable[[InjectedEvent], bool]) -> Figure:
+    """Computes the share of injected events that fulfill a condition, with an interval clustered by case."""
     by_case: dict[int, list[bool]] = {}
-    for event in found:
-        by_case.setdefault(event.row["case_id"], []).append(holds(event))
+    for event in events:
+        by_case.setdefault(event.row["case_id"], []).append(condition(event))
     return statistics.clustered_share(
         [sum(case) for case in by_case.values()], [len(case) for case in by_case.values()]
     )
@@ -105,13 +105,13 @@ def hours(rows: Iterable[Row], cause: str | None = None) -> float:
 def _exposure_s(row: Row) -> dict[str, float]:
     """Splits a case's duration by the kind of event that had acted last: healthy, failure or jump, s each."""
     acted = sorted(
-        (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
-        for one in row["injected"]
-        if one["first_acted_s"] is not None
+        (record["first_acted_s"], "jump" if record["kind"] in PAYLOADS else "failure")
+        for record in row["injected"]
+        if record["first_acted_s"] is not None
     )
     times = [0.0, *(time for time, _ in acted), row["duration_s"]]
     spent = dict.fromkeys(CAUSES, 0.0)
-    for cause, begin, end in zip(("healthy", *(what for _, what in acted)), times, times[1:], strict=False):
+    for cause, begin, end in zip(("healthy", *(cause_then for _, cause_then in acted)), times, times[1:], strict=False):
         spent[cause] += max(0.0, end - begin)
     return spent
 
@@ -136,12 +136,12 @@ def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
 
 def normalized_errors(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
     """Returns a parameter's error over claimed 1-sigma of every flown case where both are known."""
-    found = []
+    ratios = []
     for row in select_flown(rows):
         error, sigma = row[f"error{suffix}.{name}"], row[f"sigma{suffix}.{name}"]
         if error is not None and sigma:
-            found.append(error / sigma)
-    return found
+            ratios.append(error / sigma)
+    return ratios
 
 
 def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3.0, suffix: str = "") -> Figure:
@@ -222,16 +222,17 @@ def figures(rows: Sequence[Row]) -> dict[str, Figure]:
     judged = select_judgeable(rows)
     curve = detection_curve(acted)
 
-    def cases(column: str) -> Figure:
+    def share_of_cases(column: str) -> Figure:
+        """Computes the share of judged cases in which a column is true or above zero."""
         return statistics.share(sum(bool(row[column]) for row in judged), len(judged))
 
-    found = {
+    computed = {
         "false_declarations_per_hour": false_rate(rows),
         **{f"false_declarations_per_hour_{cause}": false_rate(rows, cause) for cause in CAUSES},
-        "false_declarations_in_case": cases("n_false"),
-        "healthy_jets_out": cases("healthy_jets_out"),
+        "false_declarations_in_case": share_of_cases("n_false"),
+        "healthy_jets_out": share_of_cases("healthy_jets_out"),
         "ended_wrong": ended_wrong_share(rows),
-        "failing": cases("failing"),
+        "failing": share_of_cases("failing"),
         "failed_to_run": statistics.share(len(rows) - len(good), len(rows)),
         "isolated": share_of_events(acted, lambda event: event.right),
         **{
@@ -249,13 +250,13 @@ def figures(rows: Sequence[Row]) -> dict[str, Figure]:
         "nis_translation": statistics.median(known_values(good, "nis.translation")),
         "converged": statistics.share(len(known_values(good, "converged_s")), len(good)),
     }
-    return {name: found[name] for name in MEANINGS}
+    return {name: computed[name] for name in MEANINGS}
 
 
 # -------------------------------------------------------------------------------------------- gates
 
 
-class Passed(NamedTuple):
+class GateResult(NamedTuple):
     """Gate, and whether it holds.
 
     Attributes:
@@ -273,26 +274,22 @@ class Passed(NamedTuple):
     passes: bool
 
 
-def require_known(gates: Mapping[str, Gate], source: str) -> None:
-    """Checks that every gate names an existing figure of merit, else InputError.
-
-    Raises:
-        InputError: when one does not.
-    """
+def require_known_figures(gates: Mapping[str, Gate], source: str) -> None:
+    """Checks that every gate names an existing figure of merit, else InputError."""
     for name in gates:
         if name not in MEANINGS:
             raise InputError(f"{source}: gates.{name}: there is no such figure{suggestion(name, list(MEANINGS))}")
 
 
-def judge_gates(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
+def judge_gates(gates: Mapping[str, Gate], figures: Mapping[str, Figure]) -> list[GateResult]:
     """Compares figures of merit with gates; returns the value compared and whether it passes, for each gate."""
     results = []
     for name, gate in gates.items():
-        figure = found[name]
+        figure = figures[name]
         value = {"estimate": figure.value, "lower_bound": figure.low, "upper_bound": figure.high}[gate.on]
         low = -math.inf if gate.min is None else gate.min
         high = math.inf if gate.max is None else gate.max
-        results.append(Passed(name, gate, figure, value, low <= value <= high))
+        results.append(GateResult(name, gate, figure, value, low <= value <= high))
     return results
 
 
@@ -301,24 +298,24 @@ def judge_gates(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[
 NOT_FOUND, NOT_TESTED, OWN_CLUSTER, JUMP_COLUMN = "not found", "not tested", "its cluster", "jump"
 
 
-def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
+def confusion(events: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
     """Counts events by true and declared label: jet, own cluster, jump, not found or not tested."""
     counts: Counter[tuple[str, str]] = Counter()
-    for event in found:
-        one = event.injected
-        counts[one["jet"] or JUMP_COLUMN, _declared_label(one)] += 1
+    for event in events:
+        record = event.injected
+        counts[record["jet"] or JUMP_COLUMN, _declared_label(record)] += 1
     return counts
 
 
-def _declared_label(one: Mapping[str, Any]) -> str:
+def _declared_label(failure: Mapping[str, Any]) -> str:
     """Returns the confusion table's label of what an injected failure was declared as."""
-    match one["outcome"]:
+    match failure["outcome"]:
         case "named":
-            return one["jet"] or JUMP_COLUMN
+            return failure["jet"] or JUMP_COLUMN
         case "group":
             return OWN_CLUSTER
         case "wrong":
-            return JUMP_COLUMN if one["taken_for"] == JUMP else str(one["taken_for"])
+            return JUMP_COLUMN if failure["taken_for"] == JUMP else str(failure["taken_for"])
         case "not_tested":
             return NOT_TESTED
         case _:
@@ -340,11 +337,11 @@ def sum_by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str,
     return merged
 
 
-def group_events(found: Sequence[InjectedEvent], by: str) -> dict[str, list[InjectedEvent]]:
+def group_events(events: Sequence[InjectedEvent], key: str) -> dict[str, list[InjectedEvent]]:
     """Groups failures by `kind` or `jet`, in the order in which these first appear."""
     groups: dict[str, list[InjectedEvent]] = {}
-    for event in found:
-        groups.setdefault(event.injected[by], []).append(event)
+    for event in events:
+        groups.setdefault(event.injected[key], []).append(event)
     return groups
 
 
@@ -353,14 +350,14 @@ def failure_size(event: InjectedEvent) -> float:
     return abs(event.injected["force"])
 
 
-def magnitude_errors(found: Sequence[InjectedEvent]) -> list[tuple[float, float]]:
+def magnitude_errors(failures: Sequence[InjectedEvent]) -> list[tuple[float, float]]:
     """Returns declared minus true force, lbf or N, and the same over claimed sigma, of all right declarations."""
     pairs = []
-    for event in found:
-        one = event.injected
-        if event.right and None not in (one["magnitude"], one["force"]) and one["magnitude_std"]:
-            error = one["magnitude"] - one["force"]
-            pairs.append((error, error / one["magnitude_std"]))
+    for event in failures:
+        record = event.injected
+        if event.right and None not in (record["magnitude"], record["force"]) and record["magnitude_std"]:
+            error = record["magnitude"] - record["force"]
+            pairs.append((error, error / record["magnitude_std"]))
     return pairs
 
 
@@ -398,30 +395,31 @@ def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.
     )
 
 
-def _as_missed(event: InjectedEvent) -> InjectedEvent:
-    return event._replace(injected={**event.injected, "outcome": "missed"}, delay_s=math.nan)
+def _as_missed(failure: InjectedEvent) -> InjectedEvent:
+    """Returns an injected failure with the outcome of one that was missed."""
+    return failure._replace(injected={**failure.injected, "outcome": "missed"}, delay_s=math.nan)
 
 
-def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]:
+def operating_curve(rows: Sequence[Row], max_points: int = 40) -> list[OperatingPoint]:
     """Computes operating points at thresholds from the least declared likelihood argument to the largest."""
     declared = [entry["statistic"] for entry in false_declarations(rows) if entry["kind"] != JUMP]
     declared += [event.statistic for event in events(rows) if event.right and not math.isnan(event.statistic)]
     levels = np.unique([level for level in declared if level > 0.0])
-    if levels.size > most:
-        levels = np.unique(np.quantile(levels, np.linspace(0.0, 1.0, most)))
+    if levels.size > max_points:
+        levels = np.unique(np.quantile(levels, np.linspace(0.0, 1.0, max_points)))
     return [operating_point(rows, level, level) for level in levels.tolist()]
 
 
 # -------------------------------------------------------------------------------------- sensitivity
 
 
-def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> dict[str, dict[str, Figure]]:
+def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, absolute: bool) -> dict[str, dict[str, Figure]]:
     """Computes rank correlations of each parameter's error with each draw, by parameter, then by draw label.
 
     Args:
         rows: with the draws in columns `draw.<label>`.
         labels: of the draws; those that are no numbers are left out.
-        size: of the error without its sign.
+        absolute: whether errors are taken without their sign.
     """
     good = select_flown(rows)
     columns = {}
@@ -429,26 +427,23 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> di
         values = [row[f"draw.{label}"] for row in good]
         if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
             columns[label] = values
-    found = {}
+    by_parameter = {}
     for name in NAMES:
         errors = [math.nan if row[f"error.{name}"] is None else row[f"error.{name}"] for row in good]
-        sizes = [abs(error) if size else error for error in errors]
+        sizes = [abs(error) if absolute else error for error in errors]
         correlations = {label: statistics.rank_correlation(values, sizes) for label, values in columns.items()}
         varying = {label: figure for label, figure in correlations.items() if not math.isnan(figure.value)}
         if varying:
-            found[name] = varying
-    return found
+            by_parameter[name] = varying
+    return by_parameter
 
 
-def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.SobolIndices] | None:
+def sobol(rows: Sequence[Row], n_draws: int) -> tuple[tuple[str, ...], statistics.SobolIndices] | None:
     """Computes names of parameters and Sobol indices of their errors, for `method: saltelli`; None if incomplete.
 
     Args:
         rows: of one cell, every sample in its order.
-        draws: how many quantities are drawn.
-
-    Returns:
-        Names of the parameters, and the indices; None where a case has no error, for then they cannot be computed.
+        n_draws: how many quantities are drawn.
     """
     if not rows or len(rows) != len(select_flown(rows)):
         return None
@@ -460,13 +455,14 @@ def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.
         return None
     names = tuple(name for name, whole in zip(NAMES, complete.tolist(), strict=True) if whole)
     scale = np.abs(errors[complete]).max(axis=1, keepdims=True)
-    return names, statistics.sobol_indices(errors[complete] / np.where(scale > 0.0, scale, 1.0), draws)
+    return names, statistics.sobol_indices(errors[complete] / np.where(scale > 0.0, scale, 1.0), n_draws)
 
 
-def worst(rows: Sequence[Row], count: int = 10) -> list[Row]:
+def worst_cases(rows: Sequence[Row], count: int = 10) -> list[Row]:
     """Returns the failing cases by number of reasons, then by largest error in sigma, the worst first."""
 
     def badness(row: Row) -> tuple[int, float]:
+        """Returns the number of reasons and the largest error in sigma, to sort by."""
         size = row["largest_sigmas"]
         return len(row["failing"] or ()), 0.0 if size is None else float(np.nan_to_num(size))
 

@@ -67,8 +67,8 @@ class PlannedCase(NamedTuple):
         Raises:
             InputError: when what was drawn makes no scenario.
         """
-        given = {**self.settings, "seed": self.seed, "name": f"{campaign}_{case_name(self.case_id)}"}
-        return with_settings(base, given)
+        settings = {**self.settings, "seed": self.seed, "name": f"{campaign}_{case_name(self.case_id)}"}
+        return with_settings(base, settings)
 
 
 def case_name(case_id: int) -> str:
@@ -111,17 +111,20 @@ def plan_cases(campaign: CampaignSpec) -> list[PlannedCase]:
     return cases
 
 
-def _problem_with_draws(problem: str, drawn: Mapping[str, Any]) -> str:
+def _problem_with_draws(problem: str, values: Mapping[str, Any]) -> str:
     """Returns a case's error message with the drawn values of the scenario block that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
-    what = [f"{label} = {value}" for label, value in drawn.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block]
-    return problem if not what else f"{problem}; drawn: {', '.join(what)}"
+    draws = [
+        f"{label} = {value}" for label, value in values.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block
+    ]
+    return problem if not draws else f"{problem}; drawn: {', '.join(draws)}"
 
 
-def _require_few(campaign: CampaignSpec, count: int) -> None:
-    if count > MOST_CASES:
-        raise InputError(f"{campaign.source}: is a campaign of {count} cases; expected {MOST_CASES} at the most")
+def _require_few(campaign: CampaignSpec, n_cases: int) -> None:
+    """Checks that a campaign has at most `MOST_CASES` cases, else InputError."""
+    if n_cases > MOST_CASES:
+        raise InputError(f"{campaign.source}: is a campaign of {n_cases} cases; expected {MOST_CASES} at the most")
 
 
 def _find_records(campaign: CampaignSpec) -> list[str]:
@@ -129,17 +132,17 @@ def _find_records(campaign: CampaignSpec) -> list[str]:
     if campaign.file.records is None:
         return []
     try:
-        found = sorted(str(path.resolve()) for path in campaign.folder.glob(campaign.file.records))
+        paths = sorted(str(path.resolve()) for path in campaign.folder.glob(campaign.file.records))
     except (NotImplementedError, ValueError):
         raise InputError(
             f"{campaign.source}: records: {campaign.file.records!r} is no pattern of files relative to this one"
         ) from None
-    if not found:
+    if not paths:
         raise InputError(f"{campaign.source}: records: no file fits {campaign.file.records!r} in {campaign.folder}")
-    wanted = campaign.file.cases
-    if wanted is not None and wanted > len(found):
-        raise InputError(f"{campaign.source}: cases: {wanted} are asked for, and there are {len(found)} records")
-    return found[:wanted]
+    n_cases = campaign.file.cases
+    if n_cases is not None and n_cases > len(paths):
+        raise InputError(f"{campaign.source}: cases: {n_cases} are asked for, and there are {len(paths)} records")
+    return paths[:n_cases]
 
 
 def sample_coordinates(campaign: CampaignSpec, n_records: int = 0) -> Array:
@@ -187,8 +190,8 @@ def _sobol_points(generator: np.random.Generator, dimensions: int, count: int) -
 def _saltelli_points(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
     """Computes Sobol points A and B, and A with each column of B in turn, shape (n (d + 2), d)."""
     dimensions = len(campaign.quantities)
-    points, left = divmod(count, dimensions + 2)
-    if left or points & (points - 1) or not points:
+    points, remainder = divmod(count, dimensions + 2)
+    if remainder or points & (points - 1) or not points:
         fitting = (dimensions + 2) * 2 ** max(0, round(np.log2(max(points, 1))))
         raise InputError(
             f"{campaign.source}: cases: saltelli needs a power of two times {dimensions + 2} (the {dimensions} "

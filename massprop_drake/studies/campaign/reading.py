@@ -97,15 +97,15 @@ def read(folder: str | Path) -> Study:
         InputError: when it holds no campaign, or nothing has been flown.
     """
     path = Path(folder)
-    facts = store.read_facts(path)
+    facts = store.read_metadata(path)
     spec = store.planned_spec(path)
-    wanted = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
-    drawn = store.read_draws(path)
-    cells = _cells(path, spec, drawn, wanted)
+    columns = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
+    plan_table = store.read_draws(path)
+    cells = _read_cells(path, spec, plan_table, columns)
     if not any(cell.rows for cell in cells):
         raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
     reference = _reference_cell(spec, [cell.settings for cell in cells])
-    labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
+    labels = [name.removeprefix("draw.") for name in plan_table.column_names if name.startswith("draw.")]
     execution = json.loads(facts.get("execution", "{}"))
     return Study(path, spec, cells, reference, labels, execution, _kept_case_folders(path))
 
@@ -116,46 +116,47 @@ def status(folder: Path, spec: CampaignSpec) -> Status:
     Raises:
         InputError: when it holds no campaign, or what it holds is damaged.
     """
-    return _status(_cells(folder, spec, store.read_draws(folder), COLUMNS))
+    return _status(_read_cells(folder, spec, store.read_draws(folder), COLUMNS))
 
 
 def _status(cells: Sequence[Cell]) -> Status:
+    """Makes the status of a campaign from the cells of its sweep."""
     return Status(
         sum_counts(cell.numbers for cell in cells), [(cell.label, cell.settings, cell.numbers) for cell in cells]
     )
 
 
-def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) -> list[Cell]:
+def _read_cells(folder: Path, spec: CampaignSpec, plan_table: Any, result_columns: Sequence[str]) -> list[Cell]:
     """Reads the cells of a sweep: each with its settings, label, planned number and result rows.
 
     Args:
-        path: the campaign's folder.
+        folder: the campaign's.
         spec: the campaign.
-        drawn: the plan as a table, see `store.read_draws`.
-        wanted: columns of results to read.
+        plan_table: the plan as a table, see `store.read_draws`.
+        result_columns: columns of results to read.
     """
-    table = store.read_rows(path, wanted)
-    place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
+    table = store.read_rows(folder, result_columns)
+    row_by_case = {case_id: number for number, case_id in enumerate(plan_table["case_id"].to_pylist())}
     columns = {
-        name: drawn[name].to_pylist()
-        for name in drawn.column_names
+        name: plan_table[name].to_pylist()
+        for name in plan_table.column_names
         if name in ("sample", "cell", "seed", "record") or name.startswith("draw.")
     }
-    values = {name: [] if table is None else table[name].to_pylist() for name in wanted}
-    places = [place[case_id] for case_id in values["case_id"]]
-    values |= {name: [column[number] for number in places] for name, column in columns.items()}
+    values = {name: [] if table is None else table[name].to_pylist() for name in result_columns}
+    plan_rows = [row_by_case[case_id] for case_id in values["case_id"]]
+    values |= {name: [column[number] for number in plan_rows] for name, column in columns.items()}
     rows: dict[int, list[Row]] = {}
-    for index in range(len(places)):
+    for index in range(len(plan_rows)):
         rows.setdefault(values["cell"][index], []).append(_ColumnRow(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
-    keys, told = find_varying_keys(settings)
+    keys, texts = find_varying_keys(settings)
     labels_of = [
-        ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, one, strict=True)) for one in told
+        ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, cell, strict=True)) for cell in texts
     ]
     return [
-        Cell(one, columns["cell"].count(number), rows.get(number, []), labels_of[number] or "all cases")
-        for number, one in enumerate(settings)
+        Cell(cell, columns["cell"].count(number), rows.get(number, []), labels_of[number] or "all cases")
+        for number, cell in enumerate(settings)
     ]
 
 
@@ -167,18 +168,18 @@ def find_varying_keys(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str],
     Args:
         settings: of each cell, what the sweep sets, by dotted key.
     """
-    cells = [leaves(dict(one)) for one in settings]
+    cells = [flatten(dict(cell)) for cell in settings]
     columns: dict[str, list[str]] = {}
     rows: list[tuple[str, ...]] = [()] * len(cells)
-    for key in dict.fromkeys(key for one in cells for key in one):
-        column = [_value_text(one.get(key, "-")) for one in cells]
+    for key in dict.fromkeys(key for cell in cells for key in cell):
+        column = [_value_text(cell.get(key, "-")) for cell in cells]
         wider = [(*row, value) for row, value in zip(rows, column, strict=True)]
         if len(set(wider)) > len(set(rows)):
             columns[key], rows = column, wider
     return list(columns), rows
 
 
-def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
+def flatten(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any]:
     """Flattens nested data to a dict of values by dotted path; `vectors`: lists of plain values are not split."""
     nested = (Mapping, list, tuple)
     if isinstance(value, Mapping):
@@ -187,7 +188,7 @@ def leaves(value: Any, path: str = "", *, vectors: bool = True) -> dict[str, Any
         parts = {f"{path}[{number}]": part for number, part in enumerate(value)}
     else:
         return {path: value}
-    return {inner: leaf for key, part in parts.items() for inner, leaf in leaves(part, key, vectors=vectors).items()}
+    return {inner: leaf for key, part in parts.items() for inner, leaf in flatten(part, key, vectors=vectors).items()}
 
 
 def _value_text(value: Any) -> str:
@@ -204,23 +205,24 @@ def _value_text(value: Any) -> str:
 def _reference_cell(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
     """Returns the number of the cell whose settings are those of the base scenario, or 0."""
     base = spec.base.model_dump(mode="json")
-    for number, one in enumerate(settings):
-        if all(_is_same_value(value_at(base, split_key(key, key)), value) for key, value in one.items()):
+    for number, cell in enumerate(settings):
+        if all(_is_same_value(value_at(base, split_key(key, key)), value) for key, value in cell.items()):
             return number
     return 0
 
 
-def _is_same_value(one: Any, other: Any) -> bool:
-    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
-        return math.isclose(one, other)
-    return bool(one == other)
+def _is_same_value(first: Any, second: Any) -> bool:
+    """Tests whether two settings are equal, numbers to rounding."""
+    if isinstance(first, (int, float)) and isinstance(second, (int, float)):
+        return math.isclose(first, second)
+    return bool(first == second)
 
 
 def _kept_case_folders(folder: Path) -> dict[int, str]:
     """Maps numbers of kept cases to the path of their report or folder, relative to the campaign's."""
-    found = {}
+    paths = {}
     for path in (folder / store.CASES).glob("*"):
         if path.name.isdecimal() and path.name == case_name(int(path.name)) and path.is_dir():
             report = "report.html" if (path / "report.html").exists() else ""
-            found[int(path.name)] = f"{store.CASES}/{path.name}/{report}"
-    return found
+            paths[int(path.name)] = f"{store.CASES}/{path.name}/{report}"
+    return paths

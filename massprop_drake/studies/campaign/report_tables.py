@@ -30,8 +30,8 @@ def sweep(study: Study) -> dict[str, Any] | None:
     """Makes the table of the main figures of all cells, side by side; None for a single cell."""
     if len(study.cells) < 2:
         return None
-    found = [merit.figures(cell.rows) for cell in study.cells]
-    names = [name for name in _MAIN if any(figures[name].n for figures in found)]
+    by_cell = [merit.figures(cell.rows) for cell in study.cells]
+    names = [name for name in _MAIN if any(figures[name].n for figures in by_cell)]
     return {
         "cells": [cell.label for cell in study.cells],
         "reference": study.reference,
@@ -39,8 +39,8 @@ def sweep(study: Study) -> dict[str, Any] | None:
         "rows": [
             {
                 "words": MEANINGS[name].words,
-                "values": [format_figure(figures[name], MEANINGS[name].unit, interval=False) for figures in found],
-                "intervals": [figure_row(name, figures[name])["interval"] for figures in found],
+                "values": [format_figure(figures[name], MEANINGS[name].unit, interval=False) for figures in by_cell],
+                "intervals": [figure_row(name, figures[name])["interval"] for figures in by_cell],
             }
             for name in names
         ],
@@ -51,7 +51,7 @@ def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
     """Makes table rows of false declarations by cause: number, hours, rate and interval."""
     table = []
     for cause in (*CAUSES, None):
-        found = merit.false_declarations(rows, cause)
+        declarations = merit.false_declarations(rows, cause)
         hours = merit.hours(select_judgeable(rows), cause)
         if not hours:
             continue
@@ -59,8 +59,8 @@ def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
         table.append(
             {
                 "cause": "all" if cause is None else MEANINGS[f"false_declarations_per_hour_{cause}"].words,
-                "count": str(len(found)),
-                "withdrawn": str(sum(entry["withdrawn_s"] is not None for entry in found)),
+                "count": str(len(declarations)),
+                "withdrawn": str(sum(entry["withdrawn_s"] is not None for entry in declarations)),
                 "hours": f"{hours:.3g}",
                 "rate": format_figure(figure, "", interval=False),
                 "interval": format_interval(figure, ""),
@@ -69,7 +69,7 @@ def false_declaration_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
     return table
 
 
-def false_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
+def false_declarations_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
     """Returns declared jets, clusters or jumps with their number of false declarations, most frequent first."""
     names = (
         entry["jet"] or ("a jump of the mass properties" if entry["cluster"] is None else f"cluster {entry['cluster']}")
@@ -85,19 +85,19 @@ def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[s
         rows: of a cell.
         clusters: number of each jet's cluster, by designation.
     """
-    beside: Counter[str] = Counter()
+    related: Counter[str] = Counter()
     elsewhere: Counter[str] = Counter()
     cases = 0
     good = select_judgeable(rows)
     for row in good:
-        failed = {clusters.get(one["jet"]) for one in row["injected"] if one["first_acted_s"] is not None}
-        alone = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
-        elsewhere.update(alone)
-        beside.update(jet for jet in row["healthy_jets_out"] if jet not in alone)
-        cases += bool(alone)
+        failed = {clusters.get(record["jet"]) for record in row["injected"] if record["first_acted_s"] is not None}
+        jets_elsewhere = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
+        elsewhere.update(jets_elsewhere)
+        related.update(jet for jet in row["healthy_jets_out"] if jet not in jets_elsewhere)
+        cases += bool(jets_elsewhere)
     return {
         "share": format_figure(statistics.share(cases, len(good)), "%"),
-        "jets": [(jet, elsewhere[jet], beside[jet]) for jet, _ in (elsewhere + beside).most_common(15)],
+        "jets": [(jet, elsewhere[jet], related[jet]) for jet, _ in (elsewhere + related).most_common(15)],
     }
 
 
@@ -112,11 +112,11 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return table
 
 
-def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
+def delays(failures: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
     """Makes table rows of share found and detection delay by kind of failure."""
     table = []
-    groups = merit.group_events(acted, "kind")
-    for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
+    groups = merit.group_events(failures, "kind")
+    for kind, group in [*groups.items(), *([("all", list(failures))] if len(groups) > 1 else [])]:
         curve = merit.detection_curve(group)
         tested = [event for event in group if event.injected["outcome"] != "not_tested"]
         table.append(
@@ -135,12 +135,12 @@ def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
 def jump_confusion_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Makes a table row each for failed jets and moved payloads: numbers of cases by what was declared."""
     table = []
-    for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
-        found = merit.events(rows, payloads=payloads)
-        if not found:
+    for payloads, truth in ((False, "a failed jet"), (True, "a payload that moved")):
+        events = merit.events(rows, payloads=payloads)
+        if not events:
             continue
-        taken = Counter(_declaration_text(event) for event in found)
-        table.append({"what": what, "n": len(found), "counts": [taken[column] for column in _DECLARED_AS]})
+        counts = Counter(_declaration_text(event) for event in events)
+        table.append({"what": truth, "n": len(events), "counts": [counts[column] for column in _DECLARED_AS]})
     return table
 
 
@@ -157,36 +157,36 @@ def _declaration_text(event: InjectedEvent) -> str:
     return "a jump" if a_jump else "another jet"
 
 
-def smallest_found_rows(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
+def smallest_found_rows(failures: Sequence[InjectedEvent], force_unit: str) -> list[dict[str, str]]:
     """Makes table rows by jet: failures found, missed, and the size found with probability 0.9."""
     table = []
-    for jet, group in merit.group_events(found, "jet").items():
-        right = [merit.failure_size(event) for event in group if event.right]
-        left = [merit.failure_size(event) for event in group if not event.right]
+    for jet, group in merit.group_events(failures, "jet").items():
+        found_sizes = [merit.failure_size(event) for event in group if event.right]
+        missed_sizes = [merit.failure_size(event) for event in group if not event.right]
         curve = statistics.size_curve([merit.failure_size(event) for event in group], [event.right for event in group])
         table.append(
             {
                 "jet": jet,
-                "found": f"{len(right)} of {len(group)}",
-                "smallest": f"{min(right):.3g} {force}" if right else "-",
-                "largest_left": f"{max(left):.3g} {force}" if left else "-",
-                "size_90": _size_90_text(curve, force),
+                "found": f"{len(found_sizes)} of {len(group)}",
+                "smallest": f"{min(found_sizes):.3g} {force_unit}" if found_sizes else "-",
+                "largest_left": f"{max(missed_sizes):.3g} {force_unit}" if missed_sizes else "-",
+                "size_90": _size_90_text(curve, force_unit),
             }
         )
     return sorted(table, key=lambda row: row["jet"])
 
 
-def _size_90_text(curve: SizeCurve | None, force: str) -> str:
+def _size_90_text(curve: SizeCurve | None, force_unit: str) -> str:
     """Formats the failure size found with probability 0.9."""
     if curve is None:
         return "-"
-    return f"below {curve.smallest:.3g} {force}" if curve.finds_all else format_figure(curve.size_90, force)
+    return f"below {curve.smallest:.3g} {force_unit}" if curve.finds_all else format_figure(curve.size_90, force_unit)
 
 
-def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
+def magnitudes(failures: Sequence[InjectedEvent], force_unit: str) -> list[dict[str, Any]]:
     """Makes table rows of bias, RMS and coverage of declared forces by kind of failure."""
     table = []
-    for kind, group in merit.group_events(acted, "kind").items():
+    for kind, group in merit.group_events(failures, "kind").items():
         pairs = merit.magnitude_errors(group)
         if not pairs:
             continue
@@ -195,8 +195,8 @@ def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any
             {
                 "kind": kind.replace("_", " "),
                 "n": str(len(pairs)),
-                "bias": format_figure(statistics.mean([error for error, _ in pairs]), force),
-                "rms": f"{math.sqrt(sum(error**2 for error, _ in pairs) / len(pairs)):.3g} {force}",
+                "bias": format_figure(statistics.mean([error for error, _ in pairs]), force_unit),
+                "rms": f"{math.sqrt(sum(error**2 for error, _ in pairs) / len(pairs)):.3g} {force_unit}",
                 "within": [
                     format_figure(statistics.share(sum(z <= bound for z in sigmas), len(sigmas)), "%")
                     for bound in (1, 2, 3)
@@ -210,11 +210,11 @@ def consistency_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Makes table rows, by what failed and was found, of cases wrong at the end, coverage and NEES in band."""
     groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
     for row in select_flown(rows):
-        happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
-        right = all(outcome in ("named", "group") for outcome in happened)
-        groups["nothing failed" if not happened else "all failures found" if right else "a failure not found"].append(
-            row
-        )
+        outcomes_acted = [record["outcome"] for record in row["injected"] if record["outcome"] != "never_acted"]
+        right = all(outcome in ("named", "group") for outcome in outcomes_acted)
+        groups[
+            "nothing failed" if not outcomes_acted else "all failures found" if right else "a failure not found"
+        ].append(row)
     return [
         {
             "group": name,
@@ -253,7 +253,7 @@ def worst(study: Study) -> list[dict[str, str]]:
     cell_of = {row["case_id"]: f", {cell.label}" for cell in study.cells for row in cell.rows if len(study.cells) > 1}
     folder = shlex.quote(str(study.folder))
     table = []
-    for row in merit.worst(study.rows):
+    for row in merit.worst_cases(study.rows):
         number = row["case_id"]
         place = shlex.quote(str(study.folder / "cases" / case_name(number)))
         table.append(

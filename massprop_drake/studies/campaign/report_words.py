@@ -10,11 +10,11 @@ from massprop_drake.studies.campaign import merit
 from massprop_drake.studies.campaign.counts import (
     failed_to_run_text,
     outcome_sentences,
-    progress,
+    progress_text,
     select_flown,
     select_judgeable,
 )
-from massprop_drake.studies.campaign.merit import DELAYS_S, MEANINGS, Passed
+from massprop_drake.studies.campaign.merit import DELAYS_S, MEANINGS, GateResult
 from massprop_drake.studies.campaign.reading import Cell, Study
 from massprop_drake.studies.campaign.statistics import Figure
 
@@ -23,8 +23,8 @@ def format_figure(figure: Figure, unit: str, *, interval: bool = True) -> str:
     """Formats a figure, value with bounds, such as '12.5 % (8.1 to 18.4)'."""
     if math.isnan(figure.value):
         bounded = figure.n and math.isfinite(figure.low)
-        return f"at least {_number(figure.low, unit)}{_unit(unit)}" if bounded else "-"
-    text = f"{_number(figure.value, unit)}{_unit(unit)}"
+        return f"at least {_number(figure.low, unit)}{_unit_suffix(unit)}" if bounded else "-"
+    text = f"{_number(figure.value, unit)}{_unit_suffix(unit)}"
     return f"{text} ({format_interval(figure, unit)})" if interval and not math.isnan(figure.low) else text
 
 
@@ -44,7 +44,8 @@ def _number(value: float, unit: str) -> str:
     return f"{100.0 * value:.1f}" if 0.0 < value < 1.0 else f"{100.0 * value:.0f}"
 
 
-def _unit(unit: str) -> str:
+def _unit_suffix(unit: str) -> str:
+    """Returns a unit after a blank; empty without one."""
     return f" {unit}" if unit else ""
 
 
@@ -64,14 +65,15 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
+        """Adds a sentence to the verdict, with whether it is good."""
         sentences.append({"good": good, "text": text})
 
     cell = study.cells[study.reference]
-    all_figures = [merit.figures(one.rows) for one in study.cells]
+    all_figures = [merit.figures(swept_cell.rows) for swept_cell in study.cells]
     found = all_figures[study.reference]
     judged = [merit.judge_gates(study.spec.file.gates, figures) for figures in all_figures]
-    for of_gate in zip(*judged, strict=True):
-        say(all(passed.passes for passed in of_gate), _gate_words(of_gate, study.cells))
+    for results in zip(*judged, strict=True):
+        say(all(result.passes for result in results), _gate_sentence(results, study.cells))
     for sentence in outcome_sentences(study.status):
         say(None, sentence)
     if len(study.cells) > 1:
@@ -102,24 +104,24 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     if counts.failed_to_run:
         say(False, failed_to_run_text(counts))
     if counts.tried < counts.planned:
-        say(False, progress(counts))
+        say(False, progress_text(counts))
     return sentences
 
 
-def _gate_words(of_gate: Sequence[Passed], cells: Sequence[Cell]) -> str:
+def _gate_sentence(results: Sequence[GateResult], cells: Sequence[Cell]) -> str:
     """Formats a gate's outcome: passed or failed, the figure's value in each cell, and the bounds asked."""
-    gate, (words, unit, _) = of_gate[0].gate, MEANINGS[of_gate[0].name]
+    gate, (words, unit, _) = results[0].gate, MEANINGS[results[0].name]
     asked = " and ".join(
-        f"{word} {_number(bound, unit)}{_unit(unit)}"
+        f"{word} {_number(bound, unit)}{_unit_suffix(unit)}"
         for word, bound in (("at least", gate.min), ("at most", gate.max))
         if bound is not None
     )
     values = [
-        "not measured" if math.isnan(passed.value) else f"{_number(passed.value, unit)}{_unit(unit)}"
-        for passed in of_gate
+        "not measured" if math.isnan(result.value) else f"{_number(result.value, unit)}{_unit_suffix(unit)}"
+        for result in results
     ]
     if len(cells) > 1:
         values = [f"{value} with {cell.label}" for value, cell in zip(values, cells, strict=True)]
-    verdict = "passed" if all(passed.passes for passed in of_gate) else "failed"
+    verdict = "passed" if all(result.passes for result in results) else "failed"
     on = "" if gate.on == "estimate" else f", {gate.on.replace('_', ' ')}"
     return f"Gate {verdict}: {words}{on}: {'; '.join(values)}; asked {asked}."

@@ -197,15 +197,15 @@ def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> De
         delay_s: from first effect to declaration, s.
         censored_s: from first effect to the end of the run, for those never found, s.
     """
-    found, left = np.asarray(delay_s, dtype=float), np.asarray(censored_s, dtype=float)
-    n = found.size + left.size
-    followed = float(max(found.max(initial=0.0), left.max(initial=0.0)))
+    found, censored = np.asarray(delay_s, dtype=float), np.asarray(censored_s, dtype=float)
+    n = found.size + censored.size
+    followed = float(max(found.max(initial=0.0), censored.max(initial=0.0)))
     if not found.size:
         return Detections(np.empty(0), np.empty(0), np.empty(0), np.empty(0), n, 0, followed)
-    curve = stats.ecdf(stats.CensoredData(uncensored=found, right=left)).cdf
+    curve = stats.ecdf(stats.CensoredData(uncensored=found, right=censored)).cdf
     steps = np.isin(curve.quantiles, found)
     delays, probabilities = curve.quantiles[steps], curve.probabilities[steps]
-    exact = delays <= left.min(initial=math.inf)
+    exact = delays <= censored.min(initial=math.inf)
     low, high = _clopper_pearson(np.round(probabilities * n), n)
     if not exact.all():
         with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
@@ -275,7 +275,7 @@ class SizeCurve(NamedTuple):
         return middle, low, high
 
 
-def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.9) -> SizeCurve | None:
+def size_curve(sizes: Sequence[float], detected: Sequence[bool], probability: float = 0.9) -> SizeCurve | None:
     """Fits the probability of detection as a logistic function of log failure size; None where it cannot be.
 
     Logistic regression with Jeffreys's prior (Firth 1993), which is finite where sizes separate found from missed;
@@ -284,8 +284,8 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
     Args:
         sizes: of each failure, above zero.
-        found: whether it was found.
-        wanted: probability of `size_90`.
+        detected: whether it was found.
+        probability: with which `size_90` is found.
 
     Returns:
         The curve; None for less than eight failures, for sizes within 1 % of each other, and where all or none were
@@ -293,13 +293,14 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
     """
     from scipy.optimize import minimize  # noqa: PLC0415 (slow to load)
 
-    x, y = np.log(np.asarray(sizes, dtype=float)), np.asarray(found, dtype=float)
+    x, y = np.log(np.asarray(sizes, dtype=float)), np.asarray(detected, dtype=float)
     if x.size < _FEWEST_SIZES or np.ptp(x) < _ONE_SIZE or y.all() or not y.any():
         return None
     center, scale = float(x.mean()), float(x.std())
     z = (x - center) / scale
 
     def loss(beta: Array) -> float:
+        """Computes the penalized loss of intercept and slope."""
         return _penalized_loss(beta[0], beta[1], z, y)
 
     best = minimize(loss, np.array([0.0, 1.0]), method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
@@ -308,7 +309,7 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
         return None
     to_sizes = np.array([[1.0, -center / scale], [0.0, 1.0 / scale]])
     covariance = to_sizes @ np.linalg.inv(_information(intercept, slope, z)) @ to_sizes.T
-    size = _size_found(z, y, (intercept, slope), wanted, math.log(_FAR) / scale)
+    size = _size_at_probability(z, y, (intercept, slope), probability, math.log(_FAR) / scale)
     value, low, high = (math.exp(center + scale * edge) for edge in (size.value, size.low, size.high))
     smallest, largest = math.exp(x.min()), math.exp(x.max())
     size_90 = Figure(value if smallest <= value <= largest else math.nan, low, high, x.size)
@@ -317,14 +318,14 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
-    """Computes the Fisher information of the logistic curve's intercept and slope, shape (2, 2)."""
+    """Computes the Fisher information of a logistic curve's intercept and slope at sizes z, shape (2, 2)."""
     p = special.expit(intercept + slope * z)
     weight = p * (1.0 - p)
     return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
 
 
 def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float:
-    """Computes the negative log likelihood of a logistic curve, penalized by Jeffreys's prior."""
+    """Computes the negative log likelihood of a logistic curve, at sizes z and outcomes y, with Jeffreys's prior."""
     eta = intercept + slope * z
     information = _information(intercept, slope, z)
     determinant = float(information[0, 0] * information[1, 1] - information[0, 1] ** 2)
@@ -333,15 +334,17 @@ def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float
     return float(np.logaddexp(0.0, eta).sum() - y @ eta) - 0.5 * math.log(determinant)
 
 
-def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, beyond: float) -> Figure:
-    """Computes the standardized size detected with a probability, with its profile-likelihood interval.
+def _size_at_probability(
+    z: Array, y: Array, coefficients: tuple[float, float], probability: float, reach: float
+) -> Figure:
+    """Computes the standardized size z detected with a probability, with its profile-likelihood interval.
 
-    A bound that lies farther from all sizes than `beyond` is infinite.
+    A bound that lies farther from all sizes than `reach` is infinite.
     """
     from scipy.optimize import brentq, minimize_scalar  # noqa: PLC0415 (slow to load)
 
-    intercept, slope = fitted
-    level = math.log(wanted / (1.0 - wanted))
+    intercept, slope = coefficients
+    level = math.log(probability / (1.0 - probability))
     value = (level - intercept) / slope
     allowed = _penalized_loss(intercept, slope, z, y) + 0.5 * stats.chi2.ppf(CONFIDENCE, 1)
     steep_bounds = (math.log(1e-3 * slope), math.log(10.0 * slope + 10.0))
@@ -350,33 +353,37 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
         """Computes by how much the best curve through a size exceeds the loss that the interval allows."""
 
         def loss(logarithm: float) -> float:
+            """Computes the loss of the curve through the size, by the logarithm of its slope."""
             steep = math.exp(logarithm)
             return min(_penalized_loss(level - steep * size, steep, z, y), _HOPELESS)  # a search needs numbers
 
         best = minimize_scalar(loss, bounds=steep_bounds, method="bounded", options={"xatol": 1e-4})
         return float(best.fun) - allowed
 
-    def bound(far: float, otherwise: float) -> float:
-        return float(brentq(excess, *sorted((value, far)), xtol=1e-4)) if excess(far) > 0.0 else otherwise
+    def bound(limit: float, default: float) -> float:
+        """Finds where the loss reaches what the interval allows, from the estimate to a limit."""
+        return float(brentq(excess, *sorted((value, limit)), xtol=1e-4)) if excess(limit) > 0.0 else default
 
     return Figure(
-        value, bound(min(value, z.min()) - beyond, -math.inf), bound(max(value, z.max()) + beyond, math.inf), z.size
+        value, bound(min(value, z.min()) - reach, -math.inf), bound(max(value, z.max()) + reach, math.inf), z.size
     )
 
 
-def shares_by_size(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
+def shares_by_size(
+    sizes: Sequence[float], detected: Sequence[bool], max_bins: int = 8
+) -> list[tuple[float, float, Figure]]:
     """Returns bins of failure size, each with lower edge, upper edge and the share of failures found in it.
 
     Few sizes have a bin each; many are put into bins that are equally wide in the logarithm.
     """
-    x, y = np.asarray(sizes, dtype=float), np.asarray(found, dtype=bool)
+    x, y = np.asarray(sizes, dtype=float), np.asarray(detected, dtype=bool)
     distinct = np.unique(x)
-    if distinct.size <= most:
+    if distinct.size <= max_bins:
         groups = [(float(size), float(size), x == size) for size in distinct]
     else:
-        edges = np.geomspace(distinct[0], distinct[-1], most + 1)
-        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, most - 1)
-        groups = [(float(edges[bin]), float(edges[bin + 1]), place == bin) for bin in range(most)]
+        edges = np.geomspace(distinct[0], distinct[-1], max_bins + 1)
+        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max_bins - 1)
+        groups = [(float(edges[bin]), float(edges[bin + 1]), place == bin) for bin in range(max_bins)]
     return [(low, high, share(int(y[inside].sum()), int(inside.sum()))) for low, high, inside in groups if inside.any()]
 
 
@@ -409,29 +416,29 @@ class SobolIndices(NamedTuple):
     total: list[list[Figure]]
 
 
-def sobol_indices(values: Array, draws: int) -> SobolIndices:
+def sobol_indices(values: Array, n_draws: int) -> SobolIndices:
     """Computes first-order and total Sobol indices (Saltelli 2010), with bootstrapped intervals.
 
     Args:
         values: of some outputs, shape (outputs, n (draws + 2)): the n points A, the n points B, and A with each draw
             in turn from B; n a power of two.
-        draws: how many quantities are drawn.
+        n_draws: how many quantities are drawn.
     """
     outputs = values.shape[0]
-    n = values.shape[1] // (draws + 2)
-    parts = values.reshape(outputs, draws + 2, n)
+    n = values.shape[1] // (n_draws + 2)
+    parts = values.reshape(outputs, n_draws + 2, n)
     a, b, mixed = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, 2:], 1, 0)
 
     def indices(rows: NDArray[np.int64]) -> Array:
         """Computes first-order and total indices from some of the points, shape (2, outputs, draws)."""
         chosen = {"f_A": a[:, rows], "f_B": b[:, rows], "f_AB": mixed[..., rows]}
-        found = stats.sobol_indices(func=chosen, n=n)
-        return np.array([np.reshape(part, (outputs, draws)) for part in (found.first_order, found.total_order)])
+        result = stats.sobol_indices(func=chosen, n=n)
+        return np.array([np.reshape(part, (outputs, n_draws)) for part in (result.first_order, result.total_order)])
 
     values_found = indices(np.arange(n))
     generator = np.random.default_rng(0)
-    again = np.array([indices(generator.integers(0, n, n)) for _ in range(_RESAMPLES)])
-    low, high = np.quantile(again, [_TAIL, 1.0 - _TAIL], axis=0)
+    resampled = np.array([indices(generator.integers(0, n, n)) for _ in range(_RESAMPLES)])
+    low, high = np.quantile(resampled, [_TAIL, 1.0 - _TAIL], axis=0)
     bounds = np.stack([values_found, low, high], axis=-1).tolist()
     first, total = ([[Figure(a, b, c, n) for a, b, c in by_draw] for by_draw in order] for order in bounds)
     return SobolIndices(first, total)
@@ -511,6 +518,6 @@ def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
     if d.size < 2 or np.ptp(d) == 0.0:
         value = scale * float(d.mean()) if d.size else math.nan
         return Paired(Figure(value, math.nan, math.nan, d.size), up, down, _sign_test_p_value(up, down))
-    found = stats.bootstrap([d], np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(0))
-    low, high = (scale * float(bound) for bound in found.confidence_interval)
+    result = stats.bootstrap([d], np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(0))
+    low, high = (scale * float(bound) for bound in result.confidence_interval)
     return Paired(Figure(scale * float(d.mean()), low, high, d.size), up, down, _sign_test_p_value(up, down))

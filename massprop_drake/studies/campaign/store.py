@@ -67,8 +67,8 @@ def schema(times_s: Sequence[float]) -> pa.Schema:
         ("duration_s", number),
     ]
     for suffix in ("", *(f"@{time:g}" for time in times_s)):
-        for what in ("estimate", "error", "sigma", *(("truth",) if not suffix else ())):
-            columns += [(f"{what}{suffix}.{name}", number) for name in NAMES]
+        for quantity in ("estimate", "error", "sigma", *(("truth",) if not suffix else ())):
+            columns += [(f"{quantity}{suffix}.{name}", number) for name in NAMES]
     columns += [
         ("largest_sigmas", number),
         ("worst_parameter", text),
@@ -109,17 +109,14 @@ def _write(path: Path, table: pa.Table) -> None:
         partial.replace(path)
 
 
-def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> pa.Table:
+def _read(path: Path, columns: Sequence[str] | None, required_column: str, remedy: str) -> pa.Table:
     """Reads some columns of a campaign's Parquet file as a table; InputError if it is missing or damaged.
 
     Args:
         path: of the file.
         columns: to read; None: all.
-        key: a column that it must have.
+        required_column: a column that it must have.
         remedy: what to do about a damaged one.
-
-    Raises:
-        InputError: when it is missing, or not as it was written.
     """
     chosen = None if columns is None else list(columns)
     try:
@@ -128,7 +125,7 @@ def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> p
         raise InputError(f"{path}: no such file") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"{path}: is damaged: {' '.join(str(error).split())}; {remedy}") from None
-    if not {*(chosen or (key,))} <= set(table.column_names):
+    if not {*(chosen or (required_column,))} <= set(table.column_names):
         raise InputError(f"{path}: is not as a campaign writes it; {remedy}")
     return table
 
@@ -136,13 +133,13 @@ def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> p
 # --------------------------------------------------------------------------------------------- plan
 
 
-def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, str]) -> None:
+def write_plan(folder: Path, cases: Sequence[PlannedCase], metadata: Mapping[str, str]) -> None:
     """Writes the plan as a Parquet file: every case, with its draws in columns of their own.
 
     Args:
         folder: the campaign's.
         cases: all of them.
-        facts: about the plan as a whole, such as the digest of the campaign, kept as metadata.
+        metadata: about the plan as a whole, such as the digest of the campaign.
     """
     columns = {
         "case_id": pa.array([case.case_id for case in cases], pa.int64()),
@@ -153,19 +150,19 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, s
         "record": pa.array([case.record for case in cases], pa.string()),
     }
     for label in cases[0].drawn:
-        columns[f"draw.{label}"] = _column([case.drawn[label] for case in cases])
+        columns[f"draw.{label}"] = _to_column([case.drawn[label] for case in cases])
     for key in cases[0].swept:
-        columns[f"sweep.{key}"] = _column([case.swept[key] for case in cases])
+        columns[f"sweep.{key}"] = _to_column([case.swept[key] for case in cases])
     columns["case"] = pa.array([json.dumps(case._asdict()) for case in cases], pa.string())
-    _write(folder / PLAN, pa.table(columns).replace_schema_metadata(facts))
+    _write(folder / PLAN, pa.table(columns).replace_schema_metadata(metadata))
 
 
-def write_facts(folder: Path, facts: Mapping[str, str]) -> None:
+def write_metadata(folder: Path, metadata: Mapping[str, str]) -> None:
     """Replaces the metadata that are stored with the plan."""
-    _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
+    _write(folder / PLAN, _read_plan_table(folder, None).replace_schema_metadata(metadata))
 
 
-def _column(values: Sequence[Any]) -> pa.Array:
+def _to_column(values: Sequence[Any]) -> pa.Array:
     """Converts values to a Parquet column: numbers, words or booleans as such, others and mixtures as JSON."""
     kinds = {type(value) for value in values if value is not None}
     if kinds == {int} and all(value is None or abs(value) <= 2**53 for value in values):
@@ -178,34 +175,28 @@ def _column(values: Sequence[Any]) -> pa.Array:
 
 
 def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
-    """Reads a plan's cases and its metadata.
-
-    Raises:
-        InputError: when there is no plan that can be read.
-    """
-    table = _plan(folder, ["case"])
-    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], _facts(table)
+    """Reads a plan's cases and its metadata; InputError where no plan can be read."""
+    table = _read_plan_table(folder, ["case"])
+    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], _metadata(table)
 
 
-def read_facts(folder: Path) -> dict[str, str]:
-    """Reads a plan's metadata, without the cases.
-
-    Raises:
-        InputError: when there is no plan that can be read.
-    """
-    return _facts(_plan(folder, ["case_id"]))
+def read_metadata(folder: Path) -> dict[str, str]:
+    """Reads a plan's metadata, without the cases; InputError where no plan can be read."""
+    return _metadata(_read_plan_table(folder, ["case_id"]))
 
 
-def _facts(table: pa.Table) -> dict[str, str]:
+def _metadata(table: pa.Table) -> dict[str, str]:
+    """Returns a table's metadata as text by key."""
     return {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
 
 
 def read_draws(folder: Path) -> pa.Table:
     """Reads the plan as a table of sample, cell, seed, draws and swept values, without the JSON of the cases."""
-    return _plan(folder, None).drop_columns(["case", "digest"])
+    return _read_plan_table(folder, None).drop_columns(["case", "digest"])
 
 
-def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
+def _read_plan_table(folder: Path, columns: Sequence[str] | None) -> pa.Table:
+    """Reads some columns of the plan as a table; InputError where there is no plan."""
     if not (folder / PLAN).is_file():
         raise InputError(f"{folder}: holds no campaign: there is no {PLAN}")
     return _read(folder / PLAN, columns, "case", "remove it, and plan the campaign anew from its file")
@@ -216,28 +207,28 @@ def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
 
 def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Schema) -> Path:
     """Writes the result rows of one chunk of cases as a new Parquet file and returns its path."""
-    place = folder / RESULTS
-    place.mkdir(exist_ok=True)
+    results = folder / RESULTS
+    results.mkdir(exist_ok=True)
     first, last = rows[0]["case_id"], rows[-1]["case_id"]
-    path = place / f"{first:06d}-{last:06d}.parquet"
+    path = results / f"{first:06d}-{last:06d}.parquet"
     _write(path, pa.Table.from_pylist([dict(row) for row in rows], schema=columns))
     return path
 
 
 def flown_ids(folder: Path) -> set[int]:
     """Returns the numbers of all cases that have a result row, failed ones included."""
-    found: set[int] = set()
-    for path in _chunks(folder):
-        found.update(_rows(path, ["case_id"])["case_id"].to_pylist())
-    return found
+    case_ids: set[int] = set()
+    for path in _chunk_files(folder):
+        case_ids.update(_read_chunk(path, ["case_id"])["case_id"].to_pylist())
+    return case_ids
 
 
-def forget_failed(folder: Path, ids: Collection[int]) -> None:
-    """Removes the result rows of those of some cases that failed to run."""
-    for path in _chunks(folder):
-        table = _rows(path, None)
-        wanted = pc.and_(pc.is_in(table["case_id"], pa.array(ids, pa.int64())), pc.equal(table["status"], FAILED))
-        kept = table.filter(pc.invert(wanted))
+def remove_failed_rows(folder: Path, case_ids: Collection[int]) -> None:
+    """Removes the result rows of the given cases where they failed to run."""
+    for path in _chunk_files(folder):
+        table = _read_chunk(path, None)
+        failed = pc.and_(pc.is_in(table["case_id"], pa.array(case_ids, pa.int64())), pc.equal(table["status"], FAILED))
+        kept = table.filter(pc.invert(failed))
         if not kept.num_rows:
             path.unlink()
         elif kept.num_rows < table.num_rows:
@@ -254,15 +245,17 @@ def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table | 
     Raises:
         InputError: when a file of them is damaged.
     """
-    tables = [_rows(path, columns) for path in _chunks(folder)]
+    tables = [_read_chunk(path, columns) for path in _chunk_files(folder)]
     if not tables:
         return None
     return pa.concat_tables(tables).sort_by("case_id")
 
 
-def _chunks(folder: Path) -> list[Path]:
+def _chunk_files(folder: Path) -> list[Path]:
+    """Lists the Parquet files of results, one per chunk of cases."""
     return sorted((folder / RESULTS).glob("*.parquet"))
 
 
-def _rows(path: Path, columns: Sequence[str] | None) -> pa.Table:
+def _read_chunk(path: Path, columns: Sequence[str] | None) -> pa.Table:
+    """Reads some columns of one chunk's result rows as a table."""
     return _read(path, columns, "case_id", "remove it, and --resume flies its cases again")

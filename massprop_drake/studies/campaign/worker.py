@@ -172,9 +172,9 @@ class Child:
         status = process.wait()
         assert self._stderr is not None
         self._stderr.seek(max(0, self._stderr.seek(0, os.SEEK_END) - _TAIL))
-        said = [line.strip() for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
-        how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-        return ": ".join([f"its process {how}", *said[-1:]])
+        output = [line.strip() for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
+        ending = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+        return ": ".join([f"its process {ending}", *output[-1:]])
 
 
 def _resident_mb(pid: int) -> float:
@@ -227,6 +227,7 @@ def end_campaign_work(key: str) -> None:
 
 @atexit.register
 def _end_all() -> None:
+    """Ends all child processes of this worker when it exits."""
     for key in list(_children):
         end_campaign_work(key)
 

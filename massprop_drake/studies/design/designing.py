@@ -92,11 +92,11 @@ def design(
     if not 0.0 <= margin <= 10.0:
         raise InputError(f"design: margin: must be from 0 to 10, not {margin:g}")
     craft, state = _craft_and_filter(base, run, without)
-    wanted = asked.parse_targets(targets or {}, craft.properties, vehicle)
-    suspected = asked.parse_suspects(suspects, force, vehicle, craft.jets)
-    if not wanted and not suspects:
+    requested = asked.parse_targets(targets or {}, craft.properties, vehicle)
+    suspicion = asked.parse_suspects(suspects, force, vehicle, craft.jets)
+    if not requested and not suspects:
         raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
-    aims = asked.make_aims(wanted, suspected, craft.params, asked.AimSettings(base.faults, margin, False))
+    aims = asked.make_aims(requested, suspicion, craft.params, asked.AimSettings(base.faults, margin, False))
     flow = float(np.median(craft.flows[craft.jets]))
     cost = Cost(1.0 / flow, crafts.SECOND) if spare == "propellant" else Cost(crafts.SECOND / flow, 1.0)
     task = Task(
@@ -107,41 +107,41 @@ def design(
         cost,
         margin,
     )
-    sets = jet_sets(craft)
-    floors = reach.require_within_reach(sets, task, (wanted, suspected), vehicle)
-    reach.require_room(sets, task, limits or {})
-    choice = characterize_actions(candidate_actions(sets, craft), task)
-    converging = asked.make_aims(wanted, suspected, craft.params, asked.AimSettings(base.faults, margin, True))
-    found, task = _search_plan(choice, task, converging, len(wanted))
-    reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
-    made = writing.make_design(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
-    return fly_design(made, wanted, vehicle, flights) if flights else made
+    firing_sets = jet_sets(craft)
+    floors = reach.require_within_reach(firing_sets, task, (requested, suspicion), vehicle)
+    reach.require_allowed_firing(firing_sets, task, limits or {})
+    choice = characterize_actions(candidate_actions(firing_sets, craft), task)
+    converging_aims = asked.make_aims(requested, suspicion, craft.params, asked.AimSettings(base.faults, margin, True))
+    result, task = _search_plan(choice, task, converging_aims, len(requested))
+    reach.require_reached(result.plan, task, (requested, suspicion), vehicle, limits or {})
+    maneuver = writing.make_design(result, task, writing.DesignRequest(requested, suspicion, floors, hold), base, run)
+    return fly_design(maneuver, requested, vehicle, flights) if flights else maneuver
 
 
-def _search_plan(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
-    """Returns the plan of least cost and its task, whose filter takes products of errors as noise where needed.
+def _search_plan(candidates: Choice, task: Task, converging_aims: Aims, n_targets: int) -> tuple[SearchResult, Task]:
+    """Returns the plan of least cost and its task, whose filter treats products of errors as noise where needed.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
     filter to which these are noise, the plan is that of such a filter.
 
     Args:
-        choice: of actions.
+        candidates: of actions.
         task: see `Task`.
-        converging: its aims, and then convergence.
-        n: number of targets among them.
+        converging_aims: its aims, and then convergence.
+        n_targets: number of targets among them.
     """
-    found = search_best_plan(choice, task)
-    if found.plan.reached[-1].shortfall > 0.0:
-        return found, task
-    unsure = task._replace(doubting=True)
-    again = rebuild_plan(found.plan.actions, 1, found.plan, unsure)
-    assert again is not None  # what is noise moves nothing
-    guards = compare_with_aims(again.flown[-1].course.shown, task.known, converging).ratios[
-        n : converging.deviations.size
+    result = search_best_plan(candidates, task)
+    if result.plan.reached[-1].shortfall > 0.0:
+        return result, task
+    doubting_task = task._replace(doubting=True)
+    rebuilt = rebuild_plan(result.plan.actions, 1, result.plan, doubting_task)
+    assert rebuilt is not None  # what is noise moves nothing
+    ratios = compare_with_aims(rebuilt.flown[-1].course.shown, task.known, converging_aims).ratios[
+        n_targets : converging_aims.deviations.size
     ]
-    if (guards < _EARLY).all():
-        return found, task
-    return search_best_plan(choice, unsure), unsure
+    if (ratios < _EARLY).all():
+        return result, task
+    return search_best_plan(candidates, doubting_task), doubting_task
 
 
 def _default_scenario(vehicle: Vehicle) -> Scenario:
@@ -163,18 +163,18 @@ def _joint_filter_scenario(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=changed)
 
 
-def _craft_and_filter(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
-    """Returns the craft model that a maneuver commands, and the joint filter's state before the maneuver."""
+def _craft_and_filter(scenario: Scenario, run: Run | None, excluded: Sequence[str]) -> tuple[Craft, JointFilterState]:
+    """Returns the vehicle model for planning, and the joint filter's state before the maneuver."""
     vehicle = scenario.vehicle_data
-    for name in without:
+    for name in excluded:
         if name not in vehicle.designations:
             raise InputError(f"design: without '{name}': no such jet{suggestion(name, vehicle.designations)}")
-    craft, made = crafts.make_craft(scenario, frozenset(without)), inputs.estimation_params(scenario)
+    craft, params = crafts.make_craft(scenario, frozenset(excluded)), inputs.estimation_params(scenario)
     if craft.jets.size == 0 and not craft.torques.any():
         raise InputError("design: without: leaves no jet to fire")
     if run is None:
-        return craft, initial_state(made.filter_params)
-    state = state_from_json(run.state["states"], made, STATE_FILE).filter
+        return craft, initial_state(params.filter_params)
+    state = state_from_json(run.state["states"], params, STATE_FILE).filter
     speeds = np.where(np.isnan(state.speeds), craft.speeds, state.speeds)
     properties = np.where(np.isnan(state.estimate), craft.properties, state.estimate)  # mass that no sensor shows
     return craft._replace(rate=state.joint.mean[RATE], properties=properties, speeds=speeds), state

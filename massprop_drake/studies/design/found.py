@@ -123,6 +123,6 @@ class Design(NamedTuple):
     def commanded(self) -> list[ManeuverCommand]:
         """The maneuver's commands of jets and wheels, in order of time."""
         scenario = self.scenario
-        found = [ManeuverCommand(one.jet, 0.0, one.start_s, one.end_s) for one in scenario.jet_schedule]
-        found += [ManeuverCommand(one.wheel, one.torque, one.start_s, one.end_s) for one in scenario.wheel_schedule]
-        return sorted((one for one in found if one.start_s >= self.begins_s), key=lambda one: one.start_s)
+        commands = [ManeuverCommand(one.jet, 0.0, one.start_s, one.end_s) for one in scenario.jet_schedule]
+        commands += [ManeuverCommand(one.wheel, one.torque, one.start_s, one.end_s) for one in scenario.wheel_schedule]
+        return sorted((one for one in commands if one.start_s >= self.begins_s), key=lambda one: one.start_s)

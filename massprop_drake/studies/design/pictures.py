@@ -10,49 +10,51 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.studies.design.found import Design
 
 
-def plots(made: Design, vehicle: Vehicle) -> list[Plot]:
+def plots(design: Design, vehicle: Vehicle) -> list[Plot]:
     """Makes the plots of a design: 1-sigma over propellant, and firings over time."""
-    return [*([pareto_front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
+    return [*([pareto_front(design, vehicle)] if design.targets else []), firings(design, vehicle)]
 
 
-def pareto_front(made: Design, vehicle: Vehicle) -> Plot:
+def pareto_front(design: Design, vehicle: Vehicle) -> Plot:
     """Plots 1-sigma over requested 1-sigma of each target against propellant, of looser plans, and as flown."""
-    most = 1.05 * max(float(made.front.propellant[-1]), made.propellant) or 1.0
-    ends = np.array([0.0, most])
+    largest = 1.05 * max(float(design.front.propellant[-1]), design.propellant) or 1.0
+    ends = np.array([0.0, largest])
     marks: list[Mark] = [Line(ends, np.ones(2), TRUTH_COLOR, "asked", dashed=True)]
-    for number, target in enumerate(made.targets):
+    for number, target in enumerate(design.targets):
         color = COLORS[number % (len(COLORS) - 1)]
-        looser = made.front.deviations[:, number] / target.asked
-        marks.append(Line(made.front.propellant, looser, color, target.name, THIN_LINE))
+        looser = design.front.deviations[:, number] / target.asked
+        marks.append(Line(design.front.propellant, looser, color, target.name, THIN_LINE))
         flown = np.array(target.flown) / target.asked
-        at = np.full(flown.size or 1, made.propellant)
+        propellant = np.full(flown.size or 1, design.propellant)
         values = flown if flown.size else np.array([target.predicted / target.asked])
-        marks.append(Points(at, values, color))
-    over = Over("propellant", vehicle.unit_names["mass"], (0.0, most))
+        marks.append(Points(propellant, values, color))
+    over = Over("propellant", vehicle.unit_names["mass"], (0.0, largest))
     panel = Panel("1-sigma / asked", "", tuple(marks), scale="log", over=over)
-    meaning = "lines: plans for looser targets; points: this maneuver" + (", flown" if made.targets[0].flown else "")
+    meaning = "lines: plans for looser targets; points: this maneuver" + (", flown" if design.targets[0].flown else "")
     title = "What is known for how much propellant"
     return Plot("front", title, vehicle.name, np.zeros(1), (panel,), meaning=meaning)
 
 
-def firings(made: Design, vehicle: Vehicle) -> Plot:
+def firings(design: Design, vehicle: Vehicle) -> Plot:
     """Plots firings of jets and torques of wheels over time, with 1-sigma over requested 1-sigma below."""
-    begins, commanded = made.begins_s, made.commanded
+    begins_s, commands = design.begins_s, design.commanded
     names = (*vehicle.designations, *(wheel.name for wheel in vehicle.wheels))
-    rows = [name for name in names if any(name == one.name for one in commanded)]
+    rows = [name for name in names if any(name == command.name for command in commands)]
     bars = Bars(
-        np.array([one.start_s for one in commanded]),
-        np.array([one.end_s for one in commanded]),
-        np.array([float(rows.index(one.name)) for one in commanded]),
+        np.array([command.start_s for command in commands]),
+        np.array([command.end_s for command in commands]),
+        np.array([float(rows.index(command.name)) for command in commands]),
         COLORS[0],
         label="commanded",
     )
     panels = [Panel("", "", (bars,), rows=tuple(rows))]
-    time_s = begins + np.insert(made.course.time_s, 0, 0.0)
-    if made.targets:
+    time_s = begins_s + np.insert(design.course.time_s, 0, 0.0)
+    if design.targets:
         lines: list[Mark] = [Level(1.0, label="asked")]
-        for number, target in enumerate(made.targets):
-            values = np.insert(made.course.deviations[:, number], 0, target.before) / target.asked
+        for number, target in enumerate(design.targets):
+            values = np.insert(design.course.deviations[:, number], 0, target.before) / target.asked
             lines.append(Line(time_s, values, COLORS[number % (len(COLORS) - 1)], target.name))
         panels.append(Panel("1-sigma / asked", "", tuple(lines), scale="log"))
-    return Plot("firings", "The maneuver", vehicle.name, np.array((begins, begins + made.duration_s)), tuple(panels))
+    return Plot(
+        "firings", "The maneuver", vehicle.name, np.array((begins_s, begins_s + design.duration_s)), tuple(panels)
+    )

@@ -29,47 +29,43 @@ _UNKNOWN = "the vehicle is not known well enough for failures to be looked for"
 
 
 def require_within_reach(
-    sets: Sequence[tuple[int, ...]], task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle
+    jet_sets: Sequence[tuple[int, ...]], task: Task, request: tuple[Sequence[Target], Suspicion], vehicle: Vehicle
 ) -> Reached:
-    """Checks that firings can reach all aims, else InputError; returns the least sigmas that firings reach.
-
-    Raises:
-        InputError: when that is more than an aim leaves, with the direction that nothing shows.
-    """
-    (wanted, suspected), free = asks, task._replace(limits=ManeuverLimits())
-    shown = characterize_actions(candidate_actions(sets, task.craft, lengths=(4,)), free)[1]
-    floors = aims_floor(shown, task)
-    beyond = np.flatnonzero(floors.ratios > 1.0)
-    if beyond.size == 0:
+    """Checks that firings can reach all aims, else InputError; returns the least sigmas that firings reach."""
+    (targets, suspicion), unlimited_task = request, task._replace(limits=ManeuverLimits())
+    information = characterize_actions(candidate_actions(jet_sets, task.craft, lengths=(4,)), unlimited_task)[1]
+    floors = aims_floor(information, task)
+    unreachable = np.flatnonzero(floors.ratios > 1.0)
+    if unreachable.size == 0:
         return floors
-    worst = int(beyond[np.argmax(floors.ratios[beyond])])
-    if worst >= floors.deviations.size:
-        one, other = suspected.pairs[worst - floors.deviations.size]
-        jet = vehicle.designations[one]
-        if other < 0:
+    worst_aim = int(unreachable[np.argmax(floors.ratios[unreachable])])
+    if worst_aim >= floors.deviations.size:
+        jet_index, other_index = suspicion.pairs[worst_aim - floors.deviations.size]
+        jet = vehicle.designations[jet_index]
+        if other_index < 0:
             raise InputError(
                 f"design: no firing shows that {jet} fails by so little: it is within what thrusts may be off, or what "
                 "the sensors resolve"
             )
         raise InputError(
-            f"design: no firing tells {jet} from {vehicle.designations[other]}: what one of them does by failing the "
-            "other does as well"
+            f"design: no firing tells {jet} from {vehicle.designations[other_index]}: what one of them does by failing "
+            "the other does as well"
         )
-    why = _hidden_direction_text(shown, task, worst, vehicle)
-    if worst >= len(wanted):
+    why = _hidden_direction_text(information, task, worst_aim, vehicle)
+    if worst_aim >= len(targets):
         raise InputError(f"design: suspects: {_UNKNOWN}, and no firing mends that. {why}")
-    target, left = wanted[worst], float(floors.deviations[worst])
-    narrower = _with_unit(float(task.aims.deviations[worst]), target)
+    target, sigma = targets[worst_aim], float(floors.deviations[worst_aim])
+    asked_with_margin = _with_unit(float(task.aims.deviations[worst_aim]), target)
     raise InputError(
-        f"design: target {target.name}: no firing makes it known better than to {_with_unit(left, target)}; asked is "
-        f"{_with_unit(target.asked, target)}, with a margin {narrower}. {why}"
+        f"design: target {target.name}: no firing makes it known better than to {_with_unit(sigma, target)}; asked is "
+        f"{_with_unit(target.asked, target)}, with a margin {asked_with_margin}. {why}"
     )
 
 
-def _hidden_direction_text(shown: Sequence[Array], task: Task, worst: int, vehicle: Vehicle) -> str:
-    """Describes the unobservable combination that keeps a target from being reached, as text."""
+def _hidden_direction_text(information: Sequence[Array], task: Task, aim_index: int, vehicle: Vehicle) -> str:
+    """Describes the unobservable combination of parameters that keeps a target from being reached."""
     places, sigma = task.craft.params.places, thrust_sigmas(task.craft.params)
-    direction = unobservable_direction(shown, task, worst)
+    direction = unobservable_direction(information, task, aim_index)
     thrusts = direction[N_PROPERTIES : N_PROPERTIES + places.n_thrust]
     size = float(np.linalg.norm(thrusts))
     fires = np.flatnonzero(sigma)
@@ -79,62 +75,56 @@ def _hidden_direction_text(shown: Sequence[Array], task: Task, worst: int, vehic
             "and mass are larger by as much, every reading is the same. Better known thrusts would help, or wheels"
         )
     prior = np.sqrt(np.diagonal(np.linalg.inv(task.known.information)))
-    ten = np.zeros(N_PROPERTIES)
-    of = task.known.of
-    ten[of[of < N_PROPERTIES]] = prior[of < N_PROPERTIES]
-    share = np.abs(direction[:N_PROPERTIES]) * np.where(ten > 0.0, 1.0 / np.maximum(ten, 1e-300), 0.0)
+    sigmas = np.zeros(N_PROPERTIES)
+    known = task.known.of
+    sigmas[known[known < N_PROPERTIES]] = prior[known < N_PROPERTIES]
+    share = np.abs(direction[:N_PROPERTIES]) * np.where(sigmas > 0.0, 1.0 / np.maximum(sigmas, 1e-300), 0.0)
     names = [SYMBOLS[place] for place in np.argsort(-share)[:2] if share[place] > 0.3 * share.max()]
     return f"No firing of these jets shows {' with '.join(names)}, by the sensors that vehicle '{vehicle.name}' has"
 
 
-def _with_unit(value: float, target: Target) -> str:
+def _with_unit(sigma: float, target: Target) -> str:
     """Formats a target's sigma with its unit, and in percent of its value where it has one."""
-    percent = f" ({100.0 * value / target.share:.3g} %)" if target.share else ""
-    return f"{value:.3g} {target.unit}{percent}"
+    percent = f" ({100.0 * sigma / target.share:.3g} %)" if target.share else ""
+    return f"{sigma:.3g} {target.unit}{percent}"
 
 
-def require_room(sets: Sequence[tuple[int, ...]], task: Task, limits: Mapping[str, str]) -> None:
-    """Checks that limits leave any firing allowed, else InputError.
+def require_allowed_firing(jet_sets: Sequence[tuple[int, ...]], task: Task, limits: Mapping[str, str]) -> None:
+    """Checks that the limits allow at least the shortest firing, else InputError.
 
     Args:
-        sets: of jets that fire together.
+        jet_sets: of jets that fire together.
         task: see `Task`.
         limits: as they were given, for the message.
-
-    Raises:
-        InputError: when they forbid even the shortest firing.
     """
-    if not characterize_actions(candidate_actions(sets, task.craft, lengths=(1,)), task)[0]:
-        raise InputError(f"design: limits: {_in_words(limits)}: forbids every firing; the shortest takes more")
+    if not characterize_actions(candidate_actions(jet_sets, task.craft, lengths=(1,)), task)[0]:
+        raise InputError(f"design: limits: {_limits_text(limits)}: forbids every firing; the shortest takes more")
 
 
-def _in_words(limits: Mapping[str, str]) -> str:
+def _limits_text(limits: Mapping[str, str]) -> str:
+    """Formats limits as text."""
     return " and ".join(f"{name} {value}" for name, value in limits.items())
 
 
 def require_reached(
-    plan: Plan, task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle, limits: Mapping[str, str]
+    plan: Plan, task: Task, request: tuple[Sequence[Target], Suspicion], vehicle: Vehicle, limits: Mapping[str, str]
 ) -> None:
-    """Checks that a plan reaches all aims, else InputError with how close it comes and the limits.
-
-    Raises:
-        InputError: when it does not, with how far it comes and the limits that are set.
-    """
-    (wanted, suspected), last = asks, plan.reached[-1]
+    """Checks that a plan reaches all aims, else InputError with how close it comes and the limits."""
+    (targets, suspicion), last = request, plan.reached[-1]
     if last.shortfall == 0.0:
         return
     worst = int(np.argmax(last.ratios))
     used = f"{plan.propellant:.3g} {vehicle.unit_names['mass']} and {plan.samples * task.craft.period_s:.3g} s"
-    if worst < len(wanted):
-        comes = f"{wanted[worst].name} is known to {_with_unit(float(last.deviations[worst]), wanted[worst])}"
+    if worst < len(targets):
+        result = f"{targets[worst].name} is known to {_with_unit(float(last.deviations[worst]), targets[worst])}"
     elif worst < last.deviations.size:
-        comes = _UNKNOWN
+        result = _UNKNOWN
     else:
-        one, other = suspected.pairs[worst - last.deviations.size]
-        other_one = vehicle.designations[other] if other >= 0 else "nothing"
-        comes = f"{vehicle.designations[one]} is not told from {other_one}"
-    within = f" within {_in_words(limits)}" if limits else ""
+        jet_index, other_index = suspicion.pairs[worst - last.deviations.size]
+        other_jet = vehicle.designations[other_index] if other_index >= 0 else "nothing"
+        result = f"{vehicle.designations[jet_index]} is not told from {other_jet}"
+    within = f" within {_limits_text(limits)}" if limits else ""
     raise InputError(
-        f"design: no maneuver was found that reaches what is asked{within}: after {used} {comes}; raise a "
+        f"design: no maneuver was found that reaches what is asked{within}: after {used} {result}; raise a "
         "limit or a target"
     )

@@ -25,36 +25,36 @@ class DesignRequest(NamedTuple):
     """Request for a design, as it has been read.
 
     Attributes:
-        wanted: targets.
-        suspected: see `Suspicion`.
+        targets: with the 1-sigma asked for.
+        suspicion: suspect jets and their forces, see `Suspicion`.
         floors: of all aims.
         hold: whether the autopilot holds attitude meanwhile.
     """
 
-    wanted: Sequence[Target]
-    suspected: Suspicion
+    targets: Sequence[Target]
+    suspicion: Suspicion
     floors: Reached
     hold: bool
 
 
-def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, run: Run | None) -> Design:
+def make_design(result: SearchResult, task: Task, request: DesignRequest, base: Scenario, run: Run | None) -> Design:
     """Makes the design of a found plan: its scenario, predicted sigmas, separable pairs and commands."""
-    (plan, trace), (wanted, suspected, floors, hold) = found, asks
+    (plan, trace), (requested, suspicion, floors, hold) = result, request
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
     before, last = plan.reached[0], plan.reached[-1]
-    n = len(wanted)
-    rows, spent = _unroll_plan(plan, task)
-    deviations, apart_s = _sigmas_and_separation(rows, task, task.aims, n)
-    course = Trace(np.array(spent), np.array([each.row for each in rows]) * craft.period_s, deviations[:, :n])
+    n = len(requested)
+    samples, spent = _unroll_plan(plan, task)
+    deviations, separable_s = _sigmas_and_separation(samples, task, task.aims, n)
+    course = Trace(np.array(spent), np.array([each.row for each in samples]) * craft.period_s, deviations[:, :n])
     targets = tuple(
         TargetFound(
             one.name, one.unit, one.value, one.asked, float(before.deviations[place]), float(last.deviations[place]),
             float(floors.deviations[place]), (), (),
         )
-        for place, one in enumerate(wanted)
+        for place, one in enumerate(requested)
     )  # fmt: skip
-    sign = -1.0 if suspected.loss else 1.0
+    sign = -1.0 if suspicion.loss else 1.0
     pairs = tuple(
         PairFound(
             vehicle.designations[one],
@@ -62,7 +62,7 @@ def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scen
             sign * float(force),
             after_s,
         )
-        for (one, other), force, after_s in zip(suspected.pairs.tolist(), suspected.forces, apart_s, strict=True)
+        for (one, other), force, after_s in zip(suspicion.pairs.tolist(), suspicion.forces, separable_s, strict=True)
     )
     used = np.cumsum([action.propellant for action in trace.actions])
     front = Trace(
@@ -71,7 +71,7 @@ def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scen
         np.array([each.deviations[:n] for each in trace.reached]).reshape(used.size, n),
     )
     return Design(
-        _scenario(plan, task, base, begins_s, hold=hold),
+        _flying_scenario(plan, task, base, begins_s, hold=hold),
         begins_s,
         plan.samples * craft.period_s,
         craft.period_s * sum(action.samples for action in plan.actions),
@@ -83,44 +83,44 @@ def make_design(found: SearchResult, task: Task, asks: DesignRequest, base: Scen
         pairs,
         course,
         front,
-        {vehicle.designations[jet]: time_s for jet, time_s in _naming_times_s(rows, task, n).items()},
+        {vehicle.designations[jet]: time_s for jet, time_s in _naming_times_s(samples, task, n).items()},
         {},
     )
 
 
 def _unroll_plan(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
-    """Returns the predicted filter courses sample by sample after the lead, and propellant used by then."""
-    (flown,), used = begin_plan(task).flown, [0.0]
-    rows = [flown]
+    """Predicts a plan sample by sample from its first firing on: filter states, and propellant used by then."""
+    (flown,), propellant = begin_plan(task).flown, [0.0]
+    samples = [flown]
     for action in plan.actions[1:]:
         for sample in range(action.length):
             fires = sample < action.samples
-            rows.append(fly_action_sample(rows[-1], action, task.craft, task.doubt, fires=fires))
-            used.append(used[-1] + (action.propellant / action.samples if fires else 0.0))
-    return rows, used
+            samples.append(fly_action_sample(samples[-1], action, task.craft, task.doubt, fires=fires))
+            propellant.append(propellant[-1] + (action.propellant / action.samples if fires else 0.0))
+    return samples, propellant
 
 
 def _sigmas_and_separation(
-    rows: Sequence[FlownAction], task: Task, aims: Aims, n: int
+    samples: Sequence[FlownAction], task: Task, aims: Aims, n_targets: int
 ) -> tuple[Array, list[float | None]]:
-    """Computes 1-sigmas by sample, and times at which pairs become separable, s after the lead, or None.
+    """Computes 1-sigmas by sample, and times at which pairs become separable, s after the first firing, or None.
 
     Args:
-        rows: see `_unroll_plan`.
+        samples: see `_unroll_plan`.
         task: see `Task`.
         aims: whose pairs they are.
-        n: number of targets; other combinations must be known before suspects are looked for.
+        n_targets: number of targets; other combinations must be known before suspects are looked for.
     """
-    done = [compare_with_aims(flown.course.shown, task.known, aims) for flown in rows]
-    deviations, wide = np.array([each.deviations for each in done]), 1.0 + task.margin
-    looked_for = np.all(deviations[:, n:] <= aims.deviations[n:] * wide, axis=1)
-    told = (np.array([each.deltas for each in done]) >= aims.odds / wide**2) & looked_for.reshape(-1, 1)
-    after = [max(int(np.argmax(one)), FOLLOWED) * task.craft.period_s if one.any() else None for one in told.T]
-    return deviations, after
+    reached = [compare_with_aims(flown.course.shown, task.known, aims) for flown in samples]
+    deviations, tolerance = np.array([each.deviations for each in reached]), 1.0 + task.margin
+    looked_for = np.all(deviations[:, n_targets:] <= aims.deviations[n_targets:] * tolerance, axis=1)
+    separable = (np.array([each.deltas for each in reached]) >= aims.odds / tolerance**2) & looked_for.reshape(-1, 1)
+    times_s = [max(int(np.argmax(row)), FOLLOWED) * task.craft.period_s if row.any() else None for row in separable.T]
+    return deviations, times_s
 
 
-def _naming_times_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
-    """Maps each suspect jet to when it is separable from all other jets, s after the lead, or None.
+def _naming_times_s(samples: list[FlownAction], task: Task, n_targets: int) -> dict[int, float | None]:
+    """Maps each suspect jet to the time after the first firing at which it is separable from all others, s, or None.
 
     Nothing fires after the maneuver, for as long as flights are listened to.
     """
@@ -128,54 +128,58 @@ def _naming_times_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, fl
     if aims.pairs.size == 0:
         return {}
     rest = coast_action(round(LISTENING_S / period_s), task.craft)
-    after = list(rows)
+    rows = list(samples)
     for _ in range(rest.coast):
-        after.append(fly_action_sample(after[-1], rest, task.craft, fires=False))
-    apart, nothing = aims.odds[aims.pairs[:, 1] >= 0].min(), np.flatnonzero(aims.pairs[:, 1] < 0)
-    whom = aims.pairs[nothing, 0]
-    others = [np.append(np.delete(np.arange(2 * jets), (own % jets, jets + own % jets)), -1) for own in whom]
+        rows.append(fly_action_sample(rows[-1], rest, task.craft, fires=False))
+    least_odds, nothing = aims.odds[aims.pairs[:, 1] >= 0].min(), np.flatnonzero(aims.pairs[:, 1] < 0)
+    suspects = aims.pairs[nothing, 0]
+    others = [np.append(np.delete(np.arange(2 * jets), (jet % jets, jets + jet % jets)), -1) for jet in suspects]
     rivals, size = np.concatenate(others), others[0].size
-    of = np.repeat(nothing, size)
-    every = aims._replace(
-        pairs=np.column_stack((np.repeat(whom, size), rivals)),
-        forces=aims.forces[of],
-        most=aims.most[of],
-        odds=np.where(rivals < 0, aims.odds[of], apart),
+    suspect_rows = np.repeat(nothing, size)
+    pairs = aims._replace(
+        pairs=np.column_stack((np.repeat(suspects, size), rivals)),
+        forces=aims.forces[suspect_rows],
+        most=aims.most[suspect_rows],
+        odds=np.where(rivals < 0, aims.odds[suspect_rows], least_odds),
     )
-    told = np.array([math.inf if one is None else one for one in _sigmas_and_separation(after, task, every, n)[1]])
-    last = told.reshape(-1, size).max(axis=1).tolist()
+    times_s = np.array(
+        [math.inf if one is None else one for one in _sigmas_and_separation(rows, task, pairs, n_targets)[1]]
+    )
+    last = times_s.reshape(-1, size).max(axis=1).tolist()
     return {
-        own % jets: time_s if math.isfinite(time_s) else None for own, time_s in zip(whom.tolist(), last, strict=True)
+        jet % jets: time_s if math.isfinite(time_s) else None
+        for jet, time_s in zip(suspects.tolist(), last, strict=True)
     }
 
 
-def _scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:
+def _flying_scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:
     """Makes a scenario that flies a plan, from the start or from the end of the base scenario."""
     period_s, vehicle = task.craft.period_s, base.vehicle_data
-    pulses, turns, row = list[JetPulse](), list[WheelPulse](), 0
+    pulses, wheel_pulses, sample = list[JetPulse](), list[WheelPulse](), 0
     for action, flown in zip(plan.actions, plan.flown, strict=True):
-        start_s = begins_s + row * period_s
+        start_s = begins_s + sample * period_s
         end_s = start_s + action.samples * period_s
         times = {"start_s": round(start_s, 9), "end_s": round(end_s, 9)}
         pulses += [JetPulse(jet=vehicle.designations[jet], **times) for jet in action.jets]
-        turns += [
+        wheel_pulses += [
             WheelPulse(wheel=vehicle.wheels[wheel].name, torque=torque, **times)
             for wheel, torque in enumerate(action.torques)
             if torque
         ]
-        row = flown.row
+        sample = flown.row
     changed = {
         "name": f"{vehicle.name}_design",
-        "description": "A maneuver that was designed: " + ", ".join(_in_words(plan, task)),
+        "description": "A maneuver that was designed: " + ", ".join(_plan_texts(plan, task)),
         "maneuver": base.maneuver if begins_s else (),
         "autopilot": base.autopilot.model_copy(update={"engaged": hold or bool(begins_s and not base.open_loop)}),
         "jet_schedule": (*(base.jet_schedule if begins_s else ()), *pulses),
-        "wheel_schedule": (*(base.wheel_schedule if begins_s else ()), *turns),
+        "wheel_schedule": (*(base.wheel_schedule if begins_s else ()), *wheel_pulses),
         "engine_schedule": base.engine_schedule if begins_s else (),
-        "duration_s": round(begins_s + row * period_s, 9),
+        "duration_s": round(begins_s + sample * period_s, 9),
     }
     return base.model_copy(update=changed)
 
 
-def _in_words(plan: Plan, task: Task) -> list[str]:
+def _plan_texts(plan: Plan, task: Task) -> list[str]:
+    """Returns number of firings and duration of a plan as text."""
     return [f"{len(plan.actions) - 1} firings", f"{plan.samples * task.craft.period_s:.3g} s"]

@@ -43,7 +43,7 @@ def study(swept: Path) -> Study:
 
 @pytest.fixture(scope="module")
 def contents(study: Study) -> dict[str, Any]:
-    return campaign_report.contents(study)
+    return campaign_report.page_content(study)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_a_healthy_campaign_has_no_failures_to_speak_of(tmp_path: Path) -> None:
     assert found["passed"] is True
     assert found["figures"]["false_declarations_per_hour"]["high"] == pytest.approx(3.0 / (12 / 60), rel=2e-3)
     assert found["figures"]["isolated"]["value"] is None
-    shown = campaign_report.contents(read(path))
+    shown = campaign_report.page_content(read(path))
     assert shown["outcomes"] == []
     assert [plot["name"] for plot in shown["places_of"]["consistency"]][-1] == "over-time"
     assert not any("failures that acted" in line["text"] for line in shown["verdict"])

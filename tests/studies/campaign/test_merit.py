@@ -108,11 +108,11 @@ def test_a_higher_threshold_strikes_out_what_is_below_it() -> None:
 
 def test_sensitivity_leaves_out_what_is_no_number() -> None:
     rows = [{**row(n, z=n - 4.0), "draw.size": 2.0 * n, "draw.jet": "R4R", "draw.same": 1.0} for n in range(9)]
-    found = merit.sensitivity(rows, ["size", "jet", "same"], size=False)
+    found = merit.sensitivity(rows, ["size", "jet", "same"], absolute=False)
     assert list(found["m_inv"]) == ["size"]
     assert found["m_inv"]["size"].value == pytest.approx(1.0)
     # the error's size is the same on both sides of the middle
-    assert merit.sensitivity(rows, ["size"], size=True)["m_inv"]["size"].value == pytest.approx(0.0, abs=1e-12)
+    assert merit.sensitivity(rows, ["size"], absolute=True)["m_inv"]["size"].value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_sobol_indices_need_every_case() -> None:

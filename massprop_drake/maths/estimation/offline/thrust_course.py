@@ -92,7 +92,7 @@ class MiddleDerivatives(NamedTuple):
     Attributes:
         by: derivative of the ten parameters there by all unknowns, shape (10, n).
         slopes: derivatives of `RecordedStretch.by_draw` by these, shape (n_tanks, 9, n).
-        by_jets: derivative of `RecordedStretch.to_draw` by the thrust error of each jet, shape (n_tanks, n_jets, m - 1).
+        by_jets: derivative of `RecordedStretch.to_draw` by each thrust error, shape (n_tanks, n_jets, m - 1).
     """
 
     by: Array
