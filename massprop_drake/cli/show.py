@@ -413,7 +413,7 @@ def describe_telemetry(facts: Mapping[str, Any], vehicle: Vehicle | None) -> str
     """Formats what was found in a readable record as one line: rows, period, gaps, columns not used.
 
     Args:
-        facts: as `telemetry.reader.check` returns it.
+        facts: see `records.structure_check.check`.
         vehicle: the vehicle it was checked against; None for any.
     """
     period = "" if facts["period_s"] is None else f", {facts['period_s']:.6g} s apart"

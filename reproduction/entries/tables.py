@@ -85,7 +85,7 @@ def _count_jets(kind: str) -> Measure:
 
 
 def _mirror_difference(_: Phase) -> float:
-    """Computes the largest difference of a primary jet from the mirror image of another, ft, -, or 1000 lbf."""
+    """Computes the largest difference of a jet from the mirror image of another, ft, -, or 1000 lbf."""
     vehicle = orbiter()
     rows = np.hstack([vehicle.positions, vehicle.thrusts / 1000.0])
     image = rows * np.array([1, -1, 1, 1, -1, 1])

@@ -263,7 +263,7 @@ class SizeCurve(NamedTuple):
 
     @property
     def finds_all(self) -> bool:
-        """True if even the smallest failure is found with probability 0.9 or more."""
+        """True if failures of all sizes are found with probability 0.9 or more."""
         return math.isnan(self.size_90.value) and self.intercept + self.slope * math.log(self.largest) > math.log(9.0)
 
     def at(self, sizes: Array) -> tuple[Array, Array, Array]:

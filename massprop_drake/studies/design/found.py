@@ -48,7 +48,7 @@ class PairFound(NamedTuple):
         jet: that fails.
         other: that would explain it; None: nothing fails.
         force: lbf or N; below zero: missing while it fires.
-        after_s: from the beginning of the maneuver on, s; None: not by its end.
+        after_s: seconds after the first firing; None: not by its end.
     """
 
     jet: str
