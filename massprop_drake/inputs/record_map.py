@@ -165,7 +165,7 @@ class _Vector(_Sampled):
 
     @model_validator(mode="after")
     def _require_columns_and_rotation(self) -> _Vector:
-        """Raises ValueError without any column, or for axes besides a rotation that must be orthonormal."""
+        """Raises ValueError without any column, for axes and a rotation, or for one that is not orthonormal."""
         if all(column is None for column in self.columns):
             raise ValueError("columns: none is named; leave the sensor out")
         if self.rotation is not None:

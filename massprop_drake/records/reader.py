@@ -61,13 +61,13 @@ class Reader:
         telemetry: a CSV or Parquet file, "-" for standard input, or an open table.
         vehicle: whose packages and jets name the columns.
         gyro: the package that must be there; None: a sensor in a fixed frame must.
-        after: go on from the end of an earlier part; its last row may be there again, and gives its command.
+        previous: go on from the end of an earlier part; its last row may be there again, and gives its command.
         stream: instead of a file; what is there is read row by row.
         rows_per_block: at most, of a file.
 
     Attributes:
         record: what has been found so far.
-        before: command, outside wrench and onsets of the row before the first, with `after`.
+        before: command, outside wrench and onsets of the row before the first, with `previous`.
         velocity: integral of each acceleration so far, by package.
         jitter: of the sample period, by so much rows may be early or late; more is a gap; set before rows are read.
         own_times: whether rows come whenever anything is read, and commands hold in those that have none; likewise.
@@ -155,7 +155,7 @@ class Reader:
     # ----------------------------------------------------------------------------------- columns
 
     def _plan_columns(self, gyro: str | None) -> None:
-        """Chooses the columns to read and sets their indices; raises InputError where required ones are missing."""
+        """Chooses the columns to read and sets their indices; raises InputError where one is missing."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = jet_columns(vehicle, present)

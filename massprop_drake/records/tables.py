@@ -136,7 +136,7 @@ class CsvTable(Table):
         self._binary.close()
 
     def _lines(self) -> Iterator[str]:
-        """Yields the lines as text; stores the number of the current one, and whether it has a line end."""
+        """Yields the lines as text; stores the number of the current one, and whether it lacks a line end."""
         text = io.TextIOWrapper(io.BufferedReader(self._watched, 1 << 16), encoding="utf-8-sig", newline="")
         for number, line in text_lines(text, self.source, self._zeros):
             self._line = number

@@ -324,14 +324,14 @@ class _Rule(NamedTuple):
 
 
 def _require_folder_of(path: Path) -> None:
-    """Checks that a file's path is no folder, and that its parent folder exists."""
+    """Raises InputError where a file's path is a folder, or its parent folder does not exist."""
     with _explain_os_error(path):
         if path.is_dir() or not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
 
 
 def _require_writable_files(folder: Path, names: Iterable[str], rule: _Rule) -> None:
-    """Makes a folder, and checks by a rule that files with these names can be written into it."""
+    """Makes a folder, and requires by a rule that files with these names can be written into it."""
     with _explain_os_error(folder):
         path = _resolve_folder(folder)
         path.mkdir(parents=True, exist_ok=True)

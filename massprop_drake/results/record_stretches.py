@@ -220,7 +220,7 @@ def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, model:
 def trusted_stretches(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], model: FlightModel
 ) -> tuple[list[Stretch], bool]:
-    """Returns a record's stretches up to a time, false readings as NaN; 1/m refers to the end of the last.
+    """Returns stretches of the record up to a time, or a faulty wheel or engine, false readings as NaN.
 
     Args:
         scenario: as run.
@@ -230,7 +230,7 @@ def trusted_stretches(
         model: see `make_model`.
 
     Returns:
-        Stretches, and whether their stamps lie on the ticks at which commands switch.
+        Stretches, their propellant counted from the end of the last; True if stamps are the ticks of commands.
     """
     pieces = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
     trusted = [cut for piece in pieces if (cut := cut_at(piece, until_s)).time_s.size > 2]

@@ -124,7 +124,7 @@ class DrakeEngine:
             builder.Connect(port, multiplexer.get_input_port(place))
         self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
         self._sink = LogVectorOutput(multiplexer.get_output_port(), builder, scenario.vehicle_data.sample_period_s)
-        _require_names(self._systems)
+        _require_unique_names(self._systems)
         return builder.Build()
 
     @property
@@ -341,7 +341,7 @@ def _explain_diagram_errors(diagram: Any) -> Iterator[None]:
         raise InputError(f"simulate: diagram: {' '.join(str(error).split())}") from None
 
 
-def _require_names(systems: Sequence[System]) -> None:
+def _require_unique_names(systems: Sequence[System]) -> None:
     """Raises InputError where two systems have the same name, at which Drake would end the process."""
     names = [system.get_name() for system in systems]
     repeated = next((name for name in names if names.count(name) > 1), None)

@@ -16,7 +16,7 @@ from massprop_drake.inputs.estimation_blocks import CglrBlock
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import Dispersion, DisturbanceBlock, PlantBlock
 from massprop_drake.maths.estimation import foretold
-from massprop_drake.maths.estimation.cycle import EstimationParams, collect_commands, initial_state
+from massprop_drake.maths.estimation.cycle import EstimationParams, collect_thrust_inputs, initial_state
 from massprop_drake.maths.estimation.faults.priors import Priors, log_failure_probability, log_jump_probability
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
@@ -184,7 +184,7 @@ def _forecast(
     for row in range(time_s.size):
         sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
         state = foretold.step(
-            state, (sample.rates, sample.velocities), collect_commands(sample), linear, failing=failing
+            state, (sample.rates, sample.velocities), collect_thrust_inputs(sample), linear, failing=failing
         )
         deviations.append(np.sqrt(np.diagonal(state.filter.covariance)))
         if failing:

@@ -132,7 +132,7 @@ def _known_parameters(run: Run) -> Array:
 
 
 def _parameters_before_jumps(run: Run) -> Array:
-    """Returns the ten parameters before the first payload jump, less the propellant used to the end, shape (10,).
+    """Returns the ten parameters before the first jump, the mass with propellant as at the end, shape (10,).
 
     What is explained are the readings before anything was declared, with what was simulated then.
     """
@@ -192,7 +192,7 @@ class _SimulatedVehicle:
     def simulate_readings(
         self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array
     ) -> dict[str, Array]:
-        """Maps sensor packages to readings simulated for a block of rows, (n, 3), NaN before the simulation began.
+        """Simulates a further block of rows; maps packages to readings, (n, 3), NaN where commands are unknown.
 
         Args:
             commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape

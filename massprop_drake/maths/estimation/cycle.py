@@ -144,13 +144,13 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
     known = known_force(state, sample, params)
     if known.acts:
         impulses = add_wrench(impulses, known.wrench, params.period_s)
-    interval = Interval(impulses, known, collect_commands(sample))
+    interval = Interval(impulses, known, collect_thrust_inputs(sample))
     measurement = params.filter.measure(state.filter, sample.rates, sample.velocities, interval, params.filter_params)
     return Measured(interval, measurement)
 
 
-def collect_commands(sample: Sample) -> Told:
-    """Collects commands, times and tracked readings of a sample for filters with their own thrust model."""
+def collect_thrust_inputs(sample: Sample) -> Told:
+    """Collects commands, times, outside wrench and tracked readings for filters with their own thrust model."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
     onsets_s = sample.onset_s, sample.coming_onset_s

@@ -202,7 +202,7 @@ def measure_rotation(state_vector: Array, rates: Array, impulses: Array, known_f
     angular, linear = acted.angular_impulse, acted.linear_impulse
     interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
     memory = RotationMemory(before.rates, before.subtract_coupling)
-    sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, bundle.params)
+    sample, innovation = rotation_filter.measure_first_usable(state, memory, rates, interval, bundle.params)
     turned = thesis.make_turning(state, sample, innovation)
     row = np.empty(_TURNING + _N_ROTATION_SEEN + rates.size)
     fill(row, (turned.innovation, turned.innovation_covariance, turned.increment, turned.rate, turned.rate_variance))
@@ -372,7 +372,7 @@ def measure_mass(
     )
     interval = MassInterval(acted.linear_impulse, known.translation_spread, None)
     both, rotation = (before.velocities, velocities), thesis.rotation_inputs(turning)
-    sample, innovation = mass_filter.measure_one(state, both, interval, rotation, bundle.params)
+    sample, innovation = mass_filter.measure_first_usable(state, both, interval, rotation, bundle.params)
     row = np.empty(_EVIDENCE + _N_MASS_SEEN + before.window.size + before.velocities.size)
     if acted.usable:
         fill(row, thesis.join_innovations(turning, sample, innovation, state))

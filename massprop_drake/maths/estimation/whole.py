@@ -189,10 +189,14 @@ def step_cycle(
     angular, linear = impulses.angular_impulse, impulses.linear_impulse
     acting = impulses.firing or acts
     interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
-    turned, turning = rotation_filter.measure_one(filters.rotation, filters.memory, rates, interval, params.rotation)
+    turned, turning = rotation_filter.measure_first_usable(
+        filters.rotation, filters.memory, rates, interval, params.rotation
+    )
     told = thesis.make_turning(filters.rotation, turned, turning)
     pushed, both = MassInterval(linear, known.translation_spread, None), (filters.velocities, velocities)
-    moved, moving = mass_filter.measure_one(filters.mass, both, pushed, thesis.rotation_inputs(told), params.mass)
+    moved, moving = mass_filter.measure_first_usable(
+        filters.mass, both, pushed, thesis.rotation_inputs(told), params.mass
+    )
     # judge
     joint = _evidence(impulses.usable, told, moved, moving, filters.mass)
     evidence = Evidence(

@@ -346,7 +346,7 @@ def group_events(events: Sequence[InjectedEvent], key: str) -> dict[str, list[In
 
 
 def failure_size(event: InjectedEvent) -> float:
-    """Returns the true size of a failure: the mean of missing or excess force of its jet, lbf or N."""
+    """Returns the true size of a failure: the median of missing or excess force of its jet, lbf or N."""
     return abs(event.injected["force"])
 
 

@@ -67,7 +67,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         State: body (23), continuous or discrete: as `body_state`, but of the mass the change since the start. With
         jumps or tanks structure_change (9), discrete: of the structure since the start. Drake's events cannot change
         parameters, so what a payload or propellant changes is state. With tanks running (9 + n_tanks + 1), discrete:
-        change of the structure over the sample that is running, propellant left at its beginning, and its time, s.
+        change of the structure over the sample that is running, propellant left at its end, and its begin, s.
 
         Timing: a stepped plant's update at t_k carries the body from t_k to t_k+1 under the command
         decided at t_k; a continuous one is integrated by the simulator.
@@ -283,7 +283,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure_after_draining(structure, mass, propellant, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
-            """Stores the structure's change and propellant over the coming sample of a continuous plant with tanks."""
+            """Stores the structure's changes up to and over the coming sample, the propellant left after it, and the time."""
             structure, body = self._structure(context), self._body_state(context)
             after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)

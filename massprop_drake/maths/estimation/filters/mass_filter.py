@@ -460,7 +460,9 @@ def measure(
     turns = params.compensation == Compensation.NONE or _is_measured(rotation.increment)
     indices = [index for index in range(len(increments)) if turns and _is_measured(increments[index])]
     if uses_one_package(params) or len(indices) < 2:
-        return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
+        return MassMeasurement(
+            *measure_first_usable(state, (velocities_before, velocities), interval, rotation, params)
+        )
     compensated = [_compensate_package(index, increments, rotation, params) for index in indices]
     disturbance = add_noise(params.disturbance_covariance, interval.extra_noise)
     covariances = _stacked_covariance(compensated, indices, rotation, params)
@@ -475,10 +477,10 @@ def measure(
 
 
 @kernel
-def measure_one(
+def measure_first_usable(
     state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
-    """Makes sample and innovation of the first accelerometer that reads; NaN for none; readings before and now."""
+    """Makes sample and innovation of the first accelerometer that reads, from two readings of each; NaN for none."""
     increments = velocities[1] - velocities[0]
     if params.compensation == Compensation.NONE or _is_measured(rotation.increment):
         for index in range(increments.shape[0]):

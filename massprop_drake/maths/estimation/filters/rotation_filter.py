@@ -457,7 +457,7 @@ def measure(
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     indices = [index for index in range(len(rates)) if _is_usable_increment(increments[index], means[index], params)]
     if uses_one_package(params) or len(indices) < 2:
-        return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
+        return RotationMeasurement(*measure_first_usable(state, memory, rates, interval, params))
     own = [2.0 * params.gyro_variances[index] * _UNIT for index in indices]
     covariances = np.zeros((len(indices), len(indices), 3, 3))
     covariances[np.arange(len(indices)), np.arange(len(indices))] = own
@@ -474,7 +474,7 @@ def measure(
 
 
 @kernel
-def measure_one(
+def measure_first_usable(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> tuple[RotationSample, RotationInnovation]:
     """Makes sample and innovation of the first gyro with a usable increment; NaN where there is none."""

@@ -269,7 +269,7 @@ def test_onsets(
         return nothing, False
     on_outputs = rate_output_derivative(jacobian, params.places)
     covariance = _output_covariances(recursion, roots, indices, (jacobian, on_outputs), params) + np.diag(variances)
-    indices, covariance = _select_resolved(indices, covariance, variances)
+    indices, covariance = _drop_rounded_onsets(indices, covariance, variances)
     if indices.shape[0] == 0:
         return nothing, False
     half = inverses(triangular_roots(covariance))
@@ -286,7 +286,7 @@ def test_onsets(
 
 
 @kernel
-def _select_resolved(indices: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
+def _drop_rounded_onsets(indices: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
     """Returns indices and covariances of onsets whose predictions are accurate enough despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import joseph_update_uncompressed
 from massprop_drake.maths.estimation.joint.forcing import estimated_lags
-from massprop_drake.maths.estimation.joint.innovation import make_sites
+from massprop_drake.maths.estimation.joint.innovation import equivalent_measurements
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     N_PROPERTIES,
@@ -63,7 +63,7 @@ def update_by_crossings(
     values = values + jacobian @ (state.mean - point)
     indices = np.flatnonzero(changed)
     projected = sparse_product(jacobian[indices], state.root)
-    sites = make_sites(changed, projected, state.read - values, (params.cells, floors))
+    sites = equivalent_measurements(changed, projected, state.read - values, (params.cells, floors))
     update = joseph_update_uncompressed(state.root, projected, sites.variance, sites.innovation)
     whitened = np.linalg.solve(update.upper.T, jacobian[indices])
     for place in range(indices.shape[0]):

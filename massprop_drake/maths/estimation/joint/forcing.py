@@ -114,7 +114,7 @@ def wrenches_of(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def error_rows(state: JointState, forces: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Computes derivatives of rate and velocity changes by errors of thrust, lag, ticks, forces, (3, size) each."""
+    """Computes derivatives of rate and velocity changes by all errors of the forces in the state, (3, size) each."""
     mean, places, firing = state.mean, params.places, forces.firing
     inverse, reciprocal = take_elements(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
@@ -152,15 +152,15 @@ def error_rows(state: JointState, forces: Drive, params: JointParams) -> tuple[A
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
         if jet >= 0:
-            seconds = slot_weight(state, slot, firing) / params.thrusts[jet]
+            seconds = impulse_per_force(state, slot, firing) / params.thrusts[jet]
             rate_rows[:, places.force + slot] = rate_effect[jet] * seconds
             velocity_rows[:, places.force + slot] = velocity_effect[jet] * seconds
     return rate_rows, velocity_rows
 
 
 @kernel
-def slot_weight(state: JointState, slot: int, firing: Firing) -> float:
-    """Returns seconds for which a failed jet's force acts: T for a leak, T - L stuck on, -L for a loss."""
+def impulse_per_force(state: JointState, slot: int, firing: Firing) -> float:
+    """Returns impulse per force of a slot in use, s: T for a leak, T - L stuck on, -L for a loss; L: full thrust."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
     if state.slot_on_top[slot] > 0.0:
         return firing.duration_s
@@ -176,7 +176,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
         jet = int(state.slot_jet[slot])
         if jet >= 0:
             force = state.mean[params.places.force + slot]
-            seconds[jet] += slot_weight(state, slot, firing) * force / params.thrusts[jet]
+            seconds[jet] += impulse_per_force(state, slot, firing) * force / params.thrusts[jet]
     return seconds
 
 
@@ -245,6 +245,6 @@ def add_wheel_errors(rate_rows: Array, mean: Array, wheel_impulses: Array, scale
 
 @kernel
 def thrust_bow_impulses(state: JointState, forces: Drive, params: JointParams) -> Array:
-    """Computes the jets' angular impulse beyond that of steady thrust: mean, first moment, RMS, shape (3, 3)."""
+    """Computes the angular impulse beyond linear growth, about the center of mass, see `Firing.bow`, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
     return moments_of((forces.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

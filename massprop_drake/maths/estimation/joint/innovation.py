@@ -116,7 +116,9 @@ def prediction_floors(state: JointState, params: JointParams) -> Array:
 
 
 @kernel
-def make_sites(used: np.ndarray, projected: Array, innovation: Array, quanta_and_floors: tuple[Array, Array]) -> Sites:
+def equivalent_measurements(
+    used: np.ndarray, projected: Array, innovation: Array, quanta_and_floors: tuple[Array, Array]
+) -> Sites:
     """Makes the Gaussian measurements equivalent to the quantized readings used, from their innovation.
 
     Args:
@@ -132,14 +134,14 @@ def make_sites(used: np.ndarray, projected: Array, innovation: Array, quanta_and
 def make_expected_sites(expected: Expected, params: JointParams) -> Sites:
     """Makes the Gaussian measurements equivalent to a sample's quantized readings used, at their prediction."""
     projected = expected.projected[np.flatnonzero(expected.used)]
-    return make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return equivalent_measurements(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
 
 @kernel
 def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
-    """Updates a covariance's root by a sample's readings used; returns update and equivalent measurements."""
+    """Updates root and mean by a sample's readings used; returns the update and its equivalent measurements."""
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
-    sites = make_sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    sites = equivalent_measurements(expected.used, projected, expected.innovation, (params.cells, expected.floors))
     return joseph_update(root, projected, sites.variance, sites.innovation, params.places.thrust), sites
 
 

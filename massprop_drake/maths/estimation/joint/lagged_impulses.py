@@ -190,13 +190,13 @@ class Lingering(NamedTuple):
     bow: Array
 
 
-def initial_level_decay(ratio: Array) -> Lingering:
-    """Computes the decay of an initial thrust level, from lag time constants over the interval's length."""
-    lagged = ratio > 0.0
-    remaining = np.exp(-1.0 / select_where(lagged, ratio, 1.0)) * lagged
-    mean = ratio * (1.0 - remaining)
-    bow = _bow_of_piece(np.ones_like(ratio), _decay_integrals(ratio, mean), mean)
-    return Lingering(remaining, remaining / select_where(lagged, ratio, 1.0), mean, bow)
+def initial_level_decay(lag_ratio: Array) -> Lingering:
+    """Computes how a thrust level's deviation from its command decays, from tau over the interval's length."""
+    lagged = lag_ratio > 0.0
+    remaining = np.exp(-1.0 / select_where(lagged, lag_ratio, 1.0)) * lagged
+    mean = lag_ratio * (1.0 - remaining)
+    bow = _bow_of_piece(np.ones_like(lag_ratio), _decay_integrals(lag_ratio, mean), mean)
+    return Lingering(remaining, remaining / select_where(lagged, lag_ratio, 1.0), mean, bow)
 
 
 @kernel

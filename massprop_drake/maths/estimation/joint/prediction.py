@@ -23,9 +23,9 @@ from massprop_drake.maths.estimation.joint.forcing import (
     Drive,
     add_wheel_errors,
     effective_seconds,
+    impulse_per_force,
     impulse_rows,
     known_impulse,
-    slot_weight,
     thrust_bow_impulses,
     wrenches_of,
 )
@@ -238,7 +238,7 @@ def _draw_from_tanks(
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
         if jet >= 0:
-            seconds = slot_weight(state, slot, forces.firing) / params.thrusts[jet]
+            seconds = impulse_per_force(state, slot, forces.firing) / params.thrusts[jet]
             by_errors[:, places.force + slot] = by_jets[:, jet] * seconds
     rows = drawn.by_used @ by_errors
     rows[:, :N_PROPERTIES] += drawn.by_state[:, :N_PROPERTIES]

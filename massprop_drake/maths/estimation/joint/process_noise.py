@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.joint.disturbance_states import (
     disturbance_course,
     join_slow_states,
 )
-from massprop_drake.maths.estimation.joint.forcing import Drive, slot_weight, wheel_factors
+from massprop_drake.maths.estimation.joint.forcing import Drive, impulse_per_force, wheel_factors
 from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of, moments_of
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -250,7 +250,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
     """
     slots = np.flatnonzero(state.slot_jet >= 0)
     jets = state.slot_jet[slots].astype(np.intp)
-    seconds = np.array([slot_weight(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
+    seconds = np.array([impulse_per_force(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
     effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
     return _impulse_products(state.root[params.places.force + slots], effects, state, covariance)
 
