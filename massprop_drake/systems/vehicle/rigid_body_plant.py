@@ -283,7 +283,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure_after_draining(structure, mass, propellant, used, tanks), left
 
         def _drain(self, context: Any, state: Any) -> None:
-            """Stores the structure's changes up to and over the coming sample, the propellant left after it, and the time."""
+            """Stores the structure's changes up to and over the coming sample, propellant left after it, and time."""
             structure, body = self._structure(context), self._body_state(context)
             after, left = self._draw_from_tanks(context, body[MASS], structure)
             start = self._start.get(context)
