@@ -84,7 +84,7 @@ def run(
     scenario: Flight,
     intervals: Guaranteed = False,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Replaces the scenario's seed.")] = None,
     overrides: Overrides = None,
     compiled: Compiled = False,
     view: View = False,

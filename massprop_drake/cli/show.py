@@ -130,7 +130,7 @@ def print_simulation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _print_doubts(console, results)
     autopilot = results.autopilot
     console.say(
-        f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
+        f"jets:        {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
         "of propellant",
         *_infeasible_text(autopilot),
     )

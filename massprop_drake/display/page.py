@@ -62,7 +62,6 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
     results, scenario = run.results, run.scenario
     source = plots.source(run)
     jumps, window_by_failure = _list_time_windows(run)
-    by_hypotheses = scenario.detector.kind == "hypotheses"
     plot_data = {
         "time": interactive.round_times(run.time_s),
         **interactive.pack_figures(
@@ -86,7 +85,8 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
         "injected": [_injected_row(run, number, window_by_failure) for number in range(len(results.injected or ()))],
-        "detections": [_format_detection(entry, units, by_hypotheses) for entry in results.detections],
+        "detections": [_format_detection(entry, units) for entry in results.detections],
+        "certainty": "probability" if scenario.detector.kind == "hypotheses" else "likelihood argument",
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "probable": results.fault_probability and results.fault_probability.in_words(units),
         "against": results.against and _comparison_data(results.against),
@@ -268,7 +268,7 @@ def _injected_row(run: RunContent, number: int, window_by_failure: Mapping[int, 
         true = f"{-jump.mass if jump.kind == 'release' else jump.mass:+.4g} {units['mass']}"
         found = "" if entry is None or entry.kind != JUMP else size_in_words(entry, units)
     else:
-        true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
+        true = "" if one.force is None else f"{one.force:+.4g} {units['force']}"
         found = "" if entry is None else size_in_words(entry, units)
     delay_s = None if one.declared_s is None or one.first_acted_s is None else one.declared_s - one.first_acted_s
     before = delay_s is not None and delay_s <= 0.0  # its jet was known to have failed when it acted again
@@ -298,23 +298,17 @@ def _arming_sentences(source: Source, results: Summary) -> list[dict[str, Any]]:
     return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
 
 
-def _format_detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
-    """Makes the table row of a declaration: failure, times, size and certainty.
-
-    Args:
-        entry: the declaration.
-        units: names of units by quantity.
-        by_hypotheses: whether hypotheses were compared over several samples; else single samples raised alarms.
-    """
-    after = f"after {counted(entry.alarms, 'sample' if by_hypotheses else 'alarm')}"
-    after = "at once" if by_hypotheses and not entry.alarms else after
+def _format_detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, Any]:
+    """Makes the table row of a declaration: failure, times, size, and probability or likelihood argument."""
+    statistic = "" if entry.statistic is None else f"{entry.statistic:.4g} "
+    by_statistic = f"{statistic}after {counted(entry.alarms, 'alarm')}"
     return {
         "what": detections.in_words(entry, units),
         "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size_in_words(entry, units),
-        "sure": after if entry.statistic is None else f"{entry.statistic:.4g} {after}",
+        "certainty": by_statistic if entry.probability is None else format_probability(entry.probability),
         "remarks": "; ".join(remarks(entry)),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from typing import NamedTuple
@@ -84,8 +85,11 @@ _KINDS = {
 _PART = re.compile(r"([*/·]?)([^\s\d*/·^²³-]+|1)(?:\^?(-?\d)|([²³]))?")
 
 
-def parse_unit(text: str) -> Unit:
+def parse_unit(text: str, expected: str = "") -> Unit:
     """Parses a unit such as `deg/s`, `m/s^2`, `m/s2` or `N*m` to its SI factor and dimension.
+
+    Args:
+        expected: end of the message where nothing known is similar.
 
     Raises:
         InputError: when a name is not known.
@@ -99,7 +103,7 @@ def parse_unit(text: str) -> Unit:
             raise InputError(f"{text!r} is no unit; write it like deg/s, m/s^2 or N*m")
         sign, name, power, mark = part.groups()
         if name not in _UNITS:
-            raise InputError(f"{text!r} is no unit that is known{_suggest_unit(name)}")
+            raise InputError(f"{text!r} is no unit that is known{_suggest_unit(name) or expected}")
         exponent = (-1 if sign == "/" else 1) * (int(power) if power else {"²": 2, "³": 3}.get(mark, 1))
         factor *= _UNITS[name].factor ** exponent
         dimension = [have + exponent * more for have, more in zip(dimension, _UNITS[name].dimension, strict=True)]
@@ -110,7 +114,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def _suggest_unit(name: str) -> str:
-    """Writes a hint on an unknown unit, the end of a message: prefixes that its stem takes, or similar names."""
+    """Writes a hint on an unknown unit, the end of a message: prefixes that its stem takes, a similar name, or ""."""
     for prefix in (*_SMALL, *_WRITTEN_OUT, *_NO_SUCH):
         stem = name.removeprefix(prefix)
         if stem != name and stem in _UNITS:
@@ -119,15 +123,15 @@ def _suggest_unit(name: str) -> str:
                 f"'{one}'" for one, unit in _UNITS.items() if one.endswith(stem) and unit.dimension == own.dimension
             ]
             return f": of '{stem}' there {'are' if len(alike) > 1 else 'is'} {', '.join(alike)}"
-    return suggestion(name, _UNITS)
+    return suggestion(name, difflib.get_close_matches(name, _UNITS, n=1))
 
 
 def si_factor(text: str, *kinds: str) -> float:
     """Returns the factor from a unit to SI; raises InputError for a unit of other kinds of quantity."""
-    unit = parse_unit(text)
+    expected = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
+    unit = parse_unit(text, f"; expected one of {expected}")
     if unit.dimension not in {_KINDS[kind][0] for kind in kinds}:
         of = next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")
-        expected = " or ".join(f"{kind} ({_KINDS[kind][1]})" for kind in kinds)
         raise InputError(f"{text!r} is a unit of {of}; expected one of {expected}")
     return unit.factor
 

@@ -142,7 +142,8 @@ class Document:
         known = next((length for length in range(len(path), 0, -1) if path[:length] in self._lines), 0)
         for key in sorted(self.overridden, key=lambda path_: (-len(path_), str(path_))):
             is_new_block = known < len(path) and path[: known + 1] == key[: known + 1]  # a block that the file lacks
-            if path[: len(key)] == key or is_new_block:
+            is_above = bool(path) and key[: len(path)] == path  # what the file says there is no longer what holds
+            if path[: len(key)] == key or is_new_block or is_above:
                 return f"--set {dotted(key)}" + ("" if path == key else f": {dotted(path)}")
         if known:
             return f"{self.source}, line {self._lines[path[:known]]}: {dotted(path)}"

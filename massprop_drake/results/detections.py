@@ -42,6 +42,7 @@ class DetectionRecord(NamedTuple):
         magnitude_std: its 1-sigma, lbf or N.
         statistic: likelihood argument of the failure; of a jump the NIS of the sample; None where there is none.
         alarms: how many alarms led to the declaration.
+        probability: that the jet, or one of the group, had failed, when it was declared; None where none is given.
         withdrawn_s: when the declaration was withdrawn, s; None while it stands.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is named.
         mass, mass_std: gained in a jump (released: negative), slug or kg, and its 1-sigma; of the detector by
@@ -87,6 +88,7 @@ class DetectionRecord(NamedTuple):
     latest_s: Real | None = None
     thrust: NotNegative | None = None
     mode: Mode | None = None
+    probability: Real | None = None
     jet_index: Count | None = None
     before: tuple[Real, NotNegative] | None = None
 
@@ -278,6 +280,7 @@ def _make_failure_record(vehicle: Vehicle, event: EventRecord) -> DetectionRecor
         told_apart_by=event.told_apart_by,
         told_apart_s=event.told_apart_s,
         thrust=thrust,
+        probability=event.probability,
         jet_index=event.jet_index,
     )
 

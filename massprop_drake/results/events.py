@@ -69,6 +69,7 @@ class EventRecord(NamedTuple):
         torque_std, force_std: of a disturbance, 1-sigma about and along an axis to an order of magnitude, ft-lbf and
             lbf, or N-m and N; the force None without an accelerometer.
         statistic, alarms: likelihood argument, None where there is none, and how many alarms led to it.
+        probability: that the jet, or one of the group, has failed, at this time; None of a detector that gives none.
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None in a summary.
     """
 
@@ -92,6 +93,7 @@ class EventRecord(NamedTuple):
     force_std: NotNegative | None = None
     statistic: Real | None = None
     alarms: Count = 0
+    probability: Real | None = None
     jet_index: Count | None = None
 
 
@@ -217,7 +219,7 @@ def _make_hypothesis_events(
 
 def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], report: Mapping[str, Array]) -> EventRecord:
     """Makes the event of a declared jet, or of a group of jets that look alike."""
-    jet = jets[0]
+    jet, has_probabilities = jets[0], bool(np.isfinite(report["none_probability"][0]))
     separating_jet, after_s = float(report["verdict_apart_by"][jet]), float(report["verdict_apart_after"][jet])
     return EventRecord(
         time_s,
@@ -229,6 +231,7 @@ def _make_jet_event(vehicle: Vehicle, time_s: float, jets: list[int], report: Ma
         magnitude_std=float(report["verdict_std"][jet]),
         told_apart_by=None if math.isnan(separating_jet) else vehicle.designations[int(separating_jet)],
         told_apart_s=None if math.isnan(after_s) else after_s,
+        probability=min(float(report["fault_probability"][jets].sum()), 1.0) if has_probabilities else None,
         jet_index=jet,
     )
 

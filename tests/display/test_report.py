@@ -118,7 +118,7 @@ def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, 
     (row,) = rows(html, FAILURE)
     times = (one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s)
     assert all(f"{time_s:.2f} s" in row for time_s in times)
-    assert f"{one.force:+.2f} lbf" in row
+    assert f"{one.force:+.4g} lbf" in row
     assert 'good">named</td>' in row
     assert f'<td class="number">{one.declared_s - (one.first_acted_s or 0.0):.2f} s</td>' in row
     # two at the same time each have their own size; what acts again after it was declared is known
@@ -139,10 +139,11 @@ def test_a_detection_says_when_what_how_much_and_how_sure(html: str, stuck_run: 
     (row,) = rows(html, "<td>jet R4R: stuck on</td>")
     for words in (f"{entry.time_s:.2f} s", f"{entry.magnitude:+.1f}", f"after {entry.alarms} alarms"):
         assert words in row
-    scenario = load_scenario("leak_named", ["duration_s=6", "failures=[]"])  # hypotheses have no count of alarms
-    for samples, words in ((0, "17 at once"), (1, "17 after 1 sample<"), (3, "17 after 3 samples")):
-        results = replace(stuck_run.results, detections=[entry._replace(statistic=17.0, alarms=samples)], injected=())
-        assert words in report_html(Run(scenario, results, stuck_run.time_s, stuck_run.signals))
+    scenario = load_scenario("leak_named", ["duration_s=6", "failures=[]"])  # hypotheses have probabilities
+    results = replace(stuck_run.results, detections=[entry._replace(probability=0.99931)], injected=())
+    page = report_html(Run(scenario, results, stuck_run.time_s, stuck_run.signals))
+    assert ">probability</th>" in page
+    assert "<td>0.9993</td>" in page
 
 
 def test_the_page_has_the_plots_of_the_run_and_needs_no_network(html: str, stuck_run: Run) -> None:

@@ -356,6 +356,11 @@ def test_what_a_map_names(tmp_path: Path) -> None:
         ("unit: deg/s", "unit: m/s", "line 5: sensors.gyro.unit: 'm/s' is a unit of velocity; expected one of rate"),
         ("unit: deg/s", "unit: deg/s^2", "'deg/s^2' is a unit of something else"),
         ("unit: deg/s", "unit: degg/s", "did you mean 'deg'?"),
+        (
+            "unit: deg/s",
+            "unit: furlong",
+            "'furlong' is no unit that is known; expected one of rate (rad/s, deg/s or rpm)",
+        ),
         ("unit: deg/s", "unit: kdps", "'kdps' is no unit that is known: of 'dps' there are 'dps', 'mdps', "),
         ("order: xyzw", "heading: q", "line 7: sensors.cam: give one of quaternion and heading"),
         (", order: xyzw", "", "line 7: sensors.cam: quaternion and order belong together"),

@@ -48,6 +48,8 @@ def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flo
     dut = Estimator(scenario.vehicle_data, scenario)
     (record,) = flown.results.detections
     row = int(np.searchsorted(flown.time_s, record.time_s)) + 1
+    jet = scenario.vehicle_data.designations.index(record.jet or "")
+    assert record.probability == flown["fault_probability"][row - 1, jet] > 0.99
     _steps(dut, flown, range(row))
     kept = json.loads(json.dumps(dut.state))
     again = Estimator(scenario.vehicle_data, scenario)

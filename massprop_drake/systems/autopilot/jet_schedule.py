@@ -32,7 +32,7 @@ class JetSchedule(LeafSystem):
         onsets_s: of each, in the same shape; None: commands are levels.
 
     Raises:
-        ValueError: when commands are no table of numbers from 0 to 1, or onsets no table like it.
+        ValueError: when commands are no table of numbers from 0 to 1, onsets none like it, or a period not above 0.
     """
 
     def __init__(self, commands: Array, *, period_s: float, onsets_s: Array | None = None):
@@ -71,6 +71,8 @@ class JetSchedule(LeafSystem):
 
 def make_row_reader(table: Array, period_s: float, fallback: Array) -> Callable[[Any], Array]:
     """Makes a function from a context to the table's row at its time, or `fallback` after its last row."""
+    if not period_s > 0.0:
+        raise ValueError(f"period_s: must be above zero, got {period_s:g}")
 
     def read_row(context: Any) -> Array:
         """Returns the table's row at a context's time, or the fallback row."""

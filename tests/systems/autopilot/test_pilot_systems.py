@@ -107,6 +107,8 @@ def test_jet_schedule_plays_a_row_per_sample_and_holds_it_for_the_next() -> None
 def test_what_is_no_table_of_commands_is_refused(commands: np.ndarray, onsets_s: np.ndarray | None, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         JetSchedule(commands, period_s=PERIOD_S, onsets_s=onsets_s)
+    with pytest.raises(ValueError, match=r"period_s: must be above zero, got -0\.1"):
+        JetSchedule(TABLE, period_s=-0.1)
 
 
 def test_wheel_schedule_plays_a_row_per_sample() -> None:
