@@ -42,7 +42,7 @@ DRAWN_FROM = ("massprop_drake/maths/estimation", "massprop_drake/systems")
 BUDGET_S = 30.0  # of tests that a drawn edit meets, as long as they took without it: a compute budget
 SHARE = 0.8  # of drawn edits that must be noticed
 NOT_COPIED = (".git", ".venv", "build", "dist", "runs", "__pycache__", ".*_cache", "*.egg-info")
-FAILED, INTERRUPTED = 1, 2  # pytest's exit status: a test failed; a test file could not be imported
+FAILED, INTERRUPTED, USAGE = 1, 2, 4  # pytest's exit status: a test failed; a test file, or conftest, is not imported
 
 
 class Mutant(NamedTuple):
@@ -110,7 +110,7 @@ def outcome(mutant: Mutant, root: Path) -> tuple[str, str]:
         return "killed", next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "")
     if done.returncode == 0:
         return "survived", ""
-    if mutant.shown and done.returncode == INTERRUPTED:
+    if mutant.shown and done.returncode in (INTERRUPTED, USAGE):
         return "killed", "by import"
     broken = "breaks the import of a test" if done.returncode == INTERRUPTED else "pytest cannot run"
     return broken, (done.stdout + done.stderr)[-500:]
@@ -120,11 +120,14 @@ def drawn(number: int, seed: int, root: Path) -> list[Mutant]:
     """Edits drawn at random, each with the tests that run its line, quickest first, within the budget."""
     by_line, seconds = _runs_of(root)
     paths = [path for room in DRAWN_FROM for path in (root / room).rglob("*.py")]
+    by_file = defaultdict(set)  # lines that run at import, such as constants, are what any test of the file may notice
+    for (file, _), tests_of_line in by_line.items():
+        by_file[file] |= tests_of_line
     found = []
     for edit in draw(paths, number, seed):
         name = str(edit.path.relative_to(root))
         tests, spent = [], 0.0
-        for test in sorted(by_line[name, edit.line], key=lambda test: (seconds.get(test, 0.0), test)):
+        for test in sorted(by_line[name, edit.line] or by_file[name], key=lambda test: (seconds.get(test, 0.0), test)):
             spent += seconds.get(test, 0.0)
             if tests and spent > BUDGET_S:
                 break

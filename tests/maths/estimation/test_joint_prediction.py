@@ -23,6 +23,7 @@ from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning_matrix
+from massprop_drake.maths.estimation.joint.thrust_scale import separate_scale
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
@@ -114,6 +115,9 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     used = float(estimate_forces(state, SAMPLE, params).firing.amount @ params.flows)
     assert prediction.drift[6] == pytest.approx(0.1**2 * 0.01 * TRUTH[9] * used, rel=0.1)
     assert prediction.noise[0, 0] > (1e-6) ** 2 * PERIOD
+    walk, still = (predicted(state, params._replace(rate_walk=0.0, velocity_walk=walk)) for walk in (1e-2, 0.0))
+    added = np.diag([0.0, 0.0, 0.0, 1e-4, 1e-4, 1e-4]) * PERIOD
+    np.testing.assert_allclose(walk.noise - still.noise, added, rtol=1e-9, atol=1e-15)
 
 
 def exact_state(rate: list[float], levels: float) -> JointState:
@@ -196,3 +200,24 @@ def test_coupling_that_is_not_known_yet_is_noise_that_bounds_it_for_every_body()
     assert without.noise[0, 0] < covered.noise[0, 0]
     rate = known.mean[10:13]
     assert np.sqrt(covered.noise[0, 0]) >= float(rate @ rate) * PERIOD * (1.0 - 1e-12)
+
+
+def test_the_common_scale_of_fired_jets_is_a_state_of_its_own_and_nothing_else_changes() -> None:
+    """What is said of inertia, mass, thrusts and forces is as before; the scale is the mean error of fired jets."""
+    state = some_state(PARAMS)
+    state.root[PLACES.scale] = 0.0
+    fired = np.array([1.0, 0.0, 1.0, 1.0, 0.0, 0.0])
+    split = separate_scale(state, 0.01 * fired, PARAMS)
+    np.testing.assert_array_equal(split.mean, state.mean)
+    back, sigma = np.eye(PLACES.size), PARAMS.thrust_sigma
+    back[PLACES.thrust : PLACES.thrust + 6, PLACES.scale] = 1.0
+    for index in (*range(6), 9):
+        back[index, PLACES.scale] = -sigma * state.mean[index]
+    for index in range(PLACES.force, PLACES.force + PLACES.n_force):
+        back[index, PLACES.scale] = sigma * state.mean[index]
+    back[PLACES.scale] = 0.0
+    size = np.linalg.norm(state.root, axis=1) + 1e-12
+    before, after = state.root @ state.root.T, split.root @ split.root.T
+    np.testing.assert_allclose((back @ after @ back.T - before) / np.outer(size, size), 0.0, atol=1e-12)
+    of_fired = fired @ before[PLACES.thrust : PLACES.thrust + 6, PLACES.thrust : PLACES.thrust + 6] @ fired / 9.0
+    assert after[PLACES.scale, PLACES.scale] == pytest.approx(of_fired)
