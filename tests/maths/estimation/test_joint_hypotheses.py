@@ -24,6 +24,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import (
     propagate_update,
     unit_force_errors,
 )
+from massprop_drake.maths.estimation.joint.separation import find_separation
 from massprop_drake.maths.estimation.joint.ticks import Pace, start_clock, update_by_stamp
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import level_onsets
@@ -187,6 +188,27 @@ def screen_of(of: Flight, onset: int) -> screens.Screen:
     for over in of.links:
         screen = screens.advance_screen(screen, over, PARAMS)
     return screen
+
+
+@pytest.mark.parametrize("sign", [1, -1], ids=["leaks, by waiting", "losses, by firing"])
+def test_a_separation_is_when_the_screen_goes_on_to_tell_two_jets_apart(sign: int) -> None:
+    of, forces, cycles = flown(sound=True), (0.04, 0.05), 12
+    begun, interval = screen_of(of, 3), of.links[-1]
+    steps = np.array([1, 4]) + (0 if sign > 0 else 6)
+    after = dict[int, list[float]]()
+    for single in (-1, 1, 4):
+        screen, after[single] = begun, []
+        fired = np.where(np.arange(6) == single, interval.duration_s, 0.0)
+        for _ in range(cycles):
+            screen = screens.advance_screen(screen, interval._replace(amount=fired), PARAMS)
+            total = screen.information[0][np.ix_(steps, steps)]
+            after[single].append(float(forces[0] ** 2 * (total[0, 0] - total[0, 1] ** 2 / total[1, 1])))
+    by = -1 if sign > 0 else max((1, 4), key=lambda jet: after[jet][7])
+    level = 0.5 * (after[by][6] + after[by][7])
+    members = [(1, sign, forces[0]), (4, sign, forces[1])]
+    found = find_separation(begun, interval, 3, members, level, PARAMS)
+    assert found.jet == by
+    assert found.coasting_s == pytest.approx(8 * interval.duration_s if sign > 0 else np.nan, nan_ok=True)
 
 
 def run_of(of: Flight, run: h.Runner) -> h.Runner:
