@@ -19,6 +19,7 @@ from massprop_drake.inputs.model import validate_data
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document
+from massprop_drake.maths.vehicle.thrust import lag_factors, level_after, mean_level
 from massprop_drake.records.mapped_rows import MappedTable, make_table
 from massprop_drake.records.mapping import apply_map
 from massprop_drake.records.recording import open_recording
@@ -62,7 +63,7 @@ def refused(action: Callable[[], object]) -> str:
 
 
 def flown(vehicle: Vehicle, seed: int, rows: int = 400, longest: int = 6) -> Flight:
-    """A flight that follows its commands, pulses of random lengths of samples, with a little noise."""
+    """A flight that follows its commands by the jets' lag, pulses of random lengths of samples, with a little noise."""
     random = np.random.default_rng(seed)
     commands = np.zeros((rows, len(vehicle.jets)))
     for jet in range(len(vehicle.jets)):
@@ -76,7 +77,11 @@ def flown(vehicle: Vehicle, seed: int, rows: int = 400, longest: int = 6) -> Fli
     turning = torques @ np.linalg.inv(1.1 * nominal.inertia).T
     arm = np.subtract(vehicle.accelerometers[0].position, nominal.center_of_mass)
     pushing = wrenches[:, 3:] / (0.9 * nominal.mass) + np.cross(turning, arm)
-    steps = vehicle.sample_period_s * np.vstack([np.zeros((1, len(vehicle.jets))), commands[:-1]])
+    factors, level = lag_factors(vehicle.time_constants_s, vehicle.sample_period_s), np.zeros(len(vehicle.jets))
+    steps = np.zeros_like(commands)
+    for row, command in enumerate(commands[:-1]):
+        steps[row + 1] = vehicle.sample_period_s * mean_level(level, command, factors.mean)
+        level = level_after(level, command, factors.remaining)
     rates = np.cumsum(steps @ turning, axis=0)
     velocities = np.cumsum(steps @ pushing, axis=0)
     rates += random.normal(0.0, 0.02 * np.abs(np.diff(rates, axis=0)).max(), rates.shape)

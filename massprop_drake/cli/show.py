@@ -164,7 +164,9 @@ def print_estimation(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
     )
-    console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
+    counted = sum(counts.values())  # of rows whenever anything is read
+    apart = f", {counted} counted a sample period apart" if counted < quality["rows"] else ""
+    console.say(f"samples:     {quality['rows']} rows{apart}; {counts['used']} used; skipped: {skipped or 'none'}")
     _print_detector_report(console, results, vehicle)
     if results.against is not None:
         _print_simulation_comparison(console, results.against)

@@ -6,7 +6,7 @@ is in the file, also what no estimator uses yet; `massprop_drake.records.mapping
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,7 +32,23 @@ from massprop_drake.inputs.units import is_unit_of, si_factor
 from massprop_drake.inputs.yaml import Document, read_text
 
 Column = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
-Three = tuple[Column | None, Column | None, Column | None]
+
+
+def _require_each_once(readers: Iterable[str], sources: Iterable[Any], noun: str) -> None:
+    """Raises ValueError where two readers, such as jets, share a source, such as a column; None is no source."""
+    reader_of: dict[Any, str] = {}
+    for reader, source in zip(readers, sources, strict=True):
+        if source is not None and reader_of.setdefault(source, reader) != reader:
+            raise ValueError(f"{reader_of[source]} and {reader} both have {noun} {source!r}: name each its own")
+
+
+def _require_columns_once(value: tuple[str | None, ...]) -> tuple[str | None, ...]:
+    """Returns the columns of axes; raises ValueError where two have the same."""
+    _require_each_once(("the first axis", "the second", "the third"), value, "column")
+    return value
+
+
+Three = Annotated[tuple[Column | None, Column | None, Column | None], AfterValidator(_require_columns_once)]
 
 
 def _unit_validator(*kinds: str) -> AfterValidator:
@@ -346,10 +362,16 @@ class CommandMap(_Sampled):
 
     @model_validator(mode="after")
     def _require_one_form(self) -> CommandMap:
-        """Raises ValueError unless one of columns, mask and listed is given, with on and off that differ."""
+        """Raises ValueError unless one form is given, with a column, bit or name for each jet, and on is not off."""
         forms = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
         if len(forms) != 1:
             raise ValueError(f"give one of columns, mask and listed, got {' and '.join(forms) or 'none'}")
+        for jets, noun in (
+            (self.columns, "column"),
+            (self.mask and self.mask.bits, "bit"),
+            (self.listed and self.listed.names, "name"),
+        ):
+            _require_each_once((f"jet {jet}" for jet in jets or ()), (jets or {}).values(), noun)
         if self.on == self.off:
             raise ValueError(f"on and off must differ, got {self.off:g}")
         if self.at is not None and not self.is_timed:

@@ -192,6 +192,11 @@ class VehicleFields(Model):
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].time_constant_s)
 
     @cached_property
+    def command_delays_s(self) -> Array:
+        """Delay of each jet from command to action, s, shape (n_jets,)."""
+        return self._per_jet(lambda jet: self.jet_kinds[jet.kind].command_delay_s)
+
+    @cached_property
     def kind_indices(self) -> NDArray[np.int_]:
         """Index of each jet's kind in `jet_kinds`, shape (n_jets,)."""
         kinds = list(self.jet_kinds)

@@ -101,8 +101,8 @@ def _is_date(topic: Topic, name: ColumnName) -> bool:
     return any(cells) and all(":" not in cell and parse_stamp(cell) is not None for cell in cells)
 
 
-def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
-    """Describes a column that is named as a time but falls from row to row or cannot be read; "": there is none."""
+def clock_fault(topic: Topic, names: Sequence[ColumnName], period_s: float) -> str:
+    """Describes a column that may be a time but falls, cannot be read, or has no known unit; "": there is none."""
     for name in names:
         if not name.is_timed:
             continue
@@ -113,6 +113,13 @@ def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
         steps = np.diff(times_s[np.isfinite(times_s)])
         if steps.size and float((steps < 0.0).mean()) > _RISES:
             return f"column {name.column} falls from row to row: are the rows in reverse order? Sort them by time"
+    for name in names:
+        numeric = topic.columns[name.column].dtype.kind in "biuf"
+        if numeric and math.isfinite(step := _even_step(topic.numbers(name.column))):
+            return (
+                f"column {name.column} rises by {step:.6g} a row, which in {', '.join(_UNITS)} is not the sample "
+                f"period of {period_s:g} s: if it is the time, give its unit, too"
+            )
     return ""
 
 
@@ -203,23 +210,23 @@ def _fraction_unit(values: Array) -> str:
     return next((unit for unit in ("ms", "us", "ns") if 0.0 < largest < 1.0 / si_factor(unit, "time")), "")
 
 
+def _even_step(times: Array) -> float:
+    """Returns the step by which numbers rise from row to row, within the jitter; NaN where they do not."""
+    steps = np.diff(times[np.isfinite(times)])
+    if steps.size < 2 or not (steps > 0.0).mean() > _RISES:
+        return math.nan
+    step = float(np.median(steps))
+    return step if float(np.median(np.abs(steps - step))) <= JITTER * step else math.nan
+
+
 def _find_rising_column(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """Finds a column of any name that rises by a sample period a row, as a guessed clock; None where none does."""
-    for name in names:
-        if _is_text(topic, name):
-            continue
-        try:
-            numbers = topic.numbers(name.column)
-        except InputError:
-            continue
-        steps = np.diff(numbers[np.isfinite(numbers)])
-        if steps.size < 2 or not (steps > 0.0).mean() > _RISES:
-            continue
-        step = float(np.median(steps))
-        unit = next((one for one in _UNITS if abs(step * si_factor(one, "time") - period_s) <= JITTER * period_s), "")
-        if unit and float(np.median(np.abs(steps - step))) <= JITTER * step:
-            why = f"time: column {name.column} rises by {step:.6g} a row, a sample period in {unit}: a guess"
-            return TopicClock({"column": name.column, "unit": unit}, why, "")
+    """Finds a column that rises evenly, in a unit of time by its name, else by a sample period; None: there is none."""
+    unnamed = {name.column: si_factor_or_none(name.unit or "1", "time") is None for name in names}
+    for name in sorted(names, key=lambda one: unnamed[one.column]):
+        for clock in [] if _is_text(topic, name) else _read_time_column(topic, names, name, period_s):
+            step_s = _even_step(clock.times_s)
+            if abs(step_s - period_s) <= (JITTER * period_s if unnamed[name.column] else math.inf):
+                return TopicClock(clock.data, f"time: {clock.why}: a guess", "")
     return None
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.signals import AXES
-from massprop_drake.records.channels import Channel, Mapped
+from massprop_drake.maths.vehicle.thrust import level_after
+from massprop_drake.records.channels import SAME_S, Channel, Mapped
 from massprop_drake.records.mapped_rows import mean_over
 
 FEWEST = 20  # components of samples in which jets fire, from which anything is told
@@ -19,6 +20,7 @@ ODDS = math.log(100.0)  # log of the odds from which one of two models is taken
 _MEDIAN = 1.4826  # standard deviation over the median of absolute values, of the normal distribution
 _POOR = 0.7  # correlation below which the jets explain less than half of the squared changes
 _FIRES = 1e-3  # of the largest predicted change, from which one counts
+_LEAST = 1e-12  # share of squared changes that arithmetic leaves unexplained
 _SPREAD = 3.0  # of readings while coasting, in that of their changes, above which they are sums
 
 
@@ -65,9 +67,45 @@ class JetEvidence(NamedTuple):
         return mixed / squared if squared > 0.0 else math.nan
 
     @property
-    def explained(self) -> float:
-        """Log likelihood ratio of the changes with and without the jets' effects; NaN with too few samples."""
-        return self._log_likelihood(1.0)
+    def _fit(self) -> tuple[Array, Array]:
+        """Changes in and beside samples in which jets fire, and as the best linear map of predicted ones, (k, 3) each.
+
+        A spike elsewhere has no part in it.
+        """
+        fires = (np.abs(self.meant) > _FIRES * np.abs(self.meant).max(initial=0.0)).any(axis=1)
+        near = fires | np.append(fires[1:], False) | np.insert(fires[:-1], 0, False)
+        meant, changes = self.meant[near], self.change[near]
+        fitted = np.full_like(changes, np.nan)
+        for axis, change in enumerate(changes.T):
+            known = np.isfinite(change)
+            fitted[known, axis] = meant[known] @ np.linalg.lstsq(meant[known], change[known])[0]
+        return changes, fitted
+
+    @property
+    def related(self) -> float:
+        """Log likelihood ratio of the changes with the jets' effects and without; NaN with too few samples.
+
+        It does not depend on axes, signs and units of the readings.
+        """
+        if math.isnan(self.correlation):
+            return math.nan
+        changes, fitted = self._fit
+        readings, squared = np.isfinite(changes).sum(axis=0), np.nansum(changes**2, axis=0)
+        moves = squared > 0.0
+        left = np.nansum((changes - fitted) ** 2, axis=0)[moves] / squared[moves]
+        return float(-0.5 * readings[moves] @ np.log(np.clip(left, _LEAST, 1.0)))
+
+    @property
+    def relation(self) -> float:
+        """Correlation that `related` stands for, the same of every change; NaN with too few samples."""
+        readings = np.isfinite(self._fit[0]).sum()
+        return math.sqrt(-math.expm1(-2.0 * self.related / readings)) if readings else math.nan
+
+    @property
+    def gain(self) -> float:
+        """Ratio of measured to predicted change, whatever the axes and signs; NaN without a predicted change."""
+        squared = float((self.meant[np.isfinite(self.change).any(axis=1)] ** 2).sum())
+        return math.sqrt(float(np.nansum(self._fit[1] ** 2)) / squared) if squared > 0.0 else math.nan
 
     @property
     def opposed(self) -> float:
@@ -78,14 +116,15 @@ class JetEvidence(NamedTuple):
         """Computes the log likelihood ratio of the changes with the jets' effects (times +1 or -1) and without."""
         if math.isnan(self.correlation):
             return math.nan
-        return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, 1e-12))
+        return -0.5 * self.samples * math.log(max(1.0 - max(sign * self.correlation, 0.0) ** 2, _LEAST))
 
     @property
     def is_poor(self) -> bool:
         """True if the jets' effects correlate badly, and leave a residual beyond the scatter while coasting."""
         finite, firing = np.isfinite(self.change), self._firing
         coasting = np.abs(self.change[finite & ~firing])
-        scatter = 0.0 if self.explained > ODDS else math.inf  # without coasting: what they explain in part, they should
+        is_explained = self._log_likelihood(1.0) > ODDS  # without coasting: what is in part, should be
+        scatter = 0.0 if is_explained else math.inf
         if coasting.size >= FEWEST:
             scatter = _MEDIAN * float(np.median(coasting))
         left = (self.change - self.slope * self.meant)[firing]
@@ -116,8 +155,7 @@ def compare_with_jet_effects(record: Mapped, name: str, *, gives: str = "") -> J
     """
     channel, vehicle = record.channels[name], record.vehicle
     steps = np.diff(channel.time_s)[:, None]
-    shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
-    predicted = shares @ _jet_effects(vehicle, name) * steps
+    predicted = _mean_levels(record, channel.time_s) @ _jet_effects(vehicle, name) * steps
     return JetEvidence(predicted, _reading_changes(channel, steps, gives or channel.gives))
 
 
@@ -172,6 +210,25 @@ def _reading_changes(channel: Channel, steps: Array, gives: str) -> Array:
     if gives in ("", "integral"):
         return np.diff(values, axis=0)
     return values[1:] if gives == "increment" else values[1:] * steps
+
+
+def _mean_levels(record: Mapped, time_s: Array) -> Array:
+    """Computes mean thrust of each jet over its full thrust between times, by its delay and lag, (n - 1, n_jets)."""
+    vehicle, held = record.vehicle, record.commands
+    if record.by.commands.is_timed:  # a share of the sample period, not of the row, which may be shorter
+        rows = vehicle.sample_period_s / (held.end_s - held.begin_s)
+        held = held._replace(values=np.minimum(held.values * rows[:, None], 1.0))
+    constants_s, shares = vehicle.time_constants_s, np.zeros((time_s.size - 1, len(vehicle.jets)))
+    for delay_s in np.unique(vehicle.command_delays_s):
+        late = vehicle.command_delays_s == delay_s
+        shares[:, late] = np.nan_to_num(mean_over(held, time_s - delay_s)[:-1, late])
+    steps = np.diff(time_s)[:, None]
+    remaining = np.exp(-steps / np.maximum(constants_s, SAME_S))
+    levels = np.zeros((time_s.size, len(vehicle.jets)))
+    for row, share in enumerate(shares):
+        levels[row + 1] = level_after(levels[row], share, remaining[row])
+    mean: Array = shares - constants_s * np.diff(levels, axis=0) / steps  # the lag stores the rest
+    return mean
 
 
 def _jet_effects(vehicle: Vehicle, name: str) -> Array:

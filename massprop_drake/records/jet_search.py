@@ -40,36 +40,37 @@ class JetSearch(CommandSearch):
             self._say("commands.acts: from_row, since too few jets fire to tell")
             record = from_row
         else:
-            later = both[1].explained > both[0].explained + evidence.ODDS
+            later = both[1].related > both[0].related + evidence.ODDS
             commands["acts"] = "until_row" if later else "from_row"
             record = until_row if later else from_row
             self._say(
                 f"commands.acts: {commands['acts']}, since the rates follow a row's command with a correlation of "
-                f"{both[0].correlation:.2f} in the interval after the row and {both[1].correlation:.2f} in the one "
-                "before"
+                f"{both[0].relation:.2f} in the interval after the row and {both[1].relation:.2f} in the one before"
             )
-            self._warn_of_lag(gyro, both[0], both[later])
-            self._choose_scale(gyro, both[later])
+            self._warn_of_lag(record.channels[gyro], both[0], both[later])
+            self._choose_scale(gyro, both[later], float(np.median(np.diff(record.commands.begin_s))))
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
                 self._choose_meaning(name, record)
 
-    def _warn_of_lag(self, gyro: str, unlagged: evidence.JetEvidence, chosen: evidence.JetEvidence) -> None:
+    def _warn_of_lag(
+        self, gyro: channels.Channel, unlagged: evidence.JetEvidence, chosen: evidence.JetEvidence
+    ) -> None:
         """Warns where rates fit commands better at another lag of whole rows than at the chosen one."""
         farthest = min(_FARTHEST, len(unlagged.meant) // 2)
         lags = {lag: unlagged.shifted(lag) for lag in range(-farthest, farthest + 1)}
-        best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
+        best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].related))
         odds = evidence.ODDS + math.log(len(lags))  # any of them may be the one
-        if lags[best].explained > chosen.explained + odds and not lags[best].is_poor:
+        if lags[best].related > chosen.related + odds and not lags[best].is_poor:
             rows = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'after' if best > 0 else 'before'}"
-            offset_s = float(f"{best * self.vehicle.sample_period_s:.9g}")
+            offset_s = float(f"{best * gyro.interval_s:.9g}")
             self._warn(
-                f"{gyro}: the rates follow commands best, with a correlation of {lags[best].correlation:.2f}, that act "
-                f"from {rows} their own on, which neither interval next to a row is: give these a clock of their own, "
-                f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
+                f"{gyro.name}: the rates follow commands best, with a correlation of {lags[best].relation:.2f}, that "
+                f"act from {rows} their own on, which neither interval next to a row is: give these a clock of their "
+                f"own, `commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
             )
         else:
-            self._warn_of_misfit(gyro, "rates", chosen)
+            self._warn_of_misfit(gyro.name, "rates", chosen)
 
     def _warn_of_misfit(self, name: str, noun: str, match: evidence.JetEvidence) -> None:
         """Warns of a sensor whose readings the jets' effects do not explain, or that oppose them."""
@@ -84,22 +85,22 @@ class JetSearch(CommandSearch):
         except ValueError:  # said when the map is shown
             return None
 
-    def _choose_scale(self, gyro: str, match: evidence.JetEvidence) -> None:
+    def _choose_scale(self, gyro: str, match: evidence.JetEvidence, interval_s: float) -> None:
         """Chooses the scale of commands, and a guessed unit of rates, by how fast the jets turn the vehicle.
 
         One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
+        Commands are logged an interval apart, s.
         """
-        if not match.explained > evidence.ODDS or not match.slope > 0.0:
+        if not match.related > evidence.ODDS or not match.gain > 0.0:
             return
         entry = self.data["sensors"][gyro]
-        period_s = self.vehicle.sample_period_s
-        full = [_full_scale(one, period_s) for one in self._scales] or [1.0]
+        full = [_full_scale(one, interval_s) for one in self._scales] or [1.0]
         units = _RATE_UNITS if gyro in self._guessed and self._is_scale_sure else (entry["unit"],)
 
         def misfit(scale: int, unit: str) -> float:
             """Computes the absolute log ratio of measured to predicted change, with this scale and unit."""
             times = full[scale] / full[0] * si_factor(unit, "rate") / si_factor(entry["unit"], "rate")
-            return abs(math.log(match.slope * times))
+            return abs(math.log(match.gain * times))
 
         scale, unit = min(
             ((index, unit) for index in range(len(full)) for unit in units if not index or unit == entry["unit"]),
@@ -107,13 +108,13 @@ class JetSearch(CommandSearch):
         )
         if misfit(scale, unit) > math.log(_OFF):
             self._warn(
-                f"{gyro}: the rates change {match.slope:.3g} times as much as the jets should make them, as units and "
+                f"{gyro}: the rates change {match.gain:.3g} times as much as the jets should make them, as units and "
                 "commands are taken: look there first"
             )
             return
         if unit != entry["unit"]:
             self._say(
-                f"{gyro}: {unit}, since as {entry['unit']} it would turn {match.slope:.3g} times as much as the jets "
+                f"{gyro}: {unit}, since as {entry['unit']} it would turn {match.gain:.3g} times as much as the jets "
                 "can make it"
             )
             entry["unit"] = unit
@@ -123,7 +124,7 @@ class JetSearch(CommandSearch):
             self.data["commands"] |= self._scales[scale]
             text = ", ".join(f"{key} {value}" for key, value in self._scales[scale].items()) or "fractions"
             self._say(
-                f"commands: {text}, since else the rates would change {match.slope:.3g} times as much as the jets can "
+                f"commands: {text}, since else the rates would change {match.gain:.3g} times as much as the jets can "
                 "make them"
             )
 
@@ -137,11 +138,11 @@ class JetSearch(CommandSearch):
             evidence.compare_with_jet_effects(record, name, gives=gives) for gives in ("integral", "increment")
         )
         gives, matching = entry["gives"], ""
-        if sums.explained > values.explained + evidence.ODDS:
+        if sums.related > values.related + evidence.ODDS:
             gives, matching = "integral", "differences"
-        elif values.explained > sums.explained + evidence.ODDS:
+        elif values.related > sums.related + evidence.ODDS:
             gives, matching = self._increment_or_mean(name, record, values), "values"
-        elif gives == "increment" and not values.explained > evidence.ODDS and evidence.keeps_its_level(record, name):
+        elif gives == "increment" and not values.related > evidence.ODDS and evidence.keeps_its_level(record, name):
             gives = "integral"
         match = sums if gives == "integral" else values
         if gives == entry["gives"]:
@@ -157,9 +158,9 @@ class JetSearch(CommandSearch):
         names = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
         self._say(
             f"{name}: {names[gives]}, since their {matching} follow the commands with a correlation of "
-            f"{max(sums.correlation, values.correlation):.2f}, their "
+            f"{max(sums.relation, values.relation):.2f}, their "
             f"{'values' if matching == 'differences' else 'differences'} with "
-            f"{min(sums.correlation, values.correlation):.2f}"
+            f"{min(sums.relation, values.relation):.2f}"
         )
 
     def _report_correlation(self, name: str, match: evidence.JetEvidence) -> None:
@@ -175,15 +176,15 @@ class JetSearch(CommandSearch):
         stated = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
             return stated
-        misfit = {"increment": abs(math.log(values.slope))}
-        misfit["mean"] = abs(math.log(evidence.compare_with_jet_effects(record, name, gives="mean").slope))
+        misfit = {"increment": abs(math.log(values.gain))}
+        misfit["mean"] = abs(math.log(evidence.compare_with_jet_effects(record, name, gives="mean").gain))
         misfit[stated] -= _DISFAVOR
         return min(misfit, key=lambda gives: misfit[gives])
 
 
-def _full_scale(scale: Mapping[str, Any], period_s: float) -> float:
-    """Returns the number in the record that stands for a jet open over the whole period."""
+def _full_scale(scale: Mapping[str, Any], interval_s: float) -> float:
+    """Returns the number in the record that stands for a jet open over the whole interval of a row."""
     unit = scale.get("unit", "1")
     if unit == "%":
         return 100.0
-    return float(scale.get("on", 1.0)) if unit == "1" else period_s / si_factor(unit, "time")
+    return float(scale.get("on", 1.0)) if unit == "1" else interval_s / si_factor(unit, "time")

@@ -78,6 +78,14 @@ _NO_COMMANDS = frozenset(
     {"temp", "temperature", "pressure", "press", "status", "flag", "valid", "count", "counter", "cnt", "health"}
     | {"current", "voltage", "volt", "feedback", "meas", "measured", "force", "torque", "flow", "covariance", "total"}
 )
+_DIMENSIONS: Mapping[str, tuple[str, ...]] = {  # that a unit may have, by the quantity
+    "increment": ("velocity", "acceleration"),
+    "gyro": ("rate",),
+    "accelerometer": ("velocity", "acceleration"),
+    "velocity": ("velocity",),
+    "position": ("length",),
+}
+_MEASURED = ("time", "angle", "rate", "length", "velocity", "acceleration", "force", "torque", "number")
 _AXES = {**{axis: index for index, axis in enumerate("xyz")}, "p": 0, "q": 1, "r": 2}
 _QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation)_?([wxyzs0-4]?)")
 
@@ -190,7 +198,14 @@ def _take_unit(words: list[str]) -> str:
 
 
 def column_quantity(name: ColumnName) -> str:
-    """Returns the quantity that a column measures by its words, a key of `WORDS`; "": not known."""
+    """Returns the quantity that a column measures by its words and unit, a key of `WORDS`; "": not known."""
+    kind = _quantity_of_words(name)
+    dimension = next((one for one in _MEASURED if name.unit and si_factor_or_none(name.unit, one) is not None), "")
+    return "" if dimension and dimension not in _DIMENSIONS.get(kind, (dimension,)) else kind
+
+
+def _quantity_of_words(name: ColumnName) -> str:
+    """Returns the quantity that the words of a column's name are of, a key of `WORDS`; "": not known."""
     words_ = set(name.words)
     if words_ & _NO_READINGS or ("angular" in words_ and words_ & WORDS["accelerometer"]) or "angle" in words_:
         return ""

@@ -12,6 +12,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
 from massprop_drake.records.names import ColumnName, read_name
+from massprop_drake.records.rows import jet_columns, onset_columns
 from massprop_drake.records.sensor_search import SensorSearch
 from massprop_drake.records.stamps import is_number
 from massprop_drake.records.topics import Recording, Topic
@@ -100,6 +101,7 @@ class RecordingSearch(SensorSearch):
             for name, names in names_by_topic.items()
         }
         for topic in topics.values():
+            self._recognize_telemetry(topic)
             self._warn_of_text_cells(topic)
         kinds = {
             name: {self._find_quantity(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()
@@ -116,8 +118,19 @@ class RecordingSearch(SensorSearch):
                 self._set_topic_and_time(self.data["commands"])
                 break
         if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
-            faults = [fault for name in topics if (fault := clock_fault(topics[name], names_by_topic[name]))]
+            period_s = self.vehicle.sample_period_s
+            faults = [fault for name in topics if (fault := clock_fault(topics[name], names_by_topic[name], period_s))]
             self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
+
+    def _recognize_telemetry(self, topic: Topic) -> None:
+        """Says that a table with the columns of telemetry needs no map; warns where a map would lose its onsets."""
+        present = set(topic.columns)
+        if {"time_s", *jet_columns(self.vehicle, present)} <= present:
+            has_onsets = not present.isdisjoint(onset_columns(self.vehicle))
+            lost = ", while by a map it loses when jets open within samples" if has_onsets else ""
+            (self._warn if lost else self._say)(
+                f"{topic.source}: its columns are those of telemetry: 'massprop estimate' reads it without a map{lost}"
+            )
 
     def _warn_of_text_cells(self, topic: Topic) -> None:
         """Warns of columns of numbers that cannot be used because some cells hold text."""

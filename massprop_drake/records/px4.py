@@ -120,7 +120,7 @@ def _read_jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], 
         if length < 1e-6 or values["CT"] <= 0.0:
             raise InputError(
                 f"{recording.source}: thruster {index} has no direction or no thrust: "
-                f"{_JET.format(index=index, parameter='AX')}, AY, AZ, CT"
+                f"{_JET.format(index=index, what='AX')}, AY, AZ, CT"
             )
         jets.append(
             {

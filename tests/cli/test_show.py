@@ -191,6 +191,13 @@ def test_a_record_has_no_truth_but_warnings(printed: Printed, short_run: Run) ->
     assert any("rotation, - translation, over" in line for line in lines)
 
 
+def test_rows_and_samples_that_differ_say_what_they_count(printed: Printed, short_run: Run) -> None:
+    known = short_run.results
+    record = {"provenance": known.provenance._replace(telemetry="flight.csv"), "data_quality": QUALITY | {"rows": 120}}
+    lines = printed(show.print_estimation, **record)
+    assert any("120 rows, 60 counted a sample period apart; 40 used; skipped: 12 coast" in line for line in lines)
+
+
 def test_lines_are_never_read_as_markup_and_json_is_whole(capsys: Capture) -> None:
     line = "[bold]x[/bold] " + "y" * 300
     show.say(line)

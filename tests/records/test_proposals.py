@@ -30,7 +30,7 @@ from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.records.mapped_rows import make_table
 from massprop_drake.records.mapping import apply_map
-from massprop_drake.records.names import read_name
+from massprop_drake.records.names import column_quantity, read_name
 from massprop_drake.records.proposal import Proposal, make_proposal
 from massprop_drake.records.px4 import vehicle_from_log
 from massprop_drake.records.recording import open_recording
@@ -171,6 +171,65 @@ def test_commands_that_are_logged_late_are_warned_of(late: int, words: str, tmp_
     found.data["commands"] |= {"acts": "from_row", "time": {"column": "t", "offset_s": offset_s}}
     rows = telemetry(path, to_yaml(found.data), FLOWN.vehicle)
     np.testing.assert_array_equal(rows["jet_T1"][10:-10], FLOWN.commands[10:-10, 0])
+
+
+SERVICER = load_vehicle("servicer")
+FAST = flown(SERVICER.model_copy(update={"sample_period_s": SERVICER.sample_period_s / 5}), 2, 1500, 30)
+
+
+@pytest.mark.parametrize("late", [0, 2])
+@pytest.mark.parametrize("unit", ["1", "ms"])
+def test_a_log_faster_than_samples_is_judged_by_its_own_rows(late: int, unit: str, tmp_path: Path) -> None:
+    """Jets lag behind their valves by more than a row, which is no lateness of the commands."""
+    period_s = FAST.vehicle.sample_period_s
+    commands = np.roll(FAST.commands, -late, axis=0) * (1.0 if unit == "1" else 1e3 * period_s)
+    columns = {f"{jet}_ms" if unit == "ms" else jet: one for jet, one in zip(FAST.jets, commands.T, strict=True)}
+    found = proposed(log_of(tmp_path, FAST, **dict.fromkeys(commands_of(commands)), **columns), SERVICER)
+    assert found.data["commands"].get("unit", "1") == unit
+    if late:
+        assert "2 rows after" in found.warnings[0]
+        assert f"offset_s: {late * period_s:g}" in found.warnings[0]
+    assert len(found.warnings) == (late > 0)
+
+
+def test_a_delay_that_the_vehicle_states_is_no_lateness(tmp_path: Path) -> None:
+    delay = {"command_delay_s": 2 * FAST.vehicle.sample_period_s}
+    kinds = {name: kind.model_copy(update=delay) for name, kind in SERVICER.jet_kinds.items()}
+    path = log_of(tmp_path, FAST, **commands_of(np.roll(FAST.commands, -2, axis=0)))
+    assert proposed(path, load_vehicle("servicer").model_copy(update={"jet_kinds": kinds})).warnings == []
+
+
+@pytest.mark.parametrize("later", [False, True])
+@pytest.mark.parametrize("wrong", [{"wy": -FLOWN.rates[:, 1]}, {"wx": FLOWN.rates[:, 2], "wz": FLOWN.rates[:, 0]}])
+def test_when_commands_act_is_told_whatever_the_axes(wrong: dict[str, Array], later: bool, tmp_path: Path) -> None:
+    logged = np.roll(FLOWN.commands, 1, axis=0) if later else FLOWN.commands
+    coasting = np.flatnonzero(np.convolve(FLOWN.commands.sum(axis=1), np.ones(5), "same") == 0.0)[-1]
+    wrong = {name: values + 10.0 * (np.arange(values.size) > coasting) for name, values in wrong.items()}  # and a jump
+    found = proposed(log_of(tmp_path, **wrong, **commands_of(logged)))
+    assert found.data["commands"]["acts"] == ("until_row" if later else "from_row")
+    assert ["poorly" in one for one in found.warnings] == [True]
+
+
+def test_a_clock_of_another_period_is_found_or_said(tmp_path: Path) -> None:
+    columns = {name: values for name, values in usual_columns(FLOWN).items() if name[0] not in "tv"}
+    slower = FLOWN.vehicle.model_copy(update={"sample_period_s": 0.08})
+    for name, words in (("UPTIME_MS", "in ms as its name says"), ("alpha", "rises by 50 a row, which in")):
+        path = write_csv(tmp_path / "log.csv", {name: 1e3 * FLOWN.time_s, **columns, **VELOCITIES})
+        found = proposed(path, slower)
+        assert words in said(found)
+        assert bool(found.lacking) == (name == "alpha")
+
+
+def test_telemetry_needs_no_map(tmp_path: Path) -> None:
+    """Onsets of jets P1 and P2 are no positions."""
+    columns = {"time_s": FLOWN.time_s, **{f"gyro_{axis}": FLOWN.rates[:, place] for place, axis in enumerate("xyz")}}
+    columns |= {f"jet_{jet}": FLOWN.commands[:, index] for index, jet in enumerate(FLOWN.jets)}
+    path = write_csv(tmp_path / "log.csv", columns)
+    assert "'massprop estimate' reads it without a map" in said(proposed(path))
+    assert proposed(path).warnings == []
+    onsets = {f"onset_{jet}_s": 0.0 * FLOWN.time_s for jet in FLOWN.jets}
+    assert "by a map it loses when jets open" in proposed(write_csv(path, columns | onsets)).warnings[0]
+    assert [column_quantity(read_name(name)) for name in ("onset_P1_s", "P1_m", "P1")] == ["", "position", "position"]
 
 
 CLOCKS: dict[str, Callable[[Array], dict[str, Any]]] = {

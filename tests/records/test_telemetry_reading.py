@@ -216,20 +216,20 @@ def test_another_sample_period_stops(log: Written, factor: float, found: str) ->
 def test_going_on_from_an_earlier_part(log: Written) -> None:
     whole, _ = log.read()
     after = Continuation(float(whole.time_s[19]), np.full(12, np.nan), np.zeros(6), {})
-    rows, reader = log.read(after=after)
+    rows, reader = log.read(previous=after)
     np.testing.assert_array_equal(rows.time_s, whole.time_s[20:])
     np.testing.assert_array_equal(reader.before[0], whole.commands[19])  # of the row there again
     assert (reader.record.before_start, reader.record.gaps, reader.record.duplicates) == (19, 0, 0)
     # without that row: the command that was saved
     log.rows = log.rows[20:]
     saved = after._replace(command=np.full(12, 0.5))
-    rows, reader = log.read(after=saved)
+    rows, reader = log.read(previous=saved)
     assert reader.record.gaps == 0
     np.testing.assert_array_equal(reader.before[0], saved.command)
     log.rows = log.rows[5:]  # later still: a gap
-    rows, reader = log.read(after=saved)
+    rows, reader = log.read(previous=saved)
     assert (reader.record.gaps, rows.recorded[0]) == (1, False)
-    log.refused("has no usable row later than 9 s, where the earlier run ended", after=saved._replace(time_s=9.0))
+    log.refused("has no usable row later than 9 s, where the earlier run ended", previous=saved._replace(time_s=9.0))
 
 
 def put(row: int, name: str, cell: str) -> Callable[[Log], str]:
