@@ -211,12 +211,15 @@ def plant_wrenches(scenario: Scenario) -> Array:
 
 def mounted_wrenches(scenario: Scenario) -> Array:
     """Returns torque, force and mass flow of each jet at nominal thrust, as truly mounted, shape (n_jets, 7)."""
-    vehicle, nominal, spread = scenario.vehicle_data, nominal_wrenches(scenario), scenario.plant.mounting_dispersion
-    sigmas = spread * np.repeat(vehicle.mounting_sigmas, 2, axis=1)  # of two angles and two shifts
-    if not sigmas.any():
-        return nominal
-    drawn = normal_sample(scenario.seed, "mounting", 0, sigmas.size).reshape(sigmas.shape)
-    return true_mounted_wrenches(nominal, vehicle.positions, sigmas * drawn)
+    nominal, errors = nominal_wrenches(scenario), mounting_errors(scenario)
+    return true_mounted_wrenches(nominal, scenario.vehicle_data.positions, errors) if errors.any() else nominal
+
+
+def mounting_errors(scenario: Scenario) -> Array:
+    """Draws the true errors of each jet's mounting: two angles, rad, and two shifts, ft or m, shape (n_jets, 4)."""
+    sigmas = scenario.plant.mounting_dispersion * np.repeat(scenario.vehicle_data.mounting_sigmas, 2, axis=1)
+    drawn = normal_sample(scenario.seed, "mounting", 0, sigmas.size) if sigmas.any() else np.zeros(sigmas.size)
+    return sigmas * drawn.reshape(sigmas.shape)
 
 
 def plant_mass_flows(scenario: Scenario) -> Array:

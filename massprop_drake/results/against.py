@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,17 +15,21 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns, is_physical
 from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations, stretch_equations, sum_equations
+from massprop_drake.maths.estimation.offline.swings import can_swing
 from massprop_drake.maths.estimation.pose.pose_hindsight import PoseEquations
 from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, fill_unit_template, mass_property_units
+from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
+from massprop_drake.results.detections import DetectionRecord, in_words
 from massprop_drake.results.diagnoses import RATE
 from massprop_drake.results.record_stretches import regression_pieces
-from massprop_drake.results.regression_model import Names, make_model, vehicle_names, without_shifts
+from massprop_drake.results.regression_model import make_model, vehicle_names, without_shifts
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
 
-_MOST = 5  # causes that are taken together
+_MOST = 5  # causes that are taken together; compute budget: of those that are tried in vain
 _PASSES = 3  # in which causes are fitted
+_HALVINGS = 8  # compute budget: of a step that no vehicle can take, or that leaves more unexplained
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _ALIKE = 0.9  # of what the best alone explains: what explains as much cannot be told from it
 _CHANCE = 1.3  # times the stated variance: no more than rounding may be
@@ -59,7 +63,7 @@ class Explanation(NamedTuple):
         size: by how much it is other than in the simulation, together with those before it.
         size_std: its 1-sigma.
         unit: of both.
-        alone: share of the residuals beyond noise that it explains by itself, 0 to 1.
+        alone: share of the residuals beyond noise, or of all that is explained if that is more, by itself, 0 to 1.
         together: the same with those before it.
         alike: others that explain as much by themselves as it does.
     """
@@ -78,12 +82,12 @@ class SimulatedSide(NamedTuple):
 
     Attributes:
         properties: the ten parameters, shape (10,).
-        thrust: of each jet over the vehicle file's, shape (n_jets,).
+        errors: of jets, wheels, engines and tanks from the vehicle file, by the names in `Columns`.
         time_constants_s: of each jet's lag, shape (n_jets,).
     """
 
     properties: Array
-    thrust: Array
+    errors: Mapping[str, Array]
     time_constants_s: Array
 
 
@@ -96,7 +100,8 @@ class Against(NamedTuple):
         misfit: mean square of the residuals of readings from what the commands give, over the variance that is stated:
             about 1 where the record is as simulated; None where there are too few readings.
         residuals: of every component.
-        causes: the one that explains most first; empty where there is nothing to explain.
+        causes: the one that explains most first; empty where there is nothing to explain, or nothing explains it.
+        declared: the failure that readings from `until_s` on are left out for, in words; "": none was declared then.
     """
 
     run: Text
@@ -104,6 +109,7 @@ class Against(NamedTuple):
     misfit: Real | None
     residuals: tuple[Residual, ...]
     causes: tuple[Explanation, ...]
+    declared: Text = ""
 
     def as_json(self) -> dict[str, Any]:
         """Returns the comparison as `summary.json` has it."""
@@ -112,12 +118,19 @@ class Against(NamedTuple):
 
     def in_words(self) -> str:
         """Formats the misfit over the stated variance as a sentence, with the time up to which readings count."""
-        if self.misfit is None:
-            return "too few readings to say what would explain the difference"
-        if not self.causes:
-            return f"the readings are as simulated: {self.misfit:.3g} times the variance that is stated"
         before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
-        return f"readings{before} differ by {self.misfit:.3g} times the variance that is stated"
+        then = f"; then declared: {self.declared}" if self.declared else ""
+        if self.misfit is None:
+            return f"too few readings{before} to say what would explain the difference{then}"
+        differ = bool(self.causes) or self.misfit > _CHANCE
+        size = f"{self.misfit:.3g} times the variance that is stated"
+        unexplained = ", which no error of the vehicle explains" if differ and not self.causes else ""
+        return f"readings{before} are {'not ' if differ else ''}as simulated: {size}{unexplained}{then}"
+
+
+def declared_in_words(detections: Iterable[DetectionRecord], until_s: float, units: Mapping[str, str]) -> str:
+    """Describes the standing detections that begin at a time, s, such as "jet T7: stuck on"; "" if none does."""
+    return "; ".join(in_words(one, units) for one in detections if one.withdrawn_s is None and one.onset_s == until_s)
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
@@ -197,16 +210,23 @@ def explain_differences(
     model = without_shifts(make_model(scenario))._replace(time_constants_s=reference.time_constants_s)
     slices = columns(model)
     unknowns = np.zeros_like(model.prior)
-    unknowns[slices.properties], unknowns[slices.thrust] = reference.properties, reference.thrust - 1.0
+    unknowns[slices.properties] = reference.properties
+    for group, errors in reference.errors.items():
+        place = getattr(slices, group)
+        unknowns[place] = errors[: place.stop - place.start]  # no filter but the joint one has errors of mounting
     with np.errstate(all="ignore"):
         stretches = regression_pieces(scenario, signals, until_s, model)
-        labels = _name_unknowns(scenario, model, unknowns)
+        labels = name_unknowns(scenario, model, unknowns)
 
         def make_equations(point: Array) -> NormalEquations:
             """Makes the normal equations of all readings, linearized about a point, shape (n,)."""
             return sum_equations([stretch_equations(stretch, point, model) for stretch in stretches], model)
 
-        return find_causes(make_equations, (unknowns, labels), is_physical, misfit_limit=_CHANCE)
+        def is_possible(point: Array) -> bool:
+            """Tests whether a vehicle can have such mass properties, with parts that move in it."""
+            return is_physical(point) and can_swing(point[slices.properties], point[slices.moving], model.modes)
+
+        return find_causes(make_equations, (unknowns, labels), is_possible)
 
 
 Equations = NormalEquations | PoseEquations  # of readings by unknowns, about a point
@@ -224,8 +244,6 @@ def find_causes(
     make_equations: Callable[[Array], Equations],
     labeled_unknowns: tuple[Array, Sequence[UnknownLabel | None]],
     is_possible: Callable[[Array], bool],
-    *,
-    misfit_limit: float = 0.0,
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns that explain a misfit; returns it (mean square over stated variance) and the causes.
 
@@ -233,7 +251,6 @@ def find_causes(
         make_equations: makes the equations linearized about a point.
         labeled_unknowns: the unknowns as simulated, shape (n,), and their labels, None for those not fitted.
         is_possible: tests whether a vehicle can have such unknowns.
-        misfit_limit: misfit for each reading up to which nothing is to be explained.
 
     Returns:
         See `Against.misfit` and `Against.causes`.
@@ -241,10 +258,8 @@ def find_causes(
     equations = make_equations(labeled_unknowns[0])
     if equations.readings < 1.0:
         return None, ()
-    misfit = equations.misfit / equations.readings
-    if misfit <= misfit_limit:
-        return misfit, ()
-    return misfit, _select_causes(equations, make_equations, labeled_unknowns, is_possible)
+    causes = _select_causes(equations, make_equations, labeled_unknowns, is_possible)
+    return equations.misfit / equations.readings, causes
 
 
 def _select_causes(
@@ -260,26 +275,28 @@ def _select_causes(
     there = np.flatnonzero(diagonal > 0.0)
     alone = np.zeros_like(diagonal)
     alone[there] = first.score[there] ** 2 / diagonal[there]
-    excess = max(first.misfit - first.readings, 1e-300)
     limit = chi_square_limit(RATE / max(there.size, 1), 1)
     taken: list[int] = []
-    shares: list[float] = []
+    gained: list[float] = []
     at, normal = reference, first
-    while len(taken) < _MOST:
-        gains = {place: _misfit_gain(normal, [*taken, place]) for place in there.tolist() if place not in taken}
+    failed = list[int]()
+    while len(taken) < _MOST and len(failed) < _MOST:
+        left = [place for place in there.tolist() if place not in taken and place not in failed]
+        gains = {place: _misfit_gain(normal, [*taken, place]) for place in left}
         best = max(gains, key=lambda place: gains[place], default=-1)
         if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
             break
         after, fit = _fit_unknowns(make_equations, (at, normal), [*taken, best], is_possible)
         if fit.misfit >= normal.misfit:
-            break
+            failed.append(best)  # it explains no more than by its slope
+            continue
         at, normal = after, fit
         taken.append(best)
-        shares.append(min((first.misfit - fit.misfit) / excess, 1.0))
+        gained.append(first.misfit - fit.misfit)
     if not taken:
         return ()
     covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
-    found = []
+    excess, found = max(first.misfit - first.readings, gained[-1]), []
     for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
         what, unit, scale = names[place]
         others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
@@ -290,7 +307,7 @@ def _select_causes(
                 float(scale * deviation),
                 unit,
                 min(float(alone[place]) / excess, 1.0),
-                shares[number],
+                gained[number] / excess,
                 tuple(names[other].what for other in others),
             )
         )
@@ -310,12 +327,13 @@ def _fit_unknowns(
         move[indices] = np.linalg.solve(normal.information[np.ix_(indices, indices)], normal.score[indices])
         if float(move @ normal.score) < _SETTLED:
             break
-        while not is_possible(point + move):
+        for _ in range(_HALVINGS):
+            if is_possible(point + move) and (moved := make_equations(point + move)).misfit < normal.misfit:
+                point, normal = point + move, moved
+                break
             move *= 0.5
-        moved = make_equations(point + move)
-        if not moved.misfit < normal.misfit:
+        else:
             break
-        point, normal = point + move, moved
     return point, normal
 
 
@@ -339,25 +357,77 @@ def name_mass_property(symbol: str, unit: str, value: float) -> UnknownLabel:
     return UnknownLabel(symbol, "%", 100.0 / float(abs(value))) if in_percent else UnknownLabel(symbol, unit, 1.0)
 
 
-def _name_unknowns(scenario: Scenario, model: FlightModel, unknowns: Array) -> list[UnknownLabel | None]:
+def name_unknowns(scenario: Scenario, model: FlightModel, unknowns: Array) -> list[UnknownLabel | None]:
     """Returns the label of each unknown of the flight model, in its order; None where it is not fitted."""
-    names: Names = vehicle_names(scenario)
-    slices = columns(model)
-    torque, drag = (names.torque, f"{names.torque}-s/rad")
-    units = mass_property_units(scenario.vehicle_data.unit_names)
-    named = [name_mass_property(*entry) for entry in zip(SYMBOLS, units, unknowns.tolist(), strict=False)]
-    others: list[tuple[str, str, float]] = [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
-    others += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: slices.lag.stop - slices.lag.start]]
-    others += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]
-    others += [
-        (f"{name}: bias or steady force {a}", names.acceleration, 1.0) for name in names.accelerometers for a in AXES
-    ]
-    others += [(f"torque {letter} that nobody commands", torque, 1.0) for letter in AXES]
-    others += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
-    others += [(f"angular momentum {letter} of wheels", f"{names.torque}-s", 1.0) for letter in AXES]
-    sensors = (*names.gyros, *names.accelerometers)
-    others += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
-    return [*named, *(UnknownLabel(*entry) for entry in others), *[None] * (slices.shift.stop - slices.shift.start)]
+    found: list[UnknownLabel | None] = [None] * unknowns.size
+    slices, units = columns(model), mass_property_units(scenario.vehicle_data.unit_names)
+    values = unknowns[slices.properties].tolist()
+    found[slices.properties] = [name_mass_property(*entry) for entry in zip(SYMBOLS, units, values, strict=True)]
+    groups = {**_name_usual_errors(scenario), **_name_errors_of_parts(scenario, model)}
+    for group, labels in groups.items():
+        places = range(*getattr(slices, group).indices(unknowns.size))
+        for place, label in zip(places, labels if places else (), strict=True):  # mounting: of the joint filter alone
+            found[place] = label if label.scale else None
+    return found
+
+
+def _name_usual_errors(scenario: Scenario) -> dict[str, list[UnknownLabel]]:
+    """Maps groups of unknowns that every vehicle has, as named in `Columns`, to their labels."""
+    names = vehicle_names(scenario)
+    groups: dict[str, tuple[list[str], str, float]] = {
+        "thrust": ([f"thrust of {jet}" for jet in names.jets], "%", 100.0),
+        "lag": ([f"lag of {kind} jets" for kind in names.kinds], "ms", 1e3),
+        "gyro_bias": ([f"gyro bias {axis}" for axis in AXES], "rad/s", 1.0),
+        "acceleration_bias": (
+            [f"{name}: bias or steady force {axis}" for name in names.accelerometers for axis in AXES],
+            names.acceleration,
+            1.0,
+        ),
+        "torque": ([f"torque {axis} that nobody commands" for axis in AXES], names.torque, 1.0),
+        "drag": ([f"drag about {axis}" for axis in AXES], f"{names.torque}-s/rad", 1.0),
+        "momentum": ([f"angular momentum {axis} of wheels" for axis in AXES], f"{names.torque}-s", 1.0),
+        "gyro_gain": ([f"scale of {name} {axis}" for name in names.gyros for axis in AXES], "%", 100.0),
+        "accelerometer_gain": (
+            [f"scale of {name} {axis}" for name in names.accelerometers for axis in AXES],
+            "%",
+            100.0,
+        ),
+        "wheel": ([f"inertia of wheel {wheel}" for wheel in names.wheels], "%", 100.0),
+    }
+    return {
+        group: [UnknownLabel(what, unit, scale) for what in of_group]
+        for group, (of_group, unit, scale) in groups.items()
+    }
+
+
+def _name_errors_of_parts(scenario: Scenario, model: FlightModel) -> dict[str, list[UnknownLabel]]:
+    """Maps groups of unknowns of engines, mounting, moving parts and tanks to labels; scale 0: known."""
+    vehicle, length = scenario.vehicle_data, scenario.vehicle_data.unit_names["length"]
+    across = "first axis", "second axis"  # normal to the force
+    placed = [(f"place of {{}}, {axis}", length) for axis in across]
+    pointed = [(f"direction of {{}}, {axis}", "rad") for axis in across]
+    burning = [(f"thrust of {{}} at level {level}", "%") for level in (0, 1)]
+    moving = [(f"{what} of {{}}", "%") for what in ("participation", "frequency", "damping")]
+    moving += [(f"place of {{}}, {axis}", length) for axis in AXES]
+
+    def label(parts: Iterable[str], errors: Sequence[tuple[str, str]], sigmas: Array) -> list[UnknownLabel]:
+        """Labels the same errors of some parts, by what one unit of each unknown is, shape (n_parts, n_errors)."""
+        entries = [(what.format(part), unit) for part in parts for what, unit in errors]
+        return [
+            UnknownLabel(what, unit, 100.0 * sigma if unit == "%" else sigma)
+            for (what, unit), sigma in zip(entries, sigmas.ravel().tolist(), strict=True)
+        ]
+
+    engines = [f"engine {engine.name}" for engine in vehicle.engines]
+    tanks = [tank.name for tank in vehicle.tanks]
+    mounted = label(vehicle.designations, [*pointed, *placed], np.repeat(vehicle.mounting_sigmas, 2, axis=1))
+    return {
+        "engine": label(engines, [*burning, *pointed, *placed], np.ones(N_ERRORS * len(engines))),
+        "mount": [one for one in mounted if one.scale],
+        "moving": label([part.name for part in vehicle.moving], moving, model.modes.sigmas),
+        "fill": label(tanks, [("propellant in {} at the start", vehicle.unit_names["mass"])], np.ones(len(tanks))),
+        "flow": label(tanks, [("flow out of {}", "%")], np.ones(len(tanks))),
+    }
 
 
 _IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")

@@ -31,7 +31,7 @@ from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA
 from massprop_drake.maths.signals import AGAINST
 from massprop_drake.maths.vehicle import true_failures
 from massprop_drake.maths.vehicle.on_times import level_onsets, split_sample
-from massprop_drake.results.against import Against
+from massprop_drake.results.against import Against, declared_in_words
 from massprop_drake.results.against_followed import explain_differences, residuals
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.stored import STATE_FILE
@@ -68,7 +68,9 @@ def compare_in_fixed_frame(record: Run, other_run: Run, folder: str, spool: Spoo
         first = rows.stop
     until_s = _comparison_end_s(record, pose_record.time_s)
     misfit, causes = explain_differences(scenario, pose_record.until(until_s), vehicle, filter_params.pose)
-    return Against(folder, until_s if math.isfinite(until_s) else None, misfit, residuals(scenario, spool), causes)
+    declared = declared_in_words(record.results.detections, until_s, scenario.vehicle_data.unit_names)
+    limit_s = until_s if math.isfinite(until_s) else None
+    return Against(folder, limit_s, misfit, residuals(scenario, spool), causes, declared)
 
 
 def _comparison_end_s(record: Run, time_s: Array) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,26 @@ from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
+from massprop_drake.maths.estimation.joint.burns import engine_impulse, make_burn, shut_engine_settings
+from massprop_drake.maths.estimation.joint.modes import ERRORS, SIZE
+from massprop_drake.maths.estimation.joint.wheels import interval_wheel_speeds
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, join_ten_parameters
 from massprop_drake.maths.signals import AGAINST
-from massprop_drake.maths.vehicle import vehicle_cycle
+from massprop_drake.maths.vehicle import vehicle_cycle, wheel_motors
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
+from massprop_drake.maths.vehicle.disturbance import move_to_center
+from massprop_drake.maths.vehicle.engine_thrust import channel_mask
 from massprop_drake.maths.vehicle.on_times import level_onsets
-from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
-from massprop_drake.results.against import Against, SimulatedSide, explain_differences, residuals
+from massprop_drake.maths.vehicle.rigid_body import (
+    MASS,
+    RATE,
+    STRUCTURE,
+    OutOfMassError,
+    SpunUpError,
+    add_wheel_momentum,
+)
+from massprop_drake.maths.vehicle.true_engines import draw_engine_errors
+from massprop_drake.results.against import Against, SimulatedSide, declared_in_words, explain_differences, residuals
 from massprop_drake.results.run_content import read_summary
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.runners import pose_comparison
@@ -59,22 +72,24 @@ def compare_with_simulation(record: Run, folder: str | Path, *, spool_folder: Pa
         return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
     scenario = _make_scenario(other_run, str(folder))
     vehicle = _SimulatedVehicle(record.scenario, scenario, str(folder))
-    names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")
     signals = record.signals
     columns = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
     for block in blocks(columns, "time_s", *signals):
         onsets_s = block.get("command_onset", level_onsets(block["command"].shape))
-        commands = block["command"], onsets_s
-        simulated = vehicle.simulate_readings(commands, {name: block[name] for name in names}, block["time_s"])
+        simulated = vehicle.simulate_readings((block["command"], onsets_s), block, block["time_s"])
         spool.append({**block, **{AGAINST + name: values for name, values in simulated.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
     reference = SimulatedSide(
-        _parameters_before_jumps(other_run), params.thrust_factors(scenario), params.plant_time_constants(scenario)
+        _parameters_before_jumps(other_run),
+        _true_errors(scenario, record.scenario, rigid=bool(np.isfinite(other_run.results.truth).all())),
+        params.plant_time_constants(scenario),
     )
-    misfit, causes = explain_differences(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
-    comparison = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
+    until_s = math.inf if onset_s is None else onset_s
+    misfit, causes = explain_differences(record.scenario, spool, reference, until_s)
+    declared = declared_in_words(record.results.detections, until_s, record.scenario.vehicle_data.unit_names)
+    comparison = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes, declared)
     return Run(record.scenario, replace(record.results, against=comparison), None, spool, record.state)
 
 
@@ -146,6 +161,46 @@ def _parameters_before_jumps(run: Run) -> Array:
     return join_ten_parameters(run["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - added_mass))
 
 
+def _true_errors(scenario: Scenario, record: Scenario, *, rigid: bool) -> dict[str, Array]:
+    """Maps groups of unknowns, as named in `Columns`, to a simulated vehicle's errors from the vehicle of a record.
+
+    Args:
+        scenario: of the simulation.
+        record: of the record.
+        rigid: whether parts that the file states to move are locked, as in a simulation.
+    """
+    vehicle = record.vehicle_data
+    gyros, accelerometers = (
+        [true_params.sensor_model(scenario, package) for package in packages(record)]
+        for packages in (params.gyros, params.accelerometers)
+    )
+    sigmas, stated = np.repeat(vehicle.mounting_sigmas, 2, axis=1), np.array([one.propellant for one in vehicle.tanks])
+    _, fill = true_params.true_tanks(scenario) or (None, stated)
+    moving = params.filter_setup(record).modes.sigmas
+    locked = -1.0 / np.where((np.arange(ERRORS) == SIZE) & (moving > 0.0) & rigid, moving, np.inf)
+    disturbance = true_params.disturbance(scenario)
+    torque, force = np.zeros((2, 3)) if disturbance is None else disturbance.mean.reshape(2, 3)
+    acceleration = force / true_params.true_properties(scenario).mass
+    return {
+        "thrust": params.thrust_factors(scenario) - 1.0,
+        "gyro_bias": np.mean([one.bias for one in gyros], axis=0),
+        "acceleration_bias": np.ravel([one.bias + acceleration for one in accelerometers]),
+        "torque": torque,
+        "gyro_gain": np.ravel([one.scale_factor for one in gyros]),
+        "accelerometer_gain": np.ravel([one.scale_factor for one in accelerometers]),
+        "wheel": _true_wheel_inertias(scenario) / params.wheels(vehicle).inertias - 1.0,
+        "engine": draw_engine_errors(true_params.true_engines(scenario), scenario.seed),
+        "mount": (true_params.mounting_errors(scenario) / np.where(sigmas > 0.0, sigmas, np.inf))[sigmas > 0.0],
+        "moving": locked.ravel(),
+        "fill": fill - stated,
+    }
+
+
+def _true_wheel_inertias(scenario: Scenario) -> Array:
+    """Draws the inertias of a simulated vehicle's wheels about their axes, shape (n_wheels,)."""
+    return wheel_motors.draw_inertias(true_params.wheels_model(scenario), scenario.seed)
+
+
 def _make_scenario(run: Run, folder: str) -> Scenario:
     """Returns the other run's scenario to simulate; of a record, with its estimates in place of the truth.
 
@@ -167,6 +222,60 @@ def _make_scenario(run: Run, folder: str) -> Scenario:
     return run.scenario.model_copy(update={"plant": plant})
 
 
+class _Load(NamedTuple):
+    """Loads on a vehicle over the interval before a row, besides its jets.
+
+    Attributes:
+        wrench: mean torque about the vehicle origin and force of engines and of known outside forces, shape (6,).
+        used: propellant of the engines, slug or kg.
+        wheels: angular momentum of the wheels at its beginning and its time derivative, body axes, shape (6,).
+    """
+
+    wrench: Array
+    used: float
+    wheels: Array
+
+
+class _Interval(NamedTuple):
+    """Interval from a row on: commands, sample number and draws, as `vehicle_cycle.step` takes them."""
+
+    commands: tuple[Array, Array, Array]
+    sample: int
+    draw_row: tuple[vehicle_cycle.Ahead, int]
+
+
+class _KnownLoads:
+    """Loads of the wheels and engines of a simulated vehicle that turn and burn as a record reads them.
+
+    Args:
+        scenario: of the vehicle.
+    """
+
+    def __init__(self, scenario: Scenario):
+        vehicle = self._vehicle = scenario.vehicle_data
+        self._period_s = vehicle.sample_period_s
+        self._wheels, self._motors = params.wheels(vehicle), true_params.wheels_model(scenario)
+        self._inertias, self._engines = _true_wheel_inertias(scenario), params.engines(vehicle)
+        self._errors = draw_engine_errors(true_params.true_engines(scenario), scenario.seed)
+        self._speeds = np.full(len(vehicle.wheels), np.nan)
+        self._settings, self._outside = shut_engine_settings(len(vehicle.engines)), np.zeros(6)
+
+    def advance(self, readings: Mapping[str, Array]) -> _Load:
+        """Advances to a row by its readings, NaN where nothing was read; returns the load since the row before."""
+        read = np.array([readings[wheel.name][0] for wheel in self._vehicle.wheels])
+        speeds, self._speeds = interval_wheel_speeds(self._speeds, read, self._period_s, self._wheels)
+        accelerations = (speeds.end - speeds.start) / self._period_s
+        wheels = wheel_motors.momentum(speeds.start, accelerations, self._inertias, self._motors)
+        shown, has_channel = np.zeros(self._settings.now.shape), channel_mask(self._engines)
+        for number, engine in enumerate(self._vehicle.engines):
+            shown[number, has_channel[number]] = readings.get(engine.name, np.nan)
+        burn, self._settings = make_burn(self._settings, shown, self._period_s, self._engines)
+        burnt = engine_impulse(burn, self._errors, self._period_s, self._engines)
+        wrench = self._outside + burnt.impulse / self._period_s
+        self._outside = np.nan_to_num(readings.get("outside_wrench", self._outside))
+        return _Load(wrench, burnt.used, wheels)
+
+
 class _SimulatedVehicle:
     """Simulated vehicle that flies the commands of a record.
 
@@ -182,8 +291,11 @@ class _SimulatedVehicle:
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]
         self._truth = vehicle_cycle.pack_truth(self._true)
+        self._sensor_errors = self._truth.packages.biases, self._truth.packages.scale_factors
         self._state = vehicle_cycle.initial_state(self._true)
         self._open = np.zeros(self._true.jets.forces.size)  # no manifold is closed
+        self._known = _KnownLoads(scenario)
+        self._coming: _Interval | None = None  # from the row before on
         self._source = source
         self._sample = 0
         self._has_begun = False  # whether it has begun with a rate of the record
@@ -197,7 +309,7 @@ class _SimulatedVehicle:
         Args:
             commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape
                 (n, n_jets) each.
-            readings: of the record, by package.
+            readings: of the record, by sensor, and known outside forces.
             time_s: of the rows.
 
         Raises:
@@ -207,34 +319,52 @@ class _SimulatedVehicle:
         drawn = vehicle_cycle.draw_ahead(self._sample, time_s.size, self._true)
         for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
             recorded = {name: values[row] for name, values in readings.items()}
-            if not self._has_begun:
-                self._take_recorded_rate(recorded)
-            simulated, memories = vehicle_cycle.sense(self._state, row, drawn, self._truth)
-            for name, values in zip(self._names, simulated, strict=True):
-                offset = self._offset(name, values, recorded[name])
-                simulated_readings[name][row] = values + offset if self._has_begun else np.nan
+            load = self._known.advance(recorded)
             try:
-                if drawn.jumps[row]:
-                    self._state = vehicle_cycle.apply_sample_jumps(self._state, self._sample, self._true)
-                inputs = (np.nan_to_num(command), onset_s, self._open)
-                after, _ = vehicle_cycle.step(self._state, inputs, self._sample, (drawn, row), self._truth)
+                self._advance(load)
             except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                 raise InputError(
                     f"{self._source}: its vehicle cannot fly the record's commands: at t = {moment(time_s[row])} s it "
                     "runs out of propellant or makes over a turn in a sample; give a run of the vehicle of the record"
                 ) from error
-            self._state = after._replace(memories=memories)
+            if not self._has_begun:
+                self._take_recorded_rate(recorded)
+            simulated, memories = vehicle_cycle.sense(self._state, row, drawn, self._truth)
+            self._state = self._state._replace(memories=memories)
+            for name, values in zip(self._names, simulated, strict=True):
+                offset = self._offset(name, values, recorded[name])
+                simulated_readings[name][row] = values + offset if self._has_begun else np.nan
+            if drawn.jumps[row]:
+                self._state = vehicle_cycle.apply_sample_jumps(self._state, self._sample, self._true)
+            self._coming = _Interval((np.nan_to_num(command), onset_s, self._open), self._sample, (drawn, row))
             self._sample += 1
             self._has_begun = self._has_begun and not np.isnan(command).all()
         return simulated_readings
 
+    def _advance(self, load: _Load) -> None:
+        """Advances the vehicle from the row before to this one, under its jets and what is known to act besides."""
+        if self._coming is None:
+            return
+        truth, half_used = self._truth, np.zeros_like(self._state.body)
+        if load.wrench.any():
+            center, push = STRUCTURE.read(self._state.structure).center_of_mass, truth.push
+            mean = push.mean + move_to_center(load.wrench, center)
+            truth = truth._replace(pushed=True, push=push._replace(mean=mean))
+        half_used[MASS] = 0.5 * load.used  # before and after the step, so that it has the mean mass
+        constants = add_wheel_momentum(self._state.constants, load.wheels)
+        state = self._state._replace(body=self._state.body - half_used, constants=constants)
+        commands, sample, draw_row = self._coming
+        state, _ = vehicle_cycle.step(state, commands, sample, draw_row, truth)
+        self._state = state._replace(body=state.body - half_used)
+
     def _take_recorded_rate(self, readings: Mapping[str, Array]) -> None:
-        """Sets the simulated rate to the recorded one, once all gyros have read, and clears accelerometer offsets."""
+        """Sets the rate to what a gyro would have read as recorded, once one has; clears accelerometer offsets."""
         rates = np.array([readings[name] for name in self._gyros])
         is_read = np.isfinite(rates).all(axis=1)
         if is_read.any():
-            body = self._state.body.copy()
-            body[RATE] = rates[is_read][0]
+            body, first = self._state.body.copy(), int(np.flatnonzero(is_read)[0])
+            bias, gain = (part[self._names.index(self._gyros[first])] for part in self._sensor_errors)
+            body[RATE] = (rates[first] - bias) / (1.0 + gain)
             self._state = self._state._replace(body=body)
             self._has_begun, self._offsets = True, {}
 

@@ -12,8 +12,10 @@ from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.display import motion_plots, plots
 from massprop_drake.display.page import report_html
 from massprop_drake.errors import InputError
+from massprop_drake.maths.estimation.offline.flight_model import columns
 from massprop_drake.results import table
-from massprop_drake.results.against import Against
+from massprop_drake.results.against import Against, name_unknowns
+from massprop_drake.results.regression_model import make_model
 from massprop_drake.results.summary import Summary
 from massprop_drake.runners.simulation_comparison import compare_with_simulation
 
@@ -130,3 +132,91 @@ def test_another_vehicle_is_refused(runs: Path, tmp_path: Path) -> None:
     other = load_scenario(tmp_path / "other").vehicle_data.name
     with pytest.raises(InputError, match=f"is of vehicle '{other}', whose .* are not those of 'orbiter'"):
         compare_with_simulation(record, tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "group", "names", "units"),
+    [
+        ("servicer_on_wheels_leak", "wheel", ["inertia of wheel RW1", "inertia of wheel RW2"], ["%", "%"]),
+        ("servicer_on_wheels_leak", "fill", ["propellant in hydrazine at the start"], ["kg"]),
+        ("servicer_on_wheels_leak", "flow", ["flow out of hydrazine"], ["%"]),
+        (
+            "lander_burn",
+            "engine",
+            [
+                "thrust of engine descent at level 0",
+                "thrust of engine descent at level 1",
+                "direction of engine descent",
+            ],
+            ["%", "%", "rad", "rad", "m", "m"],
+        ),
+        ("servicer_slosh_stated", "moving", ["participation of tank", "frequency of tank"], ["%", "%", "%", "m"]),
+        ("servicer_panel_stated", "moving", ["participation of left"], ["%", "%", "%", "m"]),
+        ("servicer_panel_stated", "accelerometer_gain", ["scale of acc x"], ["%"]),
+    ],
+)
+def test_every_unknown_has_its_own_name(scenario: str, group: str, names: list[str], units: list[str]) -> None:
+    case = load_scenario(scenario)
+    model = make_model(case)
+    labels = name_unknowns(case, model, model.prior)
+    assert len(labels) == model.prior.size
+    own = [label for label in labels[getattr(columns(model), group)] if label is not None]
+    assert [label.unit for label in own][: len(units)] == units
+    assert all(label.what.startswith(name) for label, name in zip(own, names, strict=False))
+    assert labels[columns(model).shift.start - 1] is not None
+    assert labels[columns(model).shift] == [None] * 9
+
+
+def test_mounting_is_named_by_jet_with_the_size_of_a_sigma() -> None:
+    case = load_scenario("small_satellite_leak")
+    kinds = {
+        name: kind.model_copy(update={"direction_std": 0.02}) for name, kind in case.vehicle_data.jet_kinds.items()
+    }
+    vehicle = case.vehicle_data.model_copy(update={"jet_kinds": kinds})
+    case = case.model_copy(update={"vehicle": vehicle})
+    model = make_model(case)
+    first = name_unknowns(case, model, model.prior)[columns(model).mount][0]
+    assert first is not None
+    assert first == (f"direction of {vehicle.designations[0]}, first axis", "rad", 0.02)
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of a vehicle that wheels turn, with inertias as stated and otherwise."""
+    folder = tmp_path_factory.mktemp("turned")
+    for name, dispersion in (("stated", 0.0), ("other", 0.1)):
+        settings = ["duration_s=10", "failures=[]", "detector.kind=off", f"plant.wheel_dispersion={dispersion}"]
+        run = simulate(load_scenario("cubesat_leak", settings), look_back=False)
+        run.save(folder / name, pictures=False, report=False)
+    return folder
+
+
+def test_wheels_turn_in_the_simulation_as_the_record_reads_them(turned: Path) -> None:
+    found = said(put_beside(turned, "other", "other"))
+    assert found.causes == ()
+    assert all((one.rms or 0.0) < 2.0 * one.noise for one in found.residuals)
+
+
+def test_a_difference_below_a_reading_s_noise_is_explained_by_what_it_is(turned: Path) -> None:
+    found = said(put_beside(turned, "other", "stated"))
+    assert found.causes[0].what.startswith("inertia of wheel")
+    assert "are not as simulated" in found.in_words()
+
+
+def test_engines_burn_in_the_simulation_as_the_record_reads_them(tmp_path: Path) -> None:
+    burn = "engine_schedule=[{engine: descent, start_s: 1, end_s: 8, level: 0.4}]"
+    settings = ["duration_s=8", "failures=[]", "detector.kind=off", burn]
+    simulate(load_scenario("lander_burn", settings), look_back=False).save(
+        tmp_path / "own", pictures=False, report=False
+    )
+    run = put_beside(tmp_path, "own", "own")
+    assert said(run).causes == ()
+    gained = np.ptp(run["acc"], axis=0).max()
+    assert np.abs(run["acc"] - run["against.acc"]).max() < 0.01 * gained
+
+
+def test_the_sentence_says_of_which_readings_it_is_and_what_came_then() -> None:
+    declared = Against("runs/one", 3.0, 0.92, (), (), "jet XP1: stuck on").in_words()
+    assert declared.startswith("readings before 3.00 s are as simulated: 0.92 times")
+    assert declared.endswith("; then declared: jet XP1: stuck on")
+    assert Against("runs/one", None, 5.0, (), ()).in_words().startswith("readings are not as simulated: 5 times")

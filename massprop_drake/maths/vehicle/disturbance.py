@@ -66,6 +66,11 @@ def move_to_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
+def move_to_center(wrench: Array, center_of_mass: Array) -> Array:
+    """Converts a wrench about the vehicle origin to one about the center of mass; arguments as `move_to_origin`."""
+    return move_to_origin(wrench, -center_of_mass)
+
+
 def add_wrench(wrench: Array, added: Array, pieces: int = 1) -> Array:
     """Adds a wrench that is constant over a sample to another wrench, or to a wrench profile.
 

@@ -231,7 +231,7 @@ class VehicleState(NamedTuple):
     Attributes:
         body: see `rigid_body`, shape (23,).
         structure: packed as `rigid_body.STRUCTURE`.
-        constants: of the body's motion.
+        constants: of the body's motion, with the momentum of its wheels as the coming step begins.
         level: thrust level of each jet a sample ago, shape (n_jets,).
         target: what it has tended to since, shape (n_jets,).
         deviation: of the disturbance, see `Disturbance`, shape (6,).
@@ -382,7 +382,14 @@ def _drain_by_firings(state: VehicleState, force: Array, params: Truth) -> tuple
     used = reaction_jets.propellant_used(force, params.period_s, params.tanks.feeds, params.jets)
     left = drain_tanks(state.fill, used)
     after = structure_after_draining(state.structure, state.body[MASS], state.fill, used, params.tanks)
-    return after, left, rigid_body.constants_kernel(0.5 * (state.structure + after))
+    middle, wheels = rigid_body.constants_kernel(0.5 * (state.structure + after)), _wheels(state.constants)
+    return after, left, rigid_body.add_wheel_momentum(middle, wheels)
+
+
+@kernel
+def _wheels(body: Body) -> Array:
+    """Returns the wheels' angular momentum as a step begins and its time derivative, body axes, shape (6,)."""
+    return np.array(body.momentum + body.momentum_rate)
 
 
 @kernel
@@ -416,12 +423,13 @@ def _step_by_pieces(
     deviation, push = _step_disturbance(state, draw_row, params)
     force = jets.forces * over.mean
     structure, fill, constants = _drain_by_firings(state, force, params)
-    body = state.body
+    body, wheels, since_s = state.body, _wheels(constants), 0.0
     for piece in range(over.lengths_s.size):
         profile = reaction_jets.wrench_profile(over.begins[piece], over.targets[piece], jets)
         profile[0, :6] += push
-        constants_s = jets.class_constants_s
-        body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], constants)
+        constants_s, moved = jets.class_constants_s, rigid_body.add_wheel_momentum(constants, wheels, since_s)
+        body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], moved)
+        since_s += over.lengths_s[piece]
     body, structure, constants = _finish_step(body, structure, state, params)
     after = VehicleState(body, structure, constants, over.end, over.end, deviation, state.memories, fill)
     return after, force
