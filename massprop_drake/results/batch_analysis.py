@@ -20,6 +20,7 @@ from massprop_drake.results.diagnoses import (
     FEWEST,
     diagnose_readings,
     excess_misfit,
+    find_negative_gains,
     find_oscillation,
     fit_start,
     try_switching,
@@ -36,6 +37,7 @@ from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
 _OF_DISTURBANCES = ("oscillation", "drift", "torque", "drag", "momentum")  # diagnoses of what acts besides the jets
+_OF_SIGNS = ("gyro_sign", "accelerometer_sign")
 
 
 class BatchAnalysis(NamedTuple):
@@ -81,7 +83,7 @@ def _diagnose_disturbance(
 ) -> list[Diagnosis]:
     """Returns a diagnosis of the largest declared disturbance, or [] if another diagnosis explains it."""
     disturbances = [event for event in events if event.kind == "disturbance" and event.torque_std is not None]
-    if not disturbances or any(event.kind in _OF_DISTURBANCES for event in diagnoses):
+    if not disturbances or any(one.kind in (*_OF_DISTURBANCES, *_OF_SIGNS) for one in diagnoses):
         return []
     largest = max(disturbances, key=lambda event: event.torque_std or 0.0)
     words = (
@@ -122,16 +124,17 @@ def _analyze_readings(
             every = select_short_pieces(pieces, math.inf, model)
             whole = regression.fit_flight(every, fit_start(begin, model), model)
             diagnoses = find_oscillation(every, whole, model, names) or diagnoses
-        if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
-            whole_of_it, _ = diagnose_readings(select_short_pieces(pieces, math.inf, model), begin, model, names)
-            diagnoses = whole_of_it if any(one.kind == "wheel" for one in whole_of_it) else diagnoses
+        every = select_short_pieces(pieces, math.inf, model) if until_s < math.inf else []
+        if every and (names.wheels or find_negative_gains(every, model)):  # or of a wheel or a sign that is wrong
+            whole_of_it, _ = diagnose_readings(every, begin, model, names)
+            diagnoses = whole_of_it if any(one.kind in ("wheel", *_OF_SIGNS) for one in whole_of_it) else diagnoses
         if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:
             scaled = find_common_factors(pieces, begin, model, scenario)
             if scaled is not None:
                 pieces, apart = scaled.parts, None
                 others, fit = diagnose_readings(select_short_pieces(pieces, until_s, model), scaled.begin, model, names)
                 diagnoses = [*scaled.found, *others]
-        if apart is not None:
+        if apart is not None and not any(one.kind in _OF_SIGNS for one in diagnoses):  # else it follows from them
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
         tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
         if resumed or jumped or tracked or not flight_model.is_physical(fit.at):

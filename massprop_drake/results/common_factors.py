@@ -17,11 +17,10 @@ from massprop_drake.maths.estimation.offline import regression, unexplained_moti
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.results.consistency import Diagnosis
-from massprop_drake.results.diagnoses import EXPLAINED, FEWEST, SCATTER, excess_misfit, fit_cost, fit_start
+from massprop_drake.results.diagnoses import EXPLAINED, FEWEST, GAINED, SCATTER, excess_misfit, fit_cost, fit_start
 from massprop_drake.results.record_stretches import select_short_pieces
 from massprop_drake.results.regression_model import vehicle_names
 
-_GAINED = 30.0  # log likelihood, twice, that a factor must gain: 5 sigma, of some ten that are tried
 _UNLIKELY = 2.5  # ratio of what readings gain to what jets give by the vehicle's file, beyond which a unit is tried
 
 
@@ -78,7 +77,7 @@ def find_common_factors(
         )
         gained = fit_cost(before, model) - fit_cost(after, model)
         settled = excess_misfit(after) <= (1.0 - EXPLAINED) * excess_misfit(before)
-        if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
+        if before.normal.is_finite and not (settled and gained > GAINED * max(after.normal.per_reading, 1.0)):
             continue
         found = [Diagnosis("factor", one, before.normal.per_reading, after.normal.per_reading) for one in words]
         exact = 1.0 if all(one in known_factors for one in pair) else SCATTER  # what was measured is not

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline import flight_model, oscillation, regression, unexplained_motion
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.normal_equations import stretch_equations, sum_equations
 from massprop_drake.maths.estimation.offline.regression import FlightFit, Reckoned, ScoreTest
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
@@ -26,10 +27,10 @@ _OUTSIDE = 5.0  # times the reach of the jets, at which no force of the vehicle 
 _TRIED = 5  # suspects with which all is fitted anew: compute budget
 _CLEAR = 0.01  # 1-sigma of a combination of thrust errors that is tested
 EXPLAINED = 0.9  # of the misfit beyond what is stated, that a cause must explain
-_HOPELESS = 1e4  # times the stated variance: a sign may be wrong
+GAINED = 30.0  # log likelihood, twice, that another factor or sign must gain: 5 sigma, of some ten that are tried
 _SMOOTH = 0.5  # serial correlation, from which on residuals drift rather than scatter
 _SHARE = 0.9  # of what a group explains: one of it that explains as much is named alone
-_REVERSED = (-2.6, -1.4)  # error of a gain that reverses a sign
+_REVERSED = (-2.6, -1.4)  # error of a gain that reverses a jet or wheel
 _DEAD = (-1.2, -0.8)
 _WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been found
 FEWEST = 100  # readings, below which nothing is tested
@@ -72,8 +73,6 @@ def diagnose_readings(
             break
         found.append(best.diagnosis)
         stretches, fit, fit_model = best.parts, best.fit, best.made
-    if not found and fit.normal.per_reading > _HOPELESS:
-        fit, found = _try_gyro_signs(stretches, fit, model, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
         found += find_oscillation(stretches, fit, fit_model, names) or _find_scatter(stretches, fit, fit_model, names)
     return found, first
@@ -101,6 +100,8 @@ def _find_explanations(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, names: Names
 ) -> Iterator[_Explanation]:
     """Yields model errors, such as wrong thrust or a delay, with which a new fit removes most of the misfit."""
+    if excess_misfit(fit) > 0.0:
+        yield from _find_signs(stretches, model, names)
     suspects = [one for one in _test_assumptions(fit, model) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
@@ -125,6 +126,46 @@ def _find_explanations(
             reason = f"{words} than they are logged, one sample period"
             found = Diagnosis("delay", reason, fit.normal.per_reading, after.normal.per_reading)
             yield _Explanation(found, fit_cost(after, model) + per_unknown, moved, after, model)
+
+
+def _find_signs(stretches: Sequence[Stretch], model: FlightModel, names: Names) -> Iterator[_Explanation]:
+    """Yields each axis of a sensor that, turned, makes the readings likelier, whatever acts besides the jets.
+
+    Both signs are fitted from the prior, since a fit to wrong signs leads anywhere, and with the walks that cover what
+    the turned axis leaves.
+    """
+    sensors = (*names.gyros, *names.accelerometers)
+    for package, axis in find_negative_gains(stretches, model):
+        signs = np.ones((model.variances.size, 3))
+        signs[package, axis] = -1.0
+        turned = [part._replace(readings=part.readings * signs) for part in stretches]
+        after = turned_fit = regression.fit_flight(turned, model.prior, model)
+        if not after.normal.is_finite:
+            continue
+        drifting = model
+        if excess_misfit(after) > 0.0:
+            walks = oscillation.covering_walk(turned, after, model, np.zeros_like(after.at))
+            drifting = model._replace(walks=tuple(np.hypot(model.walks, walks).tolist()))
+            turned_fit = regression.fit_flight(turned, model.prior, drifting)
+        gained = fit_cost(regression.fit_flight(stretches, model.prior, drifting), drifting)
+        gained -= fit_cost(turned_fit, drifting)
+        if gained > GAINED:
+            kind = "gyro_sign" if package < model.gyros else "accelerometer_sign"
+            reason = f"axis {sensors[package]} {'xyz'[axis]} has the wrong sign"
+            yield _Explanation(Diagnosis(kind, reason, gained, GAINED), fit_cost(after, model), turned, after, model)
+
+
+def find_negative_gains(stretches: Sequence[Stretch], model: FlightModel) -> list[tuple[int, int]]:
+    """Finds package and axis of readings whose gain is negative by its score about the prior, most so first."""
+    places = flight_model.columns(model)
+    equations = [stretch_equations(part, model.prior, model) for part in stretches]
+    start = FlightFit(model.prior, sum_equations(equations, model), False)
+    estimated = regression.estimated_unknowns(start, model)
+    gains = [
+        1.0 + float(regression.score_test(start, np.array([place]), model, estimated=estimated).size[0])
+        for place in range(places.gyro_gain.start, places.accelerometer_gain.stop)
+    ]
+    return [divmod(place, 3) for place in np.argsort(gains).tolist() if gains[place] < 0.0][:_TRIED]
 
 
 def _explains(fit: FlightFit, earlier_fit: FlightFit) -> bool:
@@ -233,22 +274,6 @@ def try_switching(
 def excess_misfit(fit: FlightFit) -> float:
     """Computes a fit's misfit beyond 1.3 per reading, which rounding may explain; 0 if below."""
     return max(fit.normal.misfit - SCATTER * fit.normal.readings, 0.0)
-
-
-def _try_gyro_signs(
-    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, names: Names
-) -> tuple[FlightFit, list[Diagnosis]]:
-    """Refits with a gyro axis reversed; returns the first fit that explains readings, else the old one and []."""
-    for package in range(model.gyros):
-        for axis in range(3):
-            signs = np.ones((model.variances.shape[0], 3))
-            signs[package, axis] = -1.0
-            turned = [part._replace(readings=part.readings * signs) for part in stretches]
-            after = regression.fit_flight(turned, model.prior, model)
-            if after.normal.per_reading < _HOPELESS and excess_misfit(after) < (1.0 - EXPLAINED) * excess_misfit(fit):
-                reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
-                return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
-    return fit, []
 
 
 def fit_cost(fit: FlightFit, model: FlightModel) -> float:
@@ -370,8 +395,6 @@ def _find_single_cause(test: _TestedGroup, fit: FlightFit, model: FlightModel, n
         return _describe_engine_cause(gain, tests[best], names, best, alone=alone)
     sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
     axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
-    if turned:
-        return _Cause(kind.replace("scale", "sign"), f"{axis} has the wrong sign", tests[best].group, 3.0)
     what = axis if alone else sensors[best // 3]
     return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", indices, 3.0)
 

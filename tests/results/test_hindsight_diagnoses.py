@@ -132,6 +132,18 @@ def test_what_is_wrong_with_readings_or_jets_is_named_alone(
     assert expected in (found.kind, found.reason)
 
 
+@pytest.mark.parametrize(("sensor", "axis", "drift", "rows"), [("gyro", 1, 2e-5, ROWS), ("acc2", 2, 0.0, None)])
+def test_a_wrong_sign_is_named_first_whatever_drifts_or_was_declared(
+    sample_run: Run, sensor: str, axis: int, drift: float, rows: int | None
+) -> None:
+    walk = np.cumsum(np.random.default_rng(1).normal(0.0, drift, (sample_run.time_s.size, 3))[:rows], axis=0)
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    said = DetectionRecord(5.0, 5.0, "jet_on", 7, "L1A", "jet", 870.0, 1.0, 100.0, 2, jets=("L1A",))
+    for found in ((), (said,)):
+        first = looked(sample_run, rows=rows, found=found, **{sensor: lambda read: signs * (read + walk)}).diagnoses[0]
+        assert first.reason == f"axis {sensor} {'xyz'[axis]} has the wrong sign"
+
+
 def test_after_a_declared_failure_nothing_more_is_blamed(sample_run: Run) -> None:
     def lies_later(readings: Array) -> Array:
         return readings * np.where(np.arange(readings.shape[0]) < 150, 1.0, -1.0)[:, None]
