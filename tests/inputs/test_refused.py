@@ -90,6 +90,7 @@ FILES = [
     ("faults:\n  drifting: 0.3\n  full_thrust: 0.8\n", "line 3: faults.full_thrust: is with drifting 1.1 of all failu"),
     ("faults:\n  false_per_hour: 1e-3\n", "line 2: faults.false_per_hour: 0.001 is not below jet_per_hour, 0.001: "),
     ("faults:\n  jet_per_hour: 2000\n", "faults: rates of 44 jets, *8.8e+04 per hour, 1.96 events in a sample period"),
+    ("faults:\n  reading_per_hour: 6000\n", "faults: rates of 44 jets, *12 components*7.2e+04 per hour, 1.6 events in"),
     ("faults:\n  jets:\n    R4R: {modes: []}\n", "line 3: faults.jets.R4R.modes: is empty; this field is required: na"),
     ("faults:\n  jets:\n    R4S: {per_hour: 0.1}\n", "line 3: faults.jets.R4S: 'R4S' is no jet of vehicle 'orbiter';"),
     ("estimation: {filter: thesis}\nfaults:\n  drifting: 0.1\n", "line 3: faults.drifting: is a key of estimation.fil"),

@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import draw_proposals
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, failure_slot
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array
 
@@ -80,6 +80,19 @@ def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_review
     assert not reviews.is_reviewable(leader._replace(origin=None))
     assert not reviews.is_reviewable(leader._replace(walks=np.array([0.03, 0.0, 0.0, 0.0])))
     assert not reviews.is_reviewable(leader._replace(run=leader.run._replace(cycle=leader.run.onset)))
+
+
+def test_a_force_is_weighed_by_its_share_of_the_jets_thrust() -> None:
+    """Where a force was nothing, its posterior density is over that of N(0, T^2): a stronger jet may have such one."""
+    flown = leaking(3e-3)
+    leader, joint = flown.tree.leader, flown.params.joint
+    review = reviewed(flown.tree, flown.params)
+    slot = joint.places.force + failure_slot(review.run.state, 3, 1)
+    variance = float(np.sum(review.run.state.root[slot] ** 2))
+    density = -0.5 * review.run.state.mean[slot] ** 2 / variance - 0.5 * np.log(variance) + np.log(joint.thrusts[3])
+    assert density < -20.0
+    assert reviews.is_force_significant(review, leader, joint)
+    assert not reviews.is_force_significant(review, leader, joint._replace(thrusts=np.exp(-density) * joint.thrusts))
 
 
 def test_parameters_that_are_known_after_all_count_as_if_they_never_were_estimated() -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
+from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams
 from massprop_drake.maths.estimation.joint.forcing import compute_forces
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
@@ -25,7 +26,7 @@ from massprop_drake.maths.estimation.joint.ticks import timing_on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.offline.flight_bound import cramer_rao_deviation
 from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
-from massprop_drake.maths.estimation.offline.normal_equations import stretch_equations
+from massprop_drake.maths.estimation.offline.normal_equations import accumulating_noise, stretch_equations
 from massprop_drake.maths.estimation.offline.record_kernels import select_informative as informative
 from massprop_drake.maths.estimation.offline.regression import FlightFit, fit_flight
 from massprop_drake.maths.estimation.offline.regression import score_test as score_of
@@ -155,6 +156,17 @@ def known(thrust: float = 0.01, wheels: WheelParams = NO_WHEELS, strength: float
     model.sigma[places.lag] = [0.003, 0.006]
     model.sigma[places.wheel] = 0.01
     return model, places
+
+
+def test_a_torque_from_outside_is_as_good_as_unknown_to_accelerometers() -> None:
+    """They feel ten times what is stated, by their arm, and the whole of a force; gyros what is stated."""
+    model, _ = known()
+    model = model._replace(positions=TRUTH[6:9] + np.array([[0.0, 0.0, 2.0]]))  # above the center of mass
+    torque, force = DisturbanceParams(np.eye(6)[:, 1:2], 5.0), DisturbanceParams(np.eye(6)[:, 3:4], 5.0)
+    for disturbance, arm in ((torque, 20.0), (force, 1.0)):
+        noise = accumulating_noise(1, 0, model.prior, model._replace(disturbance=disturbance))
+        assert noise.acting * model.variances[1] == pytest.approx(arm**2)
+    assert accumulating_noise(0, 1, model.prior, model._replace(disturbance=torque)).acting == 1.0 / model.variances[0]
 
 
 def fit_of(stretch: Stretch, model: FlightModel) -> FlightFit:

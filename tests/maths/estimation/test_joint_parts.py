@@ -33,6 +33,7 @@ from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.beginning import begin_from_readings, initial_joint_state
 from massprop_drake.maths.estimation.joint.burns import Burn, engine_impulse, make_burn, shut_engine_settings
 from massprop_drake.maths.estimation.joint.disturbance_states import (
+    NO_DISTURBANCE,
     DisturbanceParams,
     disturbance_course,
     disturbance_noise,
@@ -57,7 +58,13 @@ from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagate_root
 from massprop_drake.maths.estimation.joint.sensitivity import linearize_cycle, propagate_to_update
 from massprop_drake.maths.estimation.joint.tanks import TankParams, draw_propellant
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
+from massprop_drake.maths.estimation.joint.wheels import (
+    UNSPUN,
+    Spun,
+    WheelParams,
+    append_reading_errors,
+    wheel_impulses,
+)
 from massprop_drake.maths.estimation.offline.swings import Locked, add_modes
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements
@@ -277,6 +284,17 @@ def test_wheels_turn_the_vehicle_as_the_equation_of_motion_has_it(known: bool) -
     own = 0.0 if known else float(after @ after) * PERIOD  # the most that coupling by the vehicle's own inertia is
     np.testing.assert_allclose(found.mean[RATE], after, atol=1e-6 * np.abs(after - rate).max() + own)
     assert found.noise[0, 0] >= own**2
+
+
+def test_errors_of_the_speeds_that_are_read_turn_the_vehicle_less_than_is_taken_for_known() -> None:
+    rate = np.array([0.2, -0.3, 0.1])
+    spun = Spun(SPEEDS.start, SPEEDS.end, kept=np.array([0.3, 1.0, 0.0]), drawn=np.array([0.5, 0.0, 1.0]))
+    found = append_reading_errors(disturbance_course(NO_DISTURBANCE, PERIOD), spun, INVERSE, rate * PERIOD, WHEELS)
+    for begun, error in ((True, 1.0), (False, 0.0)):
+        start = error * WHEELS.speed_std
+        end = spun.kept * start if begun else spun.drawn * WHEELS.speed_std
+        unread = wheel_impulses(Spun(start, end, spun.kept, spun.drawn), rate, rate, PERIOD, WHEELS) @ INVERSE
+        np.testing.assert_allclose((found.begun if begun else found.drawn)[:3].T, -unread, rtol=1e-12)
 
 
 def wrench(level: float, angles: Array, errors: Array) -> Array:

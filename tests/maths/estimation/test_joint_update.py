@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.joint.crossing import Crossing, update_by_c
 from massprop_drake.maths.estimation.joint.guard import is_converged, reset_guard, update_guard
 from massprop_drake.maths.estimation.joint.joint_cycle import step
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointState, make_places
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import (
     combine_gyros,
     find_changed,
@@ -147,6 +147,7 @@ def taken_in(state: JointState) -> tuple[JointState, Crossing]:
 def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_once() -> None:
     state, _ = step(begin_from_readings(initial_joint_state(ROUNDED), reading(0), ROUNDED), reading(1), ROUNDED)
     assert state.fresh.tolist() == [1.0] * 6
+    state.mean[RATE] = 0.3 * QUANTUM  # the last of its cell lies below the next one, and what is predicted within it
     now, told = taken_in(state)
     values, jacobian = predict_outputs(state.mean, state.reference, state.spin, ROUNDED)
     before, row = state.root @ state.root.T, jacobian[:1]
