@@ -243,6 +243,15 @@ def test_what_is_wrong_with_a_record_is_told(failed_run: Run, failed_folder: Pat
     assert any(re.search(message, text) for text in warnings), warnings
 
 
+def test_a_reading_is_stuck_though_it_has_taught_the_filter_that_nothing_moves_it(tmp_path: Path) -> None:
+    settings = ["duration_s=15", "failures=[]", "detector.kind=off", "execution.engine=loop"]
+    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
+    folder = run.save(tmp_path / "run", pictures=False, report=False)
+    stuck = _set("gyro_x", slice(int(0.4 * run.time_s.size), None), "0.001")
+    found = estimate(_changed(folder, tmp_path / "log.csv", stuck), run.scenario)
+    assert any("gyro_x stands still from" in text for text in found.summary["data_quality"]["warnings"])
+
+
 def test_units_of_gyro_and_accelerometers_that_are_both_wrong_are_told(
     failed_run: Run, failed_folder: Path, tmp_path: Path
 ) -> None:
