@@ -35,7 +35,7 @@ from massprop_drake.maths.estimation.joint.burns import Burn, engine_impulse, ma
 from massprop_drake.maths.estimation.joint.disturbance_states import (
     NO_DISTURBANCE,
     DisturbanceParams,
-    disturbance_course,
+    discretize_disturbance,
     disturbance_noise,
     disturbance_noise_root,
 )
@@ -289,7 +289,7 @@ def test_wheels_turn_the_vehicle_as_the_equation_of_motion_has_it(known: bool) -
 def test_errors_of_the_speeds_that_are_read_turn_the_vehicle_less_than_is_taken_for_known() -> None:
     rate = np.array([0.2, -0.3, 0.1])
     spun = Spun(SPEEDS.start, SPEEDS.end, kept=np.array([0.3, 1.0, 0.0]), drawn=np.array([0.5, 0.0, 1.0]))
-    found = append_reading_errors(disturbance_course(NO_DISTURBANCE, PERIOD), spun, INVERSE, rate * PERIOD, WHEELS)
+    found = append_reading_errors(discretize_disturbance(NO_DISTURBANCE, PERIOD), spun, INVERSE, rate * PERIOD, WHEELS)
     for begun, error in ((True, 1.0), (False, 0.0)):
         start = error * WHEELS.speed_std
         end = spun.kept * start if begun else spun.drawn * WHEELS.speed_std
@@ -387,7 +387,7 @@ def test_a_disturbance_goes_over_as_the_matrix_exponential_has_it(constant_s: fl
     flow[:6, 6:], flow[6:, 6:], white[6:, 6:] = a, -np.eye(n) / constant_s, 2.0 / constant_s * np.eye(n)
     both = expm(PERIOD * np.block([[-flow, white], [np.zeros_like(flow), flow.T]]))
     through = both[11:, 11:].T
-    covariance, wander = through @ both[:11, 11:], disturbance_course(disturbance, PERIOD)
+    covariance, wander = through @ both[:11, 11:], discretize_disturbance(disturbance, PERIOD)
     np.testing.assert_allclose(wander.begun, through[:6, 6:], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(wander.kept * np.eye(n), through[6:, 6:], rtol=1e-9, atol=1e-15)
     columns = disturbance_noise_root(wander)

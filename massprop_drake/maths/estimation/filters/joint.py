@@ -316,7 +316,7 @@ def step(
 
 
 def _split_tracked_columns(commands: Told, params: JointParams) -> tuple[Array, Array, Array]:
-    """Splits tracked readings into quaternions (s, 4), wheel speeds, rad/s, and engine settings (s, 3), rad."""
+    """Splits tracked readings into quaternions (n, 4), wheel speeds, rad/s, engine levels and gimbal angles (n, 3)."""
     places, has = params.places, channel_mask(params.engines)
     poses, engines = 7 * places.trackers, int(has.sum())
     read = np.full(poses + places.wheels + engines, np.nan) if commands.tracked is None else commands.tracked
@@ -420,7 +420,7 @@ def _fill_missing_commands(clock: Clock, commands: Told, params: JointFilterPara
 
 
 def _is_likelier(filled: Cycle, unknown: Cycle) -> bool:
-    """Tests whether a cycle with filled-in commands is likelier than with unknown ones, prior included."""
+    """Tests whether filled-in commands make a cycle likelier than unknown ones, prior included; never after a gap."""
     if unknown.taken.anew:
         return False
     ahead = filled.report.log_likelihood - unknown.report.log_likelihood

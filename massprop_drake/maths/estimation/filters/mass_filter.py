@@ -275,9 +275,9 @@ def _innovation_effects(
 
 
 @kernel
-def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
-    """Computes the innovation covariance Y^zeta (3-87), thrust errors included, shape (3, 3)."""
-    return add_effect_covariance(impulse[:, None] * (impulse * independent) + noise, effects)
+def _innovation_covariance(variance: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
+    """Computes the innovation covariance Y^zeta (3-87) from variance S_0, thrust-error effects and noise, (3, 3)."""
+    return add_effect_covariance(impulse[:, None] * (impulse * variance) + noise, effects)
 
 
 @kernel
@@ -397,11 +397,11 @@ def _cross_covariance(independent_part: Array, sensitivity: Array | None, effect
 
 
 @kernel
-def _total_variance(variance: float, sensitivity: Array | None, effects: Array | None) -> float:
-    """Computes the whole variance of 1/m, that by considered thrust errors included."""
+def _total_variance(independent_part: float, sensitivity: Array | None, effects: Array | None) -> float:
+    """Computes the whole variance of 1/m: S_0, independent of thrust errors, plus that by considered thrust errors."""
     if effects is None or sensitivity is None:
-        return variance
-    return variance + float(sensitivity @ sensitivity)
+        return independent_part
+    return independent_part + float(sensitivity @ sensitivity)
 
 
 @kernel
@@ -511,7 +511,7 @@ def _compensate_package(index: int, increments: Array, rotation: Rotation, param
 def _stacked_covariance(
     compensated: list[tuple[Array, Array]], indices: list[int], rotation: Rotation, params: MassParams
 ) -> Array:
-    """Computes covariances R'_ij of all pairs of packages that read, disturbance aside, shape (s, s, 3, 3)."""
+    """Computes covariances R'_ij of accelerometers that read, disturbance aside; zero for i != j unless correlated."""
     count = len(compensated)
     covariances = np.zeros((count, count, 3, 3))
     for i, j in np.ndindex(count, count):
@@ -531,7 +531,7 @@ def finish(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Updates the mass filter by a measurement if it can be used, and in time; returns state and flags.
+    """Updates the mass filter by a measurement if usable and firing, then adds process noise; returns state and flags.
 
     After a jump of the mass properties beyond doubt the variance is raised, and the sample used with it. A sample is
     `usable` when the combination of jets was steady, and `firing` when a known impulse acted. With the packages' own
@@ -558,7 +558,7 @@ def finish_one(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Updates the mass filter by one measurement if its interval is usable and firing, and in time."""
+    """Updates the mass filter by one measurement if its interval is usable and firing, then adds process noise."""
     sample, innovation = measurement
     usable, firing = usable_and_firing
     there = not math.isnan(innovation.nis)

@@ -54,7 +54,7 @@ class JumpTest(NamedTuple):
 
 
 def jump_threshold(false_alarm_rate: float, window: int) -> float:
-    """Computes the jump test's threshold, chi-square with a degree of freedom for each sample of the window.
+    """Computes the jump test's threshold: chi-square of one degree, false-alarm rate divided by the window's length.
 
     Args:
         false_alarm_rate: of the test, per used sample.
@@ -73,7 +73,7 @@ def empty_window(length: int) -> Array:
 def jump_test(
     window: Array, linear_impulse: Array, information: Array, innovation: Array, scalar_gain: float
 ) -> JumpTest:
-    """Updates the jump test of 1/m by a sample; returns window, likelihood argument and correction.
+    """Updates the windowed GLR test for a jump of 1/m by a sample; returns window, jump, GLR and corrections.
 
     Args:
         window: of the sample before, shape (n, 3).

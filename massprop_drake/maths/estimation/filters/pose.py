@@ -219,7 +219,7 @@ def collect_readings(tracked: Array | None, rates: Array, velocities: Array, par
 def _add_command(
     commands: Commands, time_s: float, command_and_onsets: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
-    """Appends the commands given at a time to a command history; unchanged levels add no entry.
+    """Replaces a command history from a time on by the command given then; levels that do not change add no entry.
 
     Args:
         commands: the history; entries from that time on are dropped.

@@ -106,7 +106,7 @@ def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
 
 @kernel
 def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
-    """Computes bias, rad/s, shape (3,), and covariance, rad^2/s^2, shape (3, 3), by the curvature of h."""
+    """Computes bias, rad/s, (3,), and covariance, rad^2/s^2, (3, 3), of the rate increment by second-order terms."""
     arm = skew(linear_impulse)
     spread = (covariance[:6, 6:] @ arm.T).ravel()
     left = take_elements(spread, _LEFT)

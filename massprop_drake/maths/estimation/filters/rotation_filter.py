@@ -251,7 +251,7 @@ def _add_thrust_errors(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> tuple[Array, Array, Array | None]:
-    """Adds thrust errors to innovation and noise; returns both and L, None where none is considered."""
+    """Adds products of thrust and state errors to innovation and noise; returns both and L, None if not considered."""
     if thrust_errors is None or sensitivity is None:
         return innovation_and_noise[0], innovation_and_noise[1], None
     effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
@@ -301,11 +301,11 @@ def _cross_covariance(independent_part: Array, sensitivity: Array | None, effect
 
 
 @kernel
-def _total_covariance(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes the whole covariance of the state, S_0 + Psi Psi^T, shape (9, 9)."""
+def _total_covariance(independent_part: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """Computes the whole covariance of the state, S_0 + Psi Psi^T, from S_0, independent of thrust errors, (9, 9)."""
     if effects is None or sensitivity is None:
-        return covariance
-    return covariance + sensitivity @ sensitivity.T
+        return independent_part
+    return independent_part + sensitivity @ sensitivity.T
 
 
 @kernel
@@ -338,7 +338,7 @@ def _inflate_after_jump(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> tuple[RotationState, RotationInnovation, bool]:
-    """Inflates the covariance if NIS exceeds the jump threshold (2-138); returns state, innovation, whether it did."""
+    """Inflates the covariance if NIS exceeds the jump threshold (2-138) and no jet failed; also returns innovation."""
     if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
         return state, innovation, False
     wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
@@ -518,7 +518,7 @@ def _make_sample(increment: Array, mean_rate: Array, noise: Array, interval: Rot
 def finish(
     state: RotationState, measurement: RotationMeasurement, usable: bool, adaptation: Adaptation, params: RotationParams
 ) -> RotationCycle:
-    """Updates the rotation filter by a measurement if it can be used, and in time; returns state and flags.
+    """Updates the rotation filter by a measurement if usable and firing, adds process noise; returns state and flags.
 
     A sample is used when both readings are there, the jets' combination was steady, and an impulse acted; `usable` says
     the latter two. With the packages' own samples the update is made with one after the other.
@@ -541,7 +541,7 @@ def finish_one(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Updates the rotation filter by one gyro's, or one combined, measurement if usable and firing, and in time."""
+    """Updates the rotation filter by a single or combined gyro measurement if usable and firing; adds process noise."""
     sample, innovation = measurement
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_propagate(state, params), False, False)

@@ -124,7 +124,7 @@ def empty_bank(places: Places) -> Bank:
 
 @kernel
 def advance_recursion(recursion: Since, interval: Link, places: Places) -> Since:
-    """Advances corrections, derivatives and noise since each onset by an interval, before its update."""
+    """Propagates corrections, derivatives and process noise since each past onset to an interval's end, not updated."""
     learned = recursion.learned + interval.crossing_correction
     if interval.stamp_row.any():
         learned[:, places.ticks : places.ticks + places.n_ticks] *= interval.ticks_kept
@@ -182,7 +182,7 @@ def _noise_since(noise: Array, interval: Link, places: Places) -> Array:
 
 @kernel
 def add_onset(recursion: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
-    """Adds a cycle as youngest onset, drops one if the bank is full; returns recursion and indices that stay.
+    """Adds a cycle as youngest onset, drops those too old, and one if full; returns recursion and indices kept.
 
     Args:
         correction: of the mean by the update of the cycle, shape (size,).
@@ -211,7 +211,7 @@ def add_onset(recursion: Since, correction: Array, cycle: float, params: JointPa
 
 @kernel
 def _onset_to_drop(ages: Array) -> int:
-    """Returns the index of the onset to drop: the youngest whose neighbors can stand for it, else the oldest."""
+    """Returns index of the onset to drop: youngest with neighbors close for its age (two newest stay), else oldest."""
     for index in range(ages.shape[0] - 1 - _KEPT_YOUNG, 0, -1):
         if ages[index - 1] - ages[index + 1] <= max(_LEAST_GAP, _GAP * ages[index]):
             return index
@@ -220,7 +220,7 @@ def _onset_to_drop(ages: Array) -> int:
 
 @kernel
 def averaging_matrix(reading: Array, places: Places) -> tuple[Array, bool]:
-    """Returns the matrix that averages readings over packages, and whether rates about all axes are read.
+    """Returns the matrix that averages the readings present over packages, and whether rates about all axes are read.
 
     Its shape is (6, m), or (3, m) where an axis has no velocity.
     """
@@ -245,7 +245,7 @@ def averaging_matrix(reading: Array, places: Places) -> tuple[Array, bool]:
 def test_onsets(
     recursion: Since, roots: Roots, interval: Link, threshold: float, params: JointParams
 ) -> tuple[OnsetTests, bool]:
-    """Computes the likelihood ratios of faults at every onset, and whether any onset could be tested.
+    """Computes at each past onset the GLR of any fault and of each jet failure, and whether any was testable.
 
     None can where a rate is missing, or nothing can reach a level.
 
@@ -309,7 +309,7 @@ def rate_output_derivative(jacobian: Array, places: Places) -> Array:
 
 @kernel
 def output_rows(recursion: Since, index: int, jacobian: Array, output_derivative: Array, params: JointParams) -> Array:
-    """Computes the derivative of the averaged outputs now by the filter's state at an onset, shape (r, size).
+    """Computes the derivative of the newest averaged readings by the state at the onset `index`, shape (r, size).
 
     Args:
         jacobian: derivative of the averaged outputs by the state now, shape (r, size).
@@ -337,7 +337,7 @@ def _output_covariances(
     derivatives: tuple[Array, Array],
     params: JointParams,
 ) -> Array:
-    """Computes the covariance of the predicted averaged outputs from each onset, shape (number, r, r)."""
+    """Computes covariances, (k, r, r), of averaged readings as predicted from k onsets, reading noise left out."""
     jacobian, on_outputs = derivatives
     result = np.empty((indices.shape[0], jacobian.shape[0], jacobian.shape[0]))
     for place in range(indices.shape[0]):
@@ -394,7 +394,7 @@ def follow_cycle(
 def advance_bank(
     bank: Bank, terms: Traces, state: JointState, cycle: int, threshold: float, params: JointParams
 ) -> tuple[Link, OnsetTests | None, bool, Bank]:
-    """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, rates complete, bank.
+    """Advances the bank of onsets over a cycle; returns linearized cycle, tests or None, if all rates are read, bank.
 
     Args:
         bank, terms, cycle, threshold: see `follow_cycle`.
@@ -418,5 +418,5 @@ def advance_bank(
 
 @kernel
 def is_alarming(jet_glr: float, total_glr: float) -> bool:
-    """Tests whether the largest GLR of a jet, or that of any fault, exceeds the level that opens a fault search."""
+    """Tests whether the GLR of a single jet, or that of any fault, exceeds its level for starting a fault search."""
     return jet_glr > ALARM or total_glr > _ALARM_ANY

@@ -141,7 +141,7 @@ def begin_from_readings(state: JointState, sample: JointSample, params: JointPar
 
 
 def _reset_modes(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
-    """Returns mean and root with the modes at rest, with 1-sigmas of a shaken vehicle, if estimated before."""
+    """Returns mean and root, moving parts' modes reset to rest with 1-sigmas of a shaken vehicle if started before."""
     places = params.places
     if places.n_swing == 0 or not state.started:
         return mean, root
@@ -153,7 +153,7 @@ def _reset_modes(state: JointState, mean: Array, root: Array, params: JointParam
 
 
 def _slow_state_decay(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
-    """Computes the decay factor of each slow state z over a gap, and its 1-sigma after it, shape (n_slow,) each."""
+    """Computes decay factor over a gap, and stationary 1-sigma, of disturbance, wheel and tank states, (n_slow,)."""
     places = params.places
     first_tank = places.n_slow - places.tanks
     first_wheel, unstated = first_tank - places.wheels, places.unstated - places.slow

@@ -89,15 +89,15 @@ def predict_interval_end(
 
 
 def update_bound(
-    state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
+    state: JointState, end: IntervalEnd, time_s: float, used_and_noise: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
     """Updates the Cramér-Rao bound by an interval's readings; returns state and propagation of errors.
 
     Args:
         state: before the interval.
-        readings: which components are used, and variances of all, shape (m,) each.
+        used_and_noise: which components are used, and variances of all, shape (m,) each.
     """
-    (used, variances), root, first = readings, end.root, params.places.thrust
+    (used, variances), root, first = used_and_noise, end.root, params.places.thrust
     counts = np.flatnonzero(used)
     jacobian = predict_outputs(end.mean, state.reference, end.spin, params)[1][counts]
     half_gain, upper = np.zeros((root.shape[0], 0)), np.zeros((0, 0))
@@ -123,7 +123,7 @@ def update_bound(
 def advance_force_effects(
     effects: tuple[Array, Array], state: JointState, step: BoundStep, first_column: int, params: JointParams
 ) -> tuple[Array, Array]:
-    """Propagates errors by constant leaks and losses of jets, and their information, over an interval.
+    """Propagates state errors by unit leaks and losses of jets over an interval, and adds the information on these.
 
     The forces are a leak of each jet, all the time, then a loss of each, while it fires.
 

@@ -73,7 +73,7 @@ def shut_engine_settings(n: int) -> EngineSettings:
 def make_burn(
     settings: EngineSettings, reading: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Burn, EngineSettings]:
-    """Returns levels and gimbal angles of the engines over an interval, and their settings after it.
+    """Makes engine levels and gimbal angles over an interval from its two readings; returns them and settings after it.
 
     Args:
         settings: at the start of the interval.
@@ -113,7 +113,7 @@ class EngineImpulse(NamedTuple):
 
 @kernel
 def replace_untrusted_levels(burn: Burn, assumed: Array) -> Burn:
-    """Returns engine levels and gimbal angles with assumed values where readings are distrusted.
+    """Returns engine levels and gimbal angles over an interval, with assumed values where readings are distrusted.
 
     Args:
         assumed: level and angles of each engine, NaN where readings are trusted, shape (3 n,).

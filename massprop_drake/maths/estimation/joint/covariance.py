@@ -41,14 +41,14 @@ class Update(NamedTuple):
 
 @kernel
 def empty_update(root: Array) -> Update:
-    """Returns the update where no reading counts: zero correction, the covariance's root unchanged."""
+    """Returns the update without any measurement: zero correction, the covariance's root unchanged."""
     n = root.shape[0]
     return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
 def order_root_rows(columns: Array, first_row: int) -> Array:
-    """Returns a covariance's root with its first rows moved to the end, the order of `compress_root`."""
+    """Returns a covariance's root with the rows from `first_row` on moved first, the order of `compress_root`."""
     return np.vstack((columns[first_row:], columns[:first_row]))
 
 
@@ -83,26 +83,26 @@ def semidefinite_root(matrix: Array) -> Array:
 
 
 @kernel
-def joseph_update(root: Array, outputs: Array, variances: Array, innovation: Array, first_row: int) -> Update:
-    """Updates a covariance's root by a measurement in Joseph's form; returns correction, new root and gain.
+def joseph_update(root: Array, projected_root: Array, variances: Array, innovation: Array, first_row: int) -> Update:
+    """Updates a covariance's root S by a measurement with known H S, in Joseph's form; returns correction, root, gain.
 
     Args:
         root: before, shape (n, k), k >= n or not.
-        outputs: H times the root, shape (m, k).
+        projected_root: H times the root, shape (m, k).
         variances: of the measurement noise, positive, shape (m,).
         innovation: e, shape (m,).
         first_row: see `compress_root`.
     """
-    wide = joseph_update_uncompressed(root, outputs, variances, innovation)
+    wide = joseph_update_uncompressed(root, projected_root, variances, innovation)
     return Update(wide.correction, compress_root(wide.root, first_row), wide.half_gain, wide.upper)
 
 
 @kernel
-def joseph_update_uncompressed(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
+def joseph_update_uncompressed(root: Array, projected_root: Array, variances: Array, innovation: Array) -> Update:
     """Updates a root as `joseph_update` does, but returns it with the noise as more columns, shape (n, k + m)."""
-    m, k = outputs.shape
+    m, k = projected_root.shape
     stacked = np.zeros((k + m, m))
-    stacked[:k] = outputs.T
+    stacked[:k] = projected_root.T
     stacked[k:] = np.diag(np.sqrt(variances))
     q, u = np.linalg.qr(stacked)
     q1, q2, u = np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), np.ascontiguousarray(u)

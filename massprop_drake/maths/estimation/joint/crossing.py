@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 def update_by_crossings(
     state: JointState, linearization_point: Array, sample: JointSample, floors: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
-    """Updates the state by pending readings whose quantized value now changes; returns state, gain and likelihood.
+    """Updates the state by unused last readings of components whose quantized value changes in the next sample.
 
     Args:
         state: after the last sample.
@@ -75,23 +75,23 @@ def update_by_crossings(
 
 
 @kernel
-def levels_at_estimates(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
-    """Corrects the jets' thrust levels to new estimates of lag and ticks, to first order, shape (n_jets,).
+def levels_at_estimates(levels: tuple[Array, Array, Array], mean: Array, new_mean: Array, params: JointParams) -> Array:
+    """Corrects jets' thrust levels, to first order, for new estimates of lag and command-clock ticks, shape (n_jets,).
 
     Args:
         levels: `level`, `slope` and `tick_slope` of a state.
-        before, after: estimates, shape (size,).
+        mean, new_mean: old and new estimates, shape (size,).
     """
     places, (level, slope, tick_slope) = params.places, levels
     if places.n_lag > 0:
-        old, _ = estimated_lags(before, params)
-        new, _ = estimated_lags(after, params)
+        old, _ = estimated_lags(mean, params)
+        new, _ = estimated_lags(new_mean, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
         step = np.maximum(np.log(ratio), -1.0)  # a lag that goes takes along no more than the level was off
         level = np.minimum(np.maximum(level + slope * step, at_least), at_most)
     if places.n_ticks > 0 and tick_slope.any():
         ticks = slice(places.ticks, places.ticks + 2)
-        moved_s = params.tick_sigma * (after[ticks] - before[ticks])
+        moved_s = params.tick_sigma * (new_mean[ticks] - mean[ticks])
         level = level + moved_s @ tick_slope
     return level

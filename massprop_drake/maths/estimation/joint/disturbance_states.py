@@ -68,7 +68,7 @@ def integral_variance(x: float) -> float:
 
 
 def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
-    """Returns the unit of an unstated disturbance: root sum square of all jets' accelerations, shape (6, n).
+    """Returns accelerations by a unit of unstated disturbance per axis: root sum square of all jets', shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
@@ -79,8 +79,8 @@ def unstated_unit_effects(effects: Array, accelerometers: int) -> Array:
 
 
 @kernel
-def disturbance_course(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
-    """Computes decay, effects on rate and velocity, and noise of a disturbance over an interval.
+def discretize_disturbance(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
+    """Discretizes a Gauss-Markov disturbance over an interval: decay, effects on rate and velocity, and noise.
 
     Args:
         duration_s: T, positive.

@@ -58,7 +58,7 @@ class Drive(NamedTuple):
 
 @kernel
 def compute_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes the jets' and engines' thrust and known impulses over a sample's interval, lag as estimated."""
+    """Computes the jets' and engines' thrust and known impulses over a sample's interval, with the estimated lag."""
     places, timing = params.places, sample.timing
     constants, lag_slope = estimated_lags(state.mean, params)
     levels = state.level, state.slope, state.level_std
@@ -92,7 +92,7 @@ def estimated_lags(mean: Array, params: JointParams) -> tuple[Array, Array]:
 
 @kernel
 def thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Computes each jet's thrust relative to nominal, and the same less forces of stuck jets, shape (n_jets,)."""
+    """Computes each jet's thrust relative to nominal, and the same less failure forces other than leaks, (n_jets,)."""
     places = params.places
     factor = np.ones(places.jets)
     if places.n_thrust > 0:
@@ -160,7 +160,7 @@ def error_rows(state: JointState, forces: Drive, params: JointParams) -> tuple[A
 
 @kernel
 def impulse_per_force(state: JointState, slot: int, firing: Firing) -> float:
-    """Returns impulse per force of a slot in use, s: T for a leak, T - L stuck on, -L for a loss; L: full thrust."""
+    """Returns impulse per failure force, s: interval T for a leak, T - L stuck on, -L a loss; L: full-thrust time."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
     if state.slot_on_top[slot] > 0.0:
         return firing.duration_s
@@ -182,20 +182,20 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 
 @kernel
 def impulse_rows(
-    state: JointState, forces: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
+    state: JointState, forces: Drive, impulse: tuple[Array, Array], mass_used: float, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of changes of rate and velocity under impulses by the state, shape (3, size) each.
+    """Computes derivatives, by the state, of the changes of rate and velocity that impulses give, shape (3, size) each.
 
     Args:
         state: before the interval.
         impulse: linear, and angular about the center of mass, shape (3,) each.
-        flow: mass that is used, slug or kg.
+        mass_used: propellant, slug or kg.
     """
     rate_rows, velocity_rows = error_rows(state, forces, params)
     linear, moment = impulse
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = take_elements(state.mean, ELEMENT) @ skew(linear)
-    velocity_rows[:, MASS] = linear * (1.0 + state.mean[MASS] * flow)
+    velocity_rows[:, MASS] = linear * (1.0 + state.mean[MASS] * mass_used)
     return rate_rows, velocity_rows
 
 
@@ -245,6 +245,6 @@ def add_wheel_errors(rate_rows: Array, mean: Array, wheel_impulses: Array, scale
 
 @kernel
 def thrust_bow_impulses(state: JointState, forces: Drive, params: JointParams) -> Array:
-    """Computes the angular impulse beyond linear growth, about the center of mass, see `Firing.bow`, shape (3, 3)."""
+    """Computes the three bow measures (departure from linear growth) of angular impulse about the center of mass."""
     _, lagged = thrust_factors(state, params)
     return moments_of((forces.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

@@ -190,20 +190,20 @@ class Runner(NamedTuple):
         return self.cycle - self.onset
 
 
-def false_reading_cost(component: int, params: JointParams, change: float = np.inf) -> float:
-    """Computes the log likelihood lost by taking a reading for false, nats, relative to that of its cell.
+def false_reading_cost(component: int, params: JointParams, change_since: float = np.inf) -> float:
+    """Computes the cost of taking a reading for false, nats: uniform over the sensor's range, or repeating the last.
 
     Args:
         component: its index.
-        change: from the false reading before; a sensor that stands still repeats it, another has its whole range.
+        change_since: from the false reading before; a sensor that stands still repeats it, another has its whole range.
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
-    alternatives = _STILL if abs(change) <= _MOVED * params.quanta[component] else _RANGE
+    alternatives = _STILL if abs(change_since) <= _MOVED * params.quanta[component] else _RANGE
     return float(np.log(alternatives * spread / (params.cells[component] or 1.0)))
 
 
 def stronger_disturbances(state: JointState, params: JointParams) -> list[int]:
-    """Returns indices in `STIRS` of disturbances stronger than the state's, or equal and no slower."""
+    """Returns indices in `STIRS` (disturbance levels) of levels above the state's, or equal and no slower."""
     now = (state.stir, -state.stir_s)
     return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
 
@@ -229,7 +229,7 @@ def failure_slot(state: JointState, jet: int, sign: int) -> int:
 
 
 def jump_sigma(params: JointParams, mass_share: float) -> Array:
-    """Computes the 1-sigma added to the ten mass parameters by a payload of a given mass share, shape (10,).
+    """Computes the 1-sigma that a payload of a given share of the mass adds to the ten mass parameters, shape (10,).
 
     A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
     uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction;
@@ -245,7 +245,7 @@ def jump_sigma(params: JointParams, mass_share: float) -> Array:
 
 
 def jump_variances(params: JointParams) -> Array:
-    """Computes variances of a jump of each of `JUMP_SHARES` relative to the first, shape (len(JUMP_SHARES), 10)."""
+    """Computes the ten parameters' variances by a mass jump of each of `JUMP_SHARES`, relative to the first."""
     sigmas = np.array([jump_sigma(params, mass_share) for mass_share in JUMP_SHARES])
     result: Array = (sigmas / sigmas[0]) ** 2
     return result
@@ -347,7 +347,7 @@ def add_disturbance_drift(state: JointState, old_level: float, duration_s: float
 
 
 def _add_jump_time_noise(state: JointState, mass_share: float, interval: Link, params: JointParams) -> JointState:
-    """Adds the jets' effects in the interval of a mass jump, at an unknown time within, to the state's covariance."""
+    """Adds the uncertain effect of jets that fire in a mass jump's interval, at an unknown time, to the covariance."""
     fired = np.flatnonzero(interval.amount > 0.0)
     if fired.shape[0] == 0:
         return state
@@ -356,7 +356,7 @@ def _add_jump_time_noise(state: JointState, mass_share: float, interval: Link, p
 
 
 def extra_impulse_sigmas(hypothesis: Runner, duration_s: float, params: JointParams) -> Array | None:
-    """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, lbf or N; None: no more.
+    """Returns 1-sigma of each failed jet's onset impulse in the next interval, as force, lbf or N; None once decayed.
 
     After the second interval it decays by exp(-interval / tau) in each, tau as it is estimated.
     """
@@ -388,7 +388,7 @@ def add_force_noise(state: JointState, slot_noise: np.ndarray, params: JointPara
 
 
 def add_push_impulse(state: JointState, push: float, interval: Link, params: JointParams) -> JointState:
-    """Returns the state with covariance of an unknown push over an interval, independent of earlier ones.
+    """Returns the state with the covariance of an unknown impulse in an interval added, independent of earlier ones.
 
     Args:
         push: its 1-sigma, in units of every jet's full thrust; zero: none.
@@ -449,7 +449,7 @@ def prepare_cycle(
 
 
 def _hold_untrusted(assumed: Array, fault: Cause, sample: JointSample, params: JointParams) -> Array:
-    """Returns assumed wheel speeds, engine levels and angles, the faulty one held at its present reading."""
+    """Returns assumed wheel speeds and engine settings, the faulty one held at its reading at the interval's start."""
     assumed, places = assumed.copy(), params.places
     if fault.kind == Kind.SPEED:
         wheel = fault.component - places.outputs

@@ -131,8 +131,8 @@ def equivalent_measurements(
 
 
 @kernel
-def make_expected_sites(expected: Expected, params: JointParams) -> Sites:
-    """Makes the Gaussian measurements equivalent to a sample's quantized readings used, at their prediction."""
+def measurements_at_prediction(expected: Expected, params: JointParams) -> Sites:
+    """Makes the Gaussian measurements equivalent to a sample's quantized readings used, at the predicted state."""
     projected = expected.projected[np.flatnonzero(expected.used)]
     return equivalent_measurements(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
@@ -149,7 +149,7 @@ def update_root(expected: Expected, root: Array, params: JointParams) -> tuple[U
 def count_untestable_degrees(
     expected: Expected, forces: Drive, mean: Array, params: JointParams
 ) -> tuple[float, float, float]:
-    """Counts degrees of freedom of readings that show nothing but impulses of jets of unknown command.
+    """Counts degrees of freedom of gyros and accelerometers, and log likelihood, that jets of unknown command take up.
 
     Returns:
         Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.
@@ -174,14 +174,14 @@ def count_untestable_degrees(
 
 @kernel
 def _degrees_along(effects: Array) -> float:
-    """Computes the number of degrees of freedom that directions absorb, from their effects in sigmas of readings."""
+    """Computes degrees of freedom that free impulse directions take up, from their effects in sigmas of readings."""
     squares = np.linalg.svd(effects)[1] ** 2
     return float((squares / (1.0 + squares)).sum())
 
 
 @kernel
 def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float]:
-    """Returns a NIS and its expectation, or NaN and 0: too few degrees of freedom, or digits lost by spread.
+    """Returns NIS and degrees of freedom; NaN and 0 where hardly any are left, or where wide `spread` costs the digits.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
     """
@@ -189,7 +189,7 @@ def reduced_nis(nis: float, degrees: float, spread: float) -> tuple[float, float
 
 
 @kernel
-def replace_counting(expected: Expected, used: np.ndarray) -> Expected:
+def replace_used_mask(expected: Expected, used: np.ndarray) -> Expected:
     """Returns expected readings with another mask of the components used, shape (m,)."""
     return Expected(
         expected.prediction,

@@ -21,11 +21,11 @@ from massprop_drake.maths.estimation.joint.guard import update_guard
 from massprop_drake.maths.estimation.joint.innovation import (
     Expected,
     count_untestable_degrees,
-    make_expected_sites,
+    measurements_at_prediction,
     predict_cycle,
     prediction_floors,
     reduced_nis,
-    replace_counting,
+    replace_used_mask,
     sum_by_sensor_kind,
     update_root,
 )
@@ -186,7 +186,7 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 
 @kernel
 def estimate_forces(state: JointState, sample: JointSample, params: JointParams) -> Drive:
-    """Computes forces and impulses over a sample's interval, thrust of jets of unknown command by its readings."""
+    """Computes forces and impulses over an interval; thrust of jets with unknown command comes from the readings."""
     forces = compute_forces(state, sample, params)
     if forces.anything.number == 0.0:
         return forces
@@ -220,7 +220,7 @@ def estimate_forces(state: JointState, sample: JointSample, params: JointParams)
 def run_cycle(
     state: JointState, sample: JointSample, thresholds: Array, used_mask: np.ndarray, params: JointParams
 ) -> tuple[JointState, Report]:
-    """Advances the joint filter by a sample after the first, convergence test included; returns state, report.
+    """Advances the joint filter by a sample after the first: prediction, covariance inflation if due, update, tests.
 
     Args:
         state: after the last sample.
@@ -235,10 +235,10 @@ def run_cycle(
     commanded = firing.commanded or has_outside_impulse(sample, params)
     expected = predict_cycle(state, forces, sample, params)
     if used_mask.size > 0:
-        expected = replace_counting(expected, used_mask & ~np.isnan(expected.innovation))
+        expected = replace_used_mask(expected, used_mask & ~np.isnan(expected.innovation))
     innovation, incremented, lag_gain = expected.innovation, False, 0.0
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + expected.variances)
-    sites = make_expected_sites(expected, params)
+    sites = measurements_at_prediction(expected, params)
     gyro_nis, accelerometer_nis = sum_by_sensor_kind(sites.nis, expected.used, np.nan, params)
     gyro_degrees, accelerometer_degrees = sum_by_sensor_kind(sites.degrees, expected.used, 0.0, params)
     untestable = count_untestable_degrees(expected, forces, state.mean, params)
@@ -252,14 +252,14 @@ def run_cycle(
         if count > 0 and gyro_nis > thresholds[count - 1]:
             opened, more = switch_lag_priors(state, params, np.inf)
             given = estimate_forces(opened, sample, params)
-            wider = replace_counting(predict_cycle(opened, given, sample, params), expected.used)
-            nis, _ = sum_by_sensor_kind(make_expected_sites(wider, params).nis, wider.used, np.nan, params)
+            wider = replace_used_mask(predict_cycle(opened, given, sample, params), expected.used)
+            nis, _ = sum_by_sensor_kind(measurements_at_prediction(wider, params).nis, wider.used, np.nan, params)
             if nis <= thresholds[count - 1]:  # a lag that is not as stated explains it
                 state, forces, expected, lag_gain = opened, given, wider, more
             else:
                 incremented = True
                 state = replace_estimate(state, state.mean, incremented_root(state.root, params))
-                expected = replace_counting(predict_cycle(state, forces, sample, params), expected.used)
+                expected = replace_used_mask(predict_cycle(state, forces, sample, params), expected.used)
 
     update = empty_update(expected.root)
     if expected.used.any():
@@ -298,7 +298,7 @@ def run_cycle(
 def update_state(
     state: JointState, sample: JointSample, forces: Drive, expected: Expected, update: Update, params: JointParams
 ) -> JointState:
-    """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence as before.
+    """Returns the state after a cycle: corrected mean and root, thrust levels, readings; convergence flag unchanged.
 
     Args:
         update: of no meaning where no component counted.

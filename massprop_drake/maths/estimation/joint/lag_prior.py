@@ -23,7 +23,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other_prior(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Returns mean and variance of a kind's lag error by the alternative prior, and its log likelihood ratio, nats."""
+    """Returns mean and variance of a kind's lag error by the prior not in use, and its log likelihood ratio, nats."""
     places = params.places
     row = places.lag + kind
     m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
@@ -87,7 +87,7 @@ def _widen_lag(state: JointState, kind: int, mean: float, variance: float, param
 
 
 def choose_lag_priors(initial: JointState, final: JointState, params: JointParams) -> JointState:
-    """Returns a smoothing pass's initial state with the lag priors that its last end state finds likelier.
+    """Returns a smoother's initial state with the wide lag prior for jet kinds where the final state finds it likelier.
 
     Args:
         initial: with the stated priors.

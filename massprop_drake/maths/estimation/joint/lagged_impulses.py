@@ -191,7 +191,7 @@ class Lingering(NamedTuple):
 
 
 def initial_level_decay(lag_ratio: Array) -> Lingering:
-    """Computes how a thrust level's deviation from its command decays, from tau over the interval's length."""
+    """Computes how a thrust level's deviation from a constant command decays over an interval, from tau / interval."""
     lagged = lag_ratio > 0.0
     remaining = np.exp(-1.0 / select_where(lagged, lag_ratio, 1.0)) * lagged
     mean = lag_ratio * (1.0 - remaining)
@@ -200,20 +200,20 @@ def initial_level_decay(lag_ratio: Array) -> Lingering:
 
 
 @kernel
-def _decay_integrals(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
-    """Computes the integrals E0, E1, E2 of a jet's lag transient, from tau/h and mean k, shape (n_jets,) each."""
-    rest = ratio * (1.0 - mean)
-    return rest, ratio * (0.5 - mean + rest), ratio * (rest - 0.5 * mean * mean)
+def _decay_integrals(lag_ratio: Array, mean_decay: Array) -> tuple[Array, Array, Array]:
+    """Computes integrals of E, E x, E^2 (E: lag transient, see module) from tau/h and mean decay k, (n_jets,) each."""
+    rest = lag_ratio * (1.0 - mean_decay)
+    return rest, lag_ratio * (0.5 - mean_decay + rest), lag_ratio * (rest - 0.5 * mean_decay * mean_decay)
 
 
 @kernel
-def _bow_of_piece(deviation: Array, integrals: tuple[Array, Array, Array], mean: Array) -> Array:
-    """Computes the departure of each jet's impulse from linear growth, command constant, shape (3, n_jets)."""
+def _bow_of_piece(deviation: Array, integrals: tuple[Array, Array, Array], mean_decay: Array) -> Array:
+    """Computes each jet's bow (departure of impulse from linear growth) under a constant command, shape (3, n_jets)."""
     plain, by_time, square = integrals
     bow = np.empty((3,) + deviation.shape)  # noqa: RUF005 (for numba)
-    bow[0] = deviation * (plain - 0.5 * mean)
-    bow[1] = deviation * (by_time - 0.5 * plain - mean / 12.0)
-    bow[2] = deviation * np.sqrt(np.maximum(square - mean * (2.0 * by_time - mean / 3.0), 0.0))
+    bow[0] = deviation * (plain - 0.5 * mean_decay)
+    bow[1] = deviation * (by_time - 0.5 * plain - mean_decay / 12.0)
+    bow[2] = deviation * np.sqrt(np.maximum(square - mean_decay * (2.0 * by_time - mean_decay / 3.0), 0.0))
     return bow
 
 
@@ -236,7 +236,7 @@ def _moments_of_piece(
 
 @kernel
 def _bow_of_interval(moments: Array, seconds: Array, duration_s: float) -> Array:
-    """Computes the departure of each jet's impulse from linear growth, from its integrals, shape (3, n_jets)."""
+    """Computes each jet's bow (departure of impulse from linear growth) from its impulse's moments, (3, n_jets)."""
     bow = np.empty_like(moments)
     bow[0] = moments[0] / duration_s - 0.5 * seconds
     bow[1] = (moments[1] / duration_s - 0.5 * moments[0]) / duration_s - seconds / 12.0

@@ -440,7 +440,7 @@ def replace_levels(state: JointState, mean: Array, root: Array, level: Array, ti
 
 @kernel
 def clear_pending(state: JointState) -> JointState:
-    """Returns the filter state with no reading marked as not yet used by an update."""
+    """Returns the filter state with no last reading left pending, that is, not yet used by an update."""
     estimate, guard = (state.mean, state.root, state.level, state.tick_slope), (state.guarded, state.firing_count)
     return _replace_fields(state, estimate, np.zeros_like(state.fresh), guard, state.lag_open)
 
@@ -454,7 +454,7 @@ def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> J
 
 @kernel
 def widen_lag_prior(state: JointState, mean: Array, root: Array, lag_open: Array) -> JointState:
-    """Returns the filter state with another mean and root, and other marks of jet kinds with wide lag prior."""
+    """Returns the filter state with another mean, root and flags of which jet kinds have the wide lag prior."""
     estimate, guard = (mean, root, state.level, state.tick_slope), (state.guarded, state.firing_count)
     return _replace_fields(state, estimate, state.fresh, guard, lag_open)
 
@@ -497,5 +497,5 @@ def _replace_fields(
 
 @kernel
 def is_initialized(state: JointState, params: JointParams) -> bool:
-    """Tests whether initialization is complete: thereafter covariance is inflated only on hypothesis tests."""
+    """Tests whether initialization is complete: converged, then `settled_after` control periods with known impulse."""
     return state.guarded and state.firing_count >= params.settled_after

@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.joint.burns import EngineImpulse
 from massprop_drake.maths.estimation.joint.disturbance_states import (
     DisturbanceParams,
     Wander,
-    disturbance_course,
+    discretize_disturbance,
     join_slow_states,
 )
 from massprop_drake.maths.estimation.joint.forcing import Drive, impulse_per_force, wheel_factors
@@ -98,7 +98,7 @@ def combine_disturbances(
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
     combined = join_slow_states(
-        disturbance_course(params.disturbance, duration_s), disturbance_course(unstated, duration_s, state.stir)
+        discretize_disturbance(params.disturbance, duration_s), discretize_disturbance(unstated, duration_s, state.stir)
     )
     return append_reading_errors(combined, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
 

@@ -7,7 +7,7 @@ from massprop_drake.maths.estimation.joint.crossing import levels_at_estimates, 
 from massprop_drake.maths.estimation.joint.forcing import Drive
 from massprop_drake.maths.estimation.joint.innovation import (
     count_untestable_degrees,
-    make_expected_sites,
+    measurements_at_prediction,
     predict_readings,
     sum_by_sensor_kind,
     update_root,
@@ -108,7 +108,7 @@ def run_relinearized(
     if expected.used.any():
         update, sites = update_root(expected, root, params)
     else:
-        update, sites = empty_update(root), make_expected_sites(expected, params)
+        update, sites = empty_update(root), measurements_at_prediction(expected, params)
     after = update_state(state, sample, forces, expected, update, params)
     level = _levels_after_cycle(state, after, forces, params)
     after = replace_levels(after, after.mean, after.root, level, forces.tick_slope)
