@@ -95,7 +95,7 @@ class Watch(NamedTuple):
 def advance_watch(
     hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Returns a hypothesis with its onsets tested on a plain filter cycle's readings, and its alarm updated.
+    """Tests a hypothesis for new faults with a plain filter cycle's readings; returns it with its alarm updated.
 
     Args:
         likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
@@ -173,7 +173,7 @@ def _add_walk_noise(traces: Traces, state: JointState, walk_sigmas: Array, param
 def _make_alarm(
     bank: Bank, records: tuple[WatchedCycle, ...], onset_index: int, cycle: int, params: JointParams
 ) -> Alarm:
-    """Makes an alarm whose first-order test begins two onsets before the likeliest, up to the newest sample."""
+    """Makes an alarm with its first-order fault test, run from two onsets before the likeliest to the newest sample."""
     first, chosen = max(onset_index - 2, 0), range(max(onset_index - 2, 0), min(onset_index + 2, len(bank.states)))
     cycles = bank.since.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)

@@ -93,7 +93,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Events as tuples (jet, sign, count) or (kind, component, count), by the count of earlier equal ones."""
+        """Events as keys (jet, sign, count) or (kind, component, count), where count is of earlier equal events."""
         found: list[Part] = []
         for event in self.events:
             cause = event.cause
@@ -195,7 +195,7 @@ def advance_hypothesis(
 
 
 def split_on_command(hypothesis: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
-    """Splits a hypothesis when a jet with excess thrust is first commanded: force on top, or in place of it."""
+    """Splits a hypothesis when a jet with excess thrust is first commanded: its force adds to thrust or replaces it."""
     state = hypothesis.run.state
     fires = np.flatnonzero((sample.commands > 0.0).any(axis=0)).tolist()
     for slot in np.flatnonzero((state.slot_jet >= 0) & (state.slot_sign > 0.0)).tolist():
@@ -215,7 +215,7 @@ def split_on_command(hypothesis: Hypothesis, sample: JointSample) -> tuple[Hypot
 
 
 def restart_hypothesis(hypothesis: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
-    """Returns a hypothesis with its filter restarted after a gap, without watch, origin and review."""
+    """Returns a hypothesis with its filter restarted after a gap, and its fault tests and their origin dropped."""
     after, _ = restart(hypothesis.run.state, sample, params)
     recorded = record_cycle(hypothesis, hypothesis.run._replace(state=after, cycle=cycle), params)
     return recorded._replace(watch=None, origin=None, review=None)

@@ -117,7 +117,7 @@ def hypothesis_report_row(declarations: tuple[Declaration, ...], odds: Odds, his
 
 
 def status_row(declarations: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
-    """Makes the log row `STATUS` of a sample: of its first declaration, or else of the jet with fault odds over 1/2.
+    """Makes the log row `STATUS` of a sample: of its first declaration, else of a jet with fault probability over 0.5.
 
     Args:
         tested: whether the readings were tested against the likeliest hypothesis.
@@ -180,7 +180,7 @@ def declaration_row(declarations: tuple[Declaration, ...], n_jets: int) -> Any:
 
 
 def jets_by_declaration(group_bits: Array, ranks: Array) -> list[list[int]]:
-    """Returns for each declaration at a sample the list of its jets' indices, the likeliest jet first."""
+    """Decodes jets' group bits and ranks: for each declaration the list of its jets' indices, likeliest first."""
     bits = group_bits.astype(np.int64)
     order = np.argsort(ranks, kind="stable")
     return [order[bits[order] >> number & 1 > 0].tolist() for number in range(int(bits.max()).bit_length())]

@@ -123,7 +123,7 @@ def _declared_forces(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
 
 
 def quiet_log_rows(state: HypothesisFilterState) -> tuple[Any, ...]:
-    """Returns log values of a cycle without alarm: `STATUS`; likelihood, magnitude, force, variance by jet."""
+    """Returns log values of a cycle with no declaration or alarm: `STATUS`; likelihood to force variance by jet."""
     n = state.force.size
     nothing = np.full(n, np.nan)
     return (
@@ -136,7 +136,7 @@ def quiet_log_rows(state: HypothesisFilterState) -> tuple[Any, ...]:
 
 
 def _update_removed_jets(removed: Array, declarations: tuple[Declaration, ...]) -> Array:
-    """Updates the flags of jets out of use, 1: removed, with the declarations at a sample, shape (n_jets,)."""
+    """Updates flags of jets out of use: 1 where declared failed alone, 0 where withdrawn, shape (n_jets,)."""
     for declaration in declarations:
         if isinstance(declaration, JetsDeclared) and len(declaration.jets) == 1:
             removed = removed.copy()

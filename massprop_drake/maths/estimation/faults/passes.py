@@ -79,7 +79,7 @@ class PassFit(NamedTuple):
 def begin_fit(
     proposal: Contender, log_prior: float, linearization_point: Array, entry_state: JointState, params: JointParams
 ) -> PassFit:
-    """Makes a Gauss-Newton fit of the initialization's samples under a fault hypothesis, its first pass begun.
+    """Begins a Gauss-Newton fit of a fault hypothesis to the initialization's samples, linearized at a given estimate.
 
     Args:
         linearization_point: x*, of which the proposal replaces the failed jets' forces, shape (size,).
@@ -102,7 +102,7 @@ def begin_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> Pa
 
 
 def linearization_point(state: JointState, entry_state: JointState, params: JointParams) -> Array:
-    """Returns the next linearization point x*: a state's estimate, failed jets' forces of `entry_state`, shape (size,).
+    """Returns the next linearization point: a state's estimate, but forces of failed jets by `entry_state`, (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -160,7 +160,7 @@ def end_pass(fit: PassFit, entry_state: JointState, params: JointParams) -> Pass
 
 
 def has_moved(fit: PassFit, params: JointParams) -> bool:
-    """Tests whether newer samples have moved the estimate off its linearization point, so that a pass is due."""
+    """Tests whether newer samples have moved the estimate off its linearization point, and a pass more is allowed."""
     return fit.passes < _LATE and not is_pass_converged(fit.state, fit.about, params.places, _CLOSE)
 
 

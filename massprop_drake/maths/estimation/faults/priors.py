@@ -88,7 +88,7 @@ def log_event_probability(events_per_hour: float, duration_s: float) -> float:
 
 
 def log_failure_probability(force: float, thrust: float, duration_s: float, priors: Priors, *, is_loss: bool) -> float:
-    """Computes the log prior of a jet's failure within some time with a force known fairly well, nats.
+    """Computes a jet failure's log prior within a time, for a force known to 20 %, over the filter's own prior, nats.
 
     It comes on top of what a force N(0, T^2) is worth.
 
@@ -102,7 +102,7 @@ def log_failure_probability(force: float, thrust: float, duration_s: float, prio
 
 
 def log_jump_probability(duration_s: float, priors: Priors) -> float:
-    """Computes the log prior that the mass properties jump within some time by one of the discrete sizes, nats."""
+    """Computes the log prior that mass properties jump within a time by a given one of the discrete sizes, nats."""
     return log_event_probability(priors.payload_per_hour, duration_s) - math.log(len(JUMP_SHARES))
 
 
@@ -150,7 +150,7 @@ def _log_normal_cdf(z: float) -> float:
 
 
 def _peak_ratio(peak: float, opening_mean: float, mean: float, sigma: float) -> float:
-    """Computes the mean of N(f; peak, s^2) / N(f; opening_mean, 1) over N(mean, sigma^2), about the joint peak."""
+    """Approximates the mean over f ~ N(mean, sigma^2) of N(f; peak, 0.03^2) / N(f; opening_mean, 1), in thrusts."""
     spread = math.hypot(sigma, _FULL_SPREAD)
     there = (mean * _FULL_SPREAD**2 + peak * sigma**2) / spread**2
     return math.exp(-0.5 * ((mean - peak) / spread) ** 2 + 0.5 * (there - opening_mean) ** 2) / spread

@@ -99,7 +99,7 @@ class Origin(NamedTuple):
 def draw_proposals(
     parent: Hypothesis, cycle: int, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[list[Birth], Rest | None]:
-    """Draws fault proposals from a hypothesis's alarm; returns them, and the sum of those left out or None."""
+    """Proposes faults that may explain a hypothesis's alarm; returns them, and summed weight of those left out."""
     alarm: Alarm = parent.alarm
     since = parent.watch.records[-1].score.without(alarm.scores[0])
     explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
@@ -126,7 +126,7 @@ def rank_proposals(
     *,
     error: float,
 ) -> tuple[list[Birth], Rest | None]:
-    """Ranks an alarm's jet-fault proposals to first order; returns those to replay, and the rest's sum or None.
+    """Ranks an alarm's jet faults and false readings to first order; returns those to replay, the rest's weight.
 
     Args:
         log_weight: log weight that a lead of zero stands for.
@@ -242,7 +242,7 @@ def _find_shared_proposal(
 
 
 def proposal_key(child: Hypothesis) -> object:
-    """Returns the key that equal proposals share: their events, and the kind of the newest event."""
+    """Returns the key that equal proposals share: all events, the newest one's jets and size, and unknown pushes."""
     _, *newest = child.run.cause
     return frozenset(child.parts), *newest, tuple(child.walks), child.push, child.run.share
 
@@ -257,7 +257,7 @@ def _onset_span_s(alarm: Alarm, onset_index: int) -> float:
 
 
 def _log_prior(parent: Hypothesis, proposal: Contender, alarm: Alarm, params: Params) -> float:
-    """Computes the log prior of a proposed fault event within its onset's time span, its forces' aside, nats."""
+    """Computes the log prior of a proposed fault event within its onset's time span, not of its forces, nats."""
     priors, cause = params.priors, proposal.cause
     seconds = _onset_span_s(alarm, alarm.screen.onsets.index(proposal.onset))
     if cause.kind == Kind.LIES:
@@ -274,7 +274,7 @@ def _log_prior(parent: Hypothesis, proposal: Contender, alarm: Alarm, params: Pa
 
 
 def _log_change_probability(failure: tuple[int, int], parent: Hypothesis, duration_s: float, priors: Priors) -> float:
-    """Computes the log prior that a failed jet's force changes within some time, often if intermittent, nats.
+    """Computes the log prior that a failed jet's force changes in a time, higher after repeated changes, nats.
 
     That it is intermittent is the likelier the more often it has changed.
     """
@@ -312,7 +312,7 @@ def _make_children(
 def _make_child(
     parent: Hypothesis, proposal: Contender, log_prior: float, alarm: Alarm, span: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes a proposal's hypothesis at an onset; `span`: its index in the test, cycle, and cycles it stands for."""
+    """Makes a proposal's hypothesis at one onset; `span`: its index in the test, cycle, and cycles it stands for."""
     place, onset, apart = span
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in proposal.kicks)
@@ -389,7 +389,7 @@ def _make_drifting_child(parent: Hypothesis, proposal: Contender, alarm: Alarm, 
 
 
 def _make_pushed_child(parent: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
-    """Makes the child hypothesis that an unknown wrench pushes the vehicle from the alarm's first onset on."""
+    """Makes the child hypothesis in which an unknown wrench pushes the vehicle from the alarm's first onset on."""
     onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
     prior = log_event_probability(params.priors.unknown_per_hour, _onset_span_s(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
@@ -430,7 +430,7 @@ def _propose_disturbances(
 
 
 def _following_cost(level: float, time_constant_s: float, increment: Array, duration_s: float) -> float:
-    """Computes the log-likelihood cost of estimating an acceleration that walks randomly, nats a sample."""
+    """Computes log likelihood lost per sample by estimating an acceleration that walks randomly at a level, nats."""
     walked = level * increment * math.sqrt(2.0 * duration_s / time_constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 

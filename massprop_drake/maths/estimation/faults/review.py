@@ -111,7 +111,7 @@ def is_force_significant(review: Review, hypothesis: Hypothesis, params: JointPa
 def draw_alternatives(
     review: Review, hypothesis: Hypothesis, hypotheses: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Draws alternatives to the newest event; returns review, proposals, and the sum of those left out or None."""
+    """Proposes alternatives to the newest event; returns review, proposals, and summed weight of those left out."""
     origin: Origin = hypothesis.origin
     if hypothesis.weight > max(other.weight for other in hypotheses) - _NEAR:
         review = review._replace(calm=(review.run.score.likelihood, review.screen.misfit))

@@ -95,7 +95,7 @@ def step_screening(screening: Screening, kept_sample: Kept, params: JointParams)
 
 
 def refine_onsets(screening: Screening, samples: tuple[Kept, ...], params: JointParams) -> Screening | None:
-    """Begins a first-order test with finer onsets about the likeliest; None: they are fine, or no jet is found."""
+    """Begins a first-order test with finer onsets about the likeliest; None: they are fine enough, or no jet found."""
     found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
     if not found or gap <= _FINE:
         return None
@@ -104,7 +104,7 @@ def refine_onsets(screening: Screening, samples: tuple[Kept, ...], params: Joint
 
 
 def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
-    """Lists jet failures that the first-order test finds, likeliest first; those of coarse onsets alone last."""
+    """Lists jet failures that the first-order test finds, likeliest first; those only a coarser test found last."""
     entry = screening.entry
     known = known_forces(entry, params)
     allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0

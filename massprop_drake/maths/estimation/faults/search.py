@@ -128,7 +128,7 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 def advance_search(
     search: StartSearch, state: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
-    """Keeps a sample of the initialization, and advances the search for faults once readings contradict it.
+    """Keeps a sample of the initialization, searches for faults once readings contradict it; returns outcomes at end.
 
     Returns:
         The search, and once passes have gone over all samples, the hypotheses within 30 nats of the likeliest, which
@@ -179,7 +179,7 @@ def _begin_search(search: StartSearch, priors: Priors, params: JointParams) -> S
 
 
 def _begin_disturbance_fits(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
-    """Makes a fit for each level of an unstated slow disturbance, since before the first kept sample.
+    """Makes a fit for each level of a slow disturbance, not stated, that acts since before the first kept sample.
 
     They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
     """
@@ -228,7 +228,7 @@ def _run_search_steps(search: StartSearch, priors: Priors, params: JointParams) 
 
 
 def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
-    """Adds fits of jets that a first-order test finds likely; if none is new, extends all to the newest sample."""
+    """Adds fits of jets that a first-order test finds likely; if none is new after round 1, extends all to newest."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
     told = _fits_near_likeliest(_without_disturbances(search), priors, params)
     sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
@@ -244,7 +244,7 @@ def _begin_jet_passes(search: StartSearch, screening: Screening, priors: Priors,
 
 
 def _tried_key(proposal: Contender, cause_only: bool) -> object:
-    """Returns the key by which a fitted jet failure is found again: its cause and onset, or the cause alone."""
+    """Returns the key that marks a jet failure as already fitted: its cause and onset, or the cause alone."""
     return proposal.cause.key if cause_only else (proposal.cause.key, proposal.onset)
 
 
@@ -285,7 +285,7 @@ def _begin_next_round(search: StartSearch, priors: Priors, params: JointParams) 
 
 
 def _extend_to_newest(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Fits disturbances first, then extends likely fits to the newest sample; postpones if none explains it."""
+    """Adds fits of unstated disturbances; if tried already, extends likely fits to the newest sample, or postpones."""
     if Kind.WANDER not in search.tried:
         fits = search.fits + _begin_disturbance_fits(search, priors, params)
         return search._replace(fits=fits, tried=search.tried | {Kind.WANDER})

@@ -141,7 +141,7 @@ def tree_from_search(outcomes: Sequence[SearchOutcome], tree: Tree, params: Para
 def _step_hypotheses(
     hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, interval: Link
 ) -> list[Hypothesis]:
-    """Advances and weights all hypotheses by one sample; the first uses the main filter's own cycle if plain."""
+    """Advances and weights all hypotheses by one sample; the first uses the main filter's cycle if it needs no own."""
     joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
     best = hypotheses[0].weight
     for place, whole in enumerate(hypotheses):
@@ -153,7 +153,7 @@ def _step_hypotheses(
                         after = advance_hypothesis(each, sample, interval, joint, starting=starting)
                         found.append(after._replace(watch=None))
                     else:
-                        found.append(_advance_with_kick(each, evidence, cycle, interval, joint, likely=likely))
+                        found.append(_advance_after_onset(each, evidence, cycle, interval, joint, likely=likely))
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(advance_watch(each, evidence, cycle, joint, likely=likely))
                 elif each.watch is not None or (place < _WATCHED and likely):
@@ -170,10 +170,10 @@ def _step_hypotheses(
     return found
 
 
-def _advance_with_kick(
+def _advance_after_onset(
     hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, interval: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch soon after a failure's onset, when a further impulse may still act.
+    """Advances a hypothesis and its fault test soon after its failure's onset, when a further impulse may still act.
 
     What else fails meanwhile is proposed from its own state.
     """
@@ -186,7 +186,7 @@ def _advance_with_kick(
 def _advance_from_state(
     state: JointState, hypothesis: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch by a filter cycle that begins with the state passed in."""
+    """Advances a hypothesis and its fault test by a filter cycle that begins with the state passed in."""
     after, report = step(state, evidence.sample, params)
     after = reset_guard(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
@@ -195,7 +195,7 @@ def _advance_from_state(
 
 
 def _raise_alarms(hypotheses: list[Hypothesis], best_weight: float, cycle: int, params: Params) -> list[Hypothesis]:
-    """Adds alarms to hypotheses that were likely before the newest sample and have become unlikely with it."""
+    """Adds alarms to hypotheses that were likely before the newest sample, and have lost likelihood with it."""
     now = max(each.weight for each in hypotheses)
     return [
         raise_alarm(each, cycle, params.joint)
@@ -206,7 +206,7 @@ def _raise_alarms(hypotheses: list[Hypothesis], best_weight: float, cycle: int, 
 
 
 def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
-    """Adds proposals of every alarm whose draw is due, and hypotheses that an unknown push has ended."""
+    """Adds proposals of alarms that are due for another draw, and hypotheses in which an unknown push ends."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, interval = tree.samples[-1]
     now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
@@ -241,7 +241,7 @@ def _draw_due_proposals(tree: Tree, params: Params) -> Tree:
 
 
 def _is_alarm_exhausted(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether more draws of an alarm are useless, as first orders fail or a review looks further."""
+    """Tests whether more draws of an alarm are useless: first-order tests fail, or the leader's review replaces it."""
     untold = alarm.rest == UNTOLD and not reviews.is_reviewable(leader)
     return alarm.drawn >= 0 and (untold or _is_leader_reviewed(leader, tree))
 
@@ -275,7 +275,7 @@ def _is_draw_due(age: int, last_draw_age: int) -> bool:
 
 
 def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
-    """Returns hypotheses whose draws may leave proposals out: all, or those near a leader that is reviewed."""
+    """Returns hypotheses whose draws may leave proposals out: all, or those near the likeliest if it is reviewed."""
     leader = tree.leader
     if leader.review is None or leader.review.drawn < 0:
         return tree.hypotheses
@@ -283,7 +283,7 @@ def hypotheses_with_draws(tree: Tree) -> tuple[Hypothesis, ...]:
 
 
 def is_likely(hypothesis: Hypothesis, tree: Tree) -> bool:
-    """Tests whether a hypothesis's log weight is near that of the likeliest."""
+    """Tests whether a hypothesis's log weight is within 5 nats of the likeliest."""
     return hypothesis.weight > tree.leader.weight - _LIKELY
 
 
@@ -450,7 +450,7 @@ def _prune_hypotheses(tree: Tree, now_s: float, params: Params) -> Tree:
 
 
 def _detach_reference(proposal: Birth, tree: Tree) -> Birth | None:
-    """Rebases a proposal on the likeliest if its reference is unlikely; None: the leader continues the reference."""
+    """Weighs a proposal against the likeliest if its reference is unlikely; None: the likeliest continues that."""
     than, best = proposal.than, tree.leader.weight
     if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
         return proposal

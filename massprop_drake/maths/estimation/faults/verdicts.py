@@ -164,7 +164,7 @@ def update_verdicts(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Ver
 
 
 def _declaration_threshold(event_key: Part, priors: Priors) -> float:
-    """Returns the posterior probability at which an event is declared: larger for frequent events."""
+    """Returns the posterior probability at which an event is declared, closer to 1 for events of higher rate."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
     rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
     return 1.0 - priors.doubt(max(rates.get(event_key[0], 0.0), priors.jet_per_hour))
@@ -227,7 +227,7 @@ def _bound_probability(failure: Way, probability: float, tree: Tree) -> float:
 def _declare_event(
     event_key: Part, verdicts: Verdicts, tree: Tree, params: JointParams
 ) -> tuple[Verdicts, list[Declaration]]:
-    """Declares one event of a history; returns the verdicts, and its declaration in a list."""
+    """Declares one event of a history; returns the verdicts, and its declaration in a list, empty if a push ends."""
     holder = next(each for each in tree.hypotheses if event_key in each.ways or event_key in each.parts)
     if not isinstance(event_key[0], Kind):
         way: Way = (event_key[0], event_key[1])
@@ -254,7 +254,7 @@ def _declare_event(
 def _declare_group(
     verdicts: Verdicts, undeclared: dict[Way, float], tree: Tree, params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
-    """Declares the smallest set of jets one of which has failed; returns verdicts, and its declaration or none."""
+    """Declares the smallest jet set one of which has failed, once likely for 2 s; returns verdicts and declarations."""
     now_s = tree.leader.run.state.time_s
     likely = sorted(undeclared, key=lambda way: -undeclared[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
@@ -291,7 +291,7 @@ def _declare_group(
 
 
 def _find_separation(failures: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Separation:
-    """Finds the jet firing or coasting time that would separate a group's jets, by an existing alarm's test."""
+    """Finds the jet firing or coasting time that would separate a group's jets; neither if no alarm is up."""
     alarm = next((each.alarm for each in tree.hypotheses if each.alarm), None)
     if alarm is None:
         return Separation()
@@ -322,7 +322,7 @@ def _declare_updates(verdicts: Verdicts, tree: Tree, params: JointParams) -> tup
 
 
 def _update_declared(declared: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
-    """Updates a declared failure's force; returns it, and the word for its change to declare, or None."""
+    """Updates a declared failure's force; returns it, and the kind of change to declare, or None."""
     if declared.way not in leader.ways:
         return declared, None
     now = leader.run.state

@@ -101,7 +101,7 @@ def predict_outputs(mean: Array, reference: Array, spin: Array, params: JointPar
 
 @kernel
 def find_changed(reading: Array, last_reading: Array, params: JointParams) -> np.ndarray:
-    """Flags readings that differ from the last ones by half a cell or more, or are first ones, shape (m,).
+    """Flags readings at least half a quantizer cell off the last ones, or without a last one, shape (m,).
 
     Args:
         reading, last_reading: NaN where missing, shape (m,) each.
@@ -113,7 +113,7 @@ def find_changed(reading: Array, last_reading: Array, params: JointParams) -> np
 def select_counting(
     reading: Array, last_reading: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
-    """Flags readings used in the update: changed, or outside their cell; returns mask and floors, shape (m,).
+    """Flags readings to use: dithered, changed, off their cell, ill predicted; returns mask and variance floors, (m,).
 
     Args:
         reading, last_reading: NaN where missing, shape (m,) each.
@@ -130,7 +130,7 @@ def select_counting(
 def add_tracker_variances(
     innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Returns variances and floors of readings, trackers' stamp errors and outliers included, shape (m,) each.
+    """Returns variances and variance floors of readings, widened for trackers' stamp errors and outliers, shape (m,).
 
     A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
     of these, has the variance of one.
@@ -163,7 +163,7 @@ def _log_density(error: Array, covariance: Array) -> float:
 
 
 def fix_velocity_reference(state: JointState, params: JointParams) -> JointState:
-    """Re-references accelerometer velocities to the present, so that a later center-of-mass jump leaves them.
+    """Re-references accelerometer velocities to the present rate, so that a center-of-mass jump leaves them unchanged.
 
     c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
     the old center of mass was wrong all along.

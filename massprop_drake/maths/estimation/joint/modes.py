@@ -129,7 +129,7 @@ def _matrix_exponential(matrix: Array) -> Array:
 
 @kernel
 def estimated_part_ratios(errors: Array, modes: ModeParams) -> Array:
-    """Returns moving parts' participation, frequency, damping over stated, and shifts, shape (n_parts, 6).
+    """Returns moving parts' participation, frequency, damping relative to stated; position shifts, shape (n_parts, 6).
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.

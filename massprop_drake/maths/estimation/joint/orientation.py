@@ -36,29 +36,29 @@ STILL = np.stack((UNTURNED, UNTURNED))  # shared attitude before and after an in
 
 
 @kernel
-def turn_attitude(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
-    """Propagates the attitude error vector psi over an interval, shape (3,); returns its derivatives by rates too.
+def turn_attitude(psi: Array, attitudes: Array, rates: Array, offset: Array, duration_s: float) -> tuple[Array, Array]:
+    """Propagates the attitude error psi, relative to a reference, over an interval; returns it, derivatives by rates.
 
     Args:
         psi: before, rad, shape (3,).
-        frames: shared attitude before and after, quaternions, shape (2, 4).
+        attitudes: reference attitude before and after, quaternions, shape (2, 4).
         rates: w0 and w1, rad/s, body axes, shape (2, 3).
-        bow: mean of what the rate lies off the line, rad/s, shape (3,).
+        offset: mean of what the rate lies off the line, rad/s, shape (3,).
     """
-    start = multiply(from_rotation_vector(psi), frames[0])
-    turn = duration_s * (0.5 * (rates[0] + rates[1]) + bow) + duration_s**2 / 12.0 * cross(rates[0], rates[1])
+    start = multiply(from_rotation_vector(psi), attitudes[0])
+    turn = duration_s * (0.5 * (rates[0] + rates[1]) + offset) + duration_s**2 / 12.0 * cross(rates[0], rates[1])
     end = multiply(start, from_rotation_vector(turn))
     by_rates = np.empty((2, 3, 3))
     for point in range(2):
         mean = (point + 1.0) / 3.0 * rates[0] + (2.0 * point + 1.0) / 12.0 * (rates[1] - rates[0])
         mean_attitude = multiply(start, from_rotation_vector(duration_s * mean))
         by_rates[point] = 0.5 * duration_s * rotation_matrix(mean_attitude)
-    return to_rotation_vector(multiply(end, conjugate(frames[1]))), by_rates
+    return to_rotation_vector(multiply(end, conjugate(attitudes[1]))), by_rates
 
 
 @kernel
 def shared_attitude(reference: Array, rate: Array, duration_s: float, quaternions: Array) -> tuple[Array, Array]:
-    """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers relative to it.
+    """Propagates the reference attitude by gyros, or sets it to a tracker's; returns it, trackers' rotations off it.
 
     Args:
         reference: attitude before, shape (4,).

@@ -124,7 +124,7 @@ def predict(
 
     Args:
         rate_read: rate at the interval's end by the gyros.
-        motion: frames, see `orientation.turn_attitude`, and speeds of the wheels.
+        motion: reference attitudes, see `orientation.turn_attitude`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, forces.firing.duration_s
     speeds = remove_untrusted_speeds(motion[1], state.assumed[: places.wheels], duration, params.wheels)
@@ -212,7 +212,7 @@ def predict(
 def _draw_from_tanks(
     state: JointState, forces: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Computes propellant used, slug or kg, the change of mass properties by its draw, and derivatives."""
+    """Computes propellant mass used, changes of mass properties and tank fills by its draw, and derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
     flow = float(seconds @ params.flows) + forces.engines.used
@@ -249,16 +249,16 @@ def _draw_from_tanks(
 
 
 @kernel
-def _rate_change_by_draw(change: Array, inverse: Array, moment: Array, impulse: Array) -> Array:
-    """Computes the rate's change by inertia and center of mass that drawn propellant changes, rad/s, shape (3,)."""
-    if change.shape[0] == 0:
+def _rate_change_by_draw(property_change: Array, inverse: Array, moment: Array, impulse: Array) -> Array:
+    """Computes the extra change of rate as drawn propellant changes inertia and center of mass, rad/s, shape (3,)."""
+    if property_change.shape[0] == 0:
         return np.zeros(3)
-    return 0.5 * (take_elements(change, ELEMENT) @ moment + inverse @ cross(impulse, change[CENTER]))
+    return 0.5 * (take_elements(property_change, ELEMENT) @ moment + inverse @ cross(impulse, property_change[CENTER]))
 
 
 @kernel
 def _mean_after_draw(mean: Array, reciprocal_gain: float, change: Array, turning: Array, params: JointParams) -> Array:
-    """Returns the predicted mean with mass properties and tank fills after propellant use, shape (size,)."""
+    """Returns the predicted mean; mass properties, tank fills and velocities after propellant use, shape (size,)."""
     n, places, result = change.shape[0] - N_PROPERTIES, params.places, mean.copy()
     result[MASS] += reciprocal_gain
     if n <= 0:

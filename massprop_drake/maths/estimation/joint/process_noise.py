@@ -41,19 +41,19 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @kernel
-def add_lever_arm_noise(noise: Array, disturbance: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Adds rate noise times lever arm to velocity noise, shape (6, 6), and to the effects of disturbances."""
+def add_lever_arm_noise(noise: Array, disturbance: Wander, velocity_by_rate: Array) -> tuple[Array, Wander]:
+    """Adds rate noise times lever arms to velocity noise, shape (6, 6), and to the effects of disturbances."""
     turned = noise.copy()
-    turned[3:] += by_end @ noise[:3]
-    turned[:, 3:] += turned[:, :3] @ by_end.T
+    turned[3:] += velocity_by_rate @ noise[:3]
+    turned[:, 3:] += turned[:, :3] @ velocity_by_rate.T
     drawn = disturbance.drawn.copy()
-    drawn[3:] += by_end @ drawn[:3]
+    drawn[3:] += velocity_by_rate @ drawn[:3]
     return turned, Wander(disturbance.kept, disturbance.begun, drawn, disturbance.along, disturbance.apart)
 
 
 @kernel
 def white_noise(mean: Array, forces: Drive, params: JointParams) -> Array:
-    """Computes covariance of rate and velocity by walk, impulse scatter, ticks, unknown commands, shape (6, 6)."""
+    """Computes process noise of rate, velocity: walks, scatter of impulses and command times, unknown jets, (6, 6)."""
     noise, firing = unknown_impulse_covariance(forces.anything), forces.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + intervals_per_period(firing.duration_s, params.rates) * by_chance
@@ -74,7 +74,7 @@ def white_noise(mean: Array, forces: Drive, params: JointParams) -> Array:
 
 @kernel
 def propellant_drift(properties: Array, used_mass: float, tank_fraction: float, arm: float) -> Array:
-    """Computes variances of the ten mass parameters by the unknown place of used propellant, shape (10,).
+    """Computes variances added to the ten mass parameters, as the place of used propellant is unknown, shape (10,).
 
     Args:
         properties: the ten parameters, shape (10,) or more.
@@ -107,7 +107,7 @@ def combine_disturbances(
 def unstated_disturbance_drift(
     state: JointState, rate_change: Array, velocity_change: Array, duration_s: float, params: JointParams
 ) -> Array:
-    """Computes variances added to the ten mass parameters by an unstated disturbance during firing, shape (10,).
+    """Computes variances added to the ten mass parameters, during firing, by a disturbance nobody stated, shape (10,).
 
     What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
     share that what is unstated has in what they give. That share comes anew once in its time constant.
@@ -144,7 +144,7 @@ def _relative_drift(properties: Array, relative_variance: float, arm: float) -> 
 def second_order_moments(
     state: JointState, forces: Drive, impulses: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate and velocity by products of errors, shapes (6,) and (6, 6).
+    """Computes second-order mean and noise of rate and velocity, from products of parameter errors, (6,), (6, 6).
 
     Args:
         impulses: linear, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
@@ -177,7 +177,7 @@ def _add_moments(bias: Array, noise: Array, added: tuple[Array, Array]) -> tuple
 
 @kernel
 def _unknown_thrust_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
-    """Computes covariance of rate, velocity by unknown jets' on-time times parameter errors, shape (6, 6).
+    """Computes second-order noise of rate, velocity: unknown jets' on-times times parameter errors, shape (6, 6).
 
     An opening is as well shown as the inertia is known, and lies between none and all of the interval.
     """
@@ -191,7 +191,7 @@ def _unknown_thrust_products(mean: Array, firing: Firing, covariance: Array, par
 
 @kernel
 def _wheel_products(state: JointState, impulses: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by wheel times mass parameter errors, (6,) and (6, 6)."""
+    """Computes second-order mean, noise of rate, velocity: wheel errors times mass-parameter errors, (6,), (6, 6)."""
     places, n = params.places, impulses.shape[0]
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n, :3] = impulses
@@ -206,7 +206,7 @@ def _wheel_products(state: JointState, impulses: Array, covariance: Array, param
 def _engine_products(
     state: JointState, engine_impulse: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by engine times mass parameter errors, (6,) and (6, 6)."""
+    """Computes second-order mean, noise of rate, velocity: engine errors times mass-parameter errors, (6,), (6, 6)."""
     places, n = params.places, params.places.n_engine
     wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
     wrenches[:n], wrenches[n] = engine_impulse.by_errors, engine_impulse.impulse
@@ -217,7 +217,7 @@ def _engine_products(
 
 @kernel
 def _scale_error_row(state: JointState, params: JointParams) -> Array:
-    """Returns the root's row of the relative error of known impulses by the thrust scale, shape (k,)."""
+    """Returns the covariance root's row of known impulses' relative error, due to the thrust scale, shape (k,)."""
     if params.places.n_scale > 0:
         return -params.thrust_sigma * state.root[params.places.scale]
     return np.zeros(state.root.shape[1])
@@ -225,7 +225,7 @@ def _scale_error_row(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def _thrust_products(state: JointState, forces: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by thrust times mass parameter errors, (6,) and (6, 6)."""
+    """Computes second-order mean, noise of rate, velocity: thrust errors times mass-parameter errors, (6,), (6, 6)."""
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(forces.firing.amount) > _FIRES * forces.firing.duration_s)
     shares = params.thrust_sigma * forces.firing.amount[jets]
@@ -235,7 +235,7 @@ def _thrust_products(state: JointState, forces: Drive, covariance: Array, params
 
 @kernel
 def _mounting_products(state: JointState, forces: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by mounting times mass parameter errors, (6,), (6, 6)."""
+    """Computes second-order mean, noise of rate, velocity: jet mounting times mass-parameter errors, (6,), (6, 6)."""
     seconds = forces.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * forces.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
@@ -244,7 +244,7 @@ def _mounting_products(state: JointState, forces: Drive, covariance: Array, para
 
 @kernel
 def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by failure force times mass parameter errors, (6,), (6, 6).
+    """Computes second-order mean, noise of rate, velocity: failed jets' force errors times mass-parameter errors.
 
     A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
     """
@@ -256,12 +256,12 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 
 @kernel
-def _impulse_products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Computes mean and covariance of rate, velocity by impulse times mass parameter errors, (6,) and (6, 6)."""
-    crossed = state.root[:N_PROPERTIES] @ rows.T
+def _impulse_products(impulse_root: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
+    """Computes second-order mean, noise of rate, velocity: impulse errors times mass-parameter errors, (6,), (6, 6)."""
+    crossed = state.root[:N_PROPERTIES] @ impulse_root.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
-    variances = np.sum(rows * rows, axis=1).reshape(-1, 1)
+    variances = np.sum(impulse_root * impulse_root, axis=1).reshape(-1, 1)
     return product_mean, (variances * _multiply_stack(effects, covariance)).reshape(6, -1) @ flat.T
 
 
@@ -278,7 +278,7 @@ def _multiply_stack(effects: Array, covariance: Array) -> Array:
 
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
-    """Computes derivatives of rate, velocity by the ten mass parameters, wrenches for a second, shape (6, n, 10)."""
+    """Computes derivatives of rate, velocity by the ten mass parameters, per second of wrenches, shape (6, n, 10)."""
     inverse = take_elements(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))

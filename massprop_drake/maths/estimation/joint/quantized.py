@@ -108,7 +108,7 @@ def _moments_by_quadrature(lower: float, width: float) -> Moments:
 
 @kernel
 def match_moments(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sites:
-    """Converts quantized readings, one after the other, to Gaussian measurements of equal moments, shape (m,).
+    """Converts quantized readings, taken in turn, to Gaussian measurements of equal posterior moments, shape (m,).
 
     Args:
         errors: readings less their predictions, shape (m,).

@@ -75,7 +75,7 @@ def coupled_rate(
     momenta: Array,
     params: JointParams,
 ) -> tuple[bool, Coupling, Array, Array]:
-    """Solves for gyroscopic coupling and final rate; returns whether it counts, coupling, rate, rate curvature.
+    """Solves for gyroscopic coupling and final rate; returns whether inertia is known, coupling, rate, its curvature.
 
     Where coupling does not count, only that by the wheels' momentum is in it.
 
@@ -164,9 +164,9 @@ def arm_turning_integrals(start: Array, end: Array, arms: Array, duration_s: flo
 
 
 @kernel
-def _coupling_bow_impulses(momentum: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
-    """Computes angular impulses by curvature of the rate under gyroscopic coupling, shape (3, 3)."""
-    bows, (inertia, momenta) = np.zeros((3, 3)), momentum
+def _coupling_bow_impulses(inertia_momenta: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
+    """Computes mean, first moment, RMS of angular impulse by curvature of the rate under coupling, shape (3, 3)."""
+    bows, (inertia, momenta) = np.zeros((3, 3)), inertia_momenta
     at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
     bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
     bows[2] = PARABOLA * bows[0]
@@ -175,15 +175,15 @@ def _coupling_bow_impulses(momentum: tuple[Array, Array], start: Array, end: Arr
 
 @kernel
 def coupling(
-    inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bows: Array, duration_s: float
+    inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bow_impulses: Array, duration_s: float
 ) -> Coupling:
-    """Computes the change of the rate by gyroscopic coupling, and its derivatives by inertia and rates.
+    """Computes the rate's change by gyroscopic coupling, its bow (curvature) included, and derivatives by J, rates.
 
     Args:
         inertias: J and its inverse, shape (3, 3) each; zero in its place: h alone is turned.
         rates: w0 and w1, rad/s, shape (3,) each.
         momenta: h at the start and the end, shape (2, 3).
-        bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
+        bow_impulses: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
     """
     (inverse, inertia), (start, end) = inertias, rates
     own = inertia @ ((2.0 * start + end) / 6.0), inertia @ ((start + 2.0 * end) / 6.0)
@@ -194,9 +194,9 @@ def coupling(
     by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(own[0]) + over_end @ angular_block(own[1]))
     by_start = inverse @ (over_start / 3.0 + over_end / 6.0 - skew(first))
     by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
-    bowed = bows @ inverse
-    bent = cross(0.5 * (start + end), bows[0]) + cross(bowed[0], 0.5 * (at_start + at_end))
-    bent += cross(end - start, bows[1]) + cross(bowed[1], at_end - at_start) + cross(bowed[2], bows[2])
+    bowed = bow_impulses @ inverse
+    bent = cross(0.5 * (start + end), bow_impulses[0]) + cross(bowed[0], 0.5 * (at_start + at_end))
+    bent += cross(end - start, bow_impulses[1]) + cross(bowed[1], at_end - at_start) + cross(bowed[2], bow_impulses[2])
     through = inverse @ (turn + bent) * -duration_s
     return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
 
@@ -215,7 +215,7 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
 @kernel
 def spin_integral(start: Array, end: Array, curvature: Array, duration_s: float) -> Array:
-    """Computes the time integral of w w^T for a rate linear but for a bow, six elements, rad^2/s, shape (6,).
+    """Computes the time integral of w w^T, w linear in time but for a curvature, six elements, rad^2/s, shape (6,).
 
     Args:
         start, end: rates, rad/s, shape (3,).
@@ -232,7 +232,7 @@ def spin_integral(start: Array, end: Array, curvature: Array, duration_s: float)
 
 @kernel
 def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
-    """Returns the matrix O that maps a lever arm to its velocity gain by rotation, rad/s, shape (3, 3).
+    """Returns the matrix O from lever arm to its velocity by rotation since the last rebase, rad/s, shape (3, 3).
 
     Args:
         rate, reference: w and w_ref, rad/s, shape (3,).
@@ -245,7 +245,7 @@ def turning_matrix(rate: Array, reference: Array, spin: Array) -> Array:
 
 @kernel
 def _knows_inertia(mean: Array, covariance: Array) -> bool:
-    """Tests whether J is positive definite and the 1-sigmas of its diagonal below half their values."""
+    """Tests whether inverse inertia J is positive definite, and 1-sigmas of its diagonal below half their values."""
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
             return False

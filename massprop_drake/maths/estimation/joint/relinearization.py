@@ -38,7 +38,7 @@ from massprop_drake.maths.linear_algebra import Array
 def repeat_start_cycle(
     state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, float, float]:
-    """Repeats a cycle linearized at another estimate, lag priors by likelihood; returns state, NIS, expectation.
+    """Repeats a cycle linearized at another estimate, lag priors switched; returns state, NIS, its expectation.
 
     Args:
         state: after the last sample, not guarded.
@@ -53,7 +53,7 @@ def repeat_start_cycle(
 def run_relinearized(
     state: JointState, sample: JointSample, linearization_point: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
-    """Advances the filter by a sample, linearized at another estimate; returns state, course and gyro NIS.
+    """Advances the filter by a sample, linearized at another estimate; returns state, cycle results, gyro NIS.
 
     Args:
         state: after the last sample, not guarded.
@@ -123,7 +123,7 @@ def run_relinearized(
 
 @kernel
 def _levels_after_cycle(before: JointState, after: JointState, forces: Drive, params: JointParams) -> Array:
-    """Returns thrust levels after a cycle for lags as linearized and ticks as estimated, shape (n_jets,)."""
+    """Returns jets' thrust levels after a cycle; lags as linearized, command times as estimated, shape (n_jets,)."""
     places, mean = params.places, before.mean.copy()
     lags = slice(places.lag, places.lag + places.n_lag)
     mean[lags] = after.mean[lags]
@@ -144,7 +144,7 @@ def _parameters_at_propellant(estimate: Array, mean: Array, params: JointParams)
 
 @kernel
 def _linearization_estimate(mean: Array, linearization_point: Array, params: JointParams) -> Array:
-    """Returns a mean with another's mass properties, lags, forces and gyro biases, and rate to match."""
+    """Returns a mean with the linearization point's mass properties, lags, forces, gyro biases, and rate to match."""
     places = params.places
     result = mean.copy()
     result[:N_PROPERTIES] = _parameters_at_propellant(linearization_point, mean, params)

@@ -109,7 +109,7 @@ class Screen(NamedTuple):
         return self.information.ndim == _BLOCKS
 
     def information_of(self, index: int, sets: np.ndarray) -> Array:
-        """Returns information matrices A of sets of columns at an onset, shape (number, k, k)."""
+        """Returns information matrices A of sets of fault-effect columns at an onset, shape (number, k, k)."""
         if self.single:
             jets = self.information.shape[1]
             jet, kind = sets % jets, sets // jets
@@ -262,15 +262,15 @@ def condition_screen(screen: Screen, rows: np.ndarray, offset: Array, covariance
     )
 
 
-def _jet_information(of_onsets: Array, jets: int) -> Array:
-    """Computes information of each jet's columns, shape (n_onsets, n_jets, 5, 5), from whitened innovations."""
-    of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
+def _jet_information(whitened: Array, jets: int) -> Array:
+    """Computes information of each jet's five fault effects, by whitened innovations, (n_onsets, n_jets, 5, 5)."""
+    of_jets = whitened[:, :, : _KINDS * jets].reshape(*whitened.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
     result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
     return result
 
 
 def _update_acting(screen: Screen, interval: Link) -> Array:
-    """Returns the shares of the first intervals in which each fault can have acted, with a cycle added.
+    """Returns the fractions of the intervals after each onset in which each fault can have acted, one cycle further.
 
     A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
     where an onset stands for several intervals, what may have acted in those before it is not known.
@@ -286,7 +286,7 @@ def _update_acting(screen: Screen, interval: Link) -> Array:
 
 
 def maximize_likelihood(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Computes log likelihood ratios, amplitudes and covariances of sets of columns with Gaussian priors.
+    """Computes log likelihood ratios, amplitudes, covariances of sets of fault effects with Gaussian priors.
 
     Args:
         information: A of each set, shape (..., k, k).
@@ -308,7 +308,7 @@ def largest_jet_forces(params: JointParams) -> Array:
 
 
 def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
-    """Computes log likelihood lost by forces below zero or above full thrust, nats, shape (number,).
+    """Computes log likelihood lost by forces below zero, or above full thrust plus 3 sigma, nats, shape (number,).
 
     Jets can give full thrust and three of its stated 1-sigma. More is as rare as a second failure, and costs no more up
     to what jets give at most.
@@ -324,7 +324,7 @@ def excess_force_cost(force: Array, covariance: Array, jets: np.ndarray, params:
 
 
 def _log_force_prior(params: JointParams) -> Array:
-    """Returns the log prior that offsets preference of N(0, T^2) for weak jets, nats, shape (n_jets,)."""
+    """Returns each jet's log prior that cancels the preference of a force prior N(0, T^2) for weak jets, nats."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
     return result
 
@@ -359,7 +359,7 @@ def propose_faults(
 
 
 def jump_log_likelihoods(screen: Screen, params: JointParams) -> Array:
-    """Returns log likelihood ratios of a mass-property jump at the test's start, nats, (len(JUMP_SHARES),)."""
+    """Returns log likelihood ratios of mass-property jumps at the test's start, by size, nats, (len(JUMP_SHARES),)."""
     lead, _, _ = maximize_likelihood(screen.jump_information, screen.jump_projection, jump_variances(params))
     return lead
 
@@ -378,18 +378,18 @@ def _later_onset_penalty(screen: Screen, contender: Contender, params: JointPara
 
 
 def _cause_of_columns(columns: list[int], jets: int) -> Cause:
-    """Converts column indices to the cause with their failed jets, signs and leak flags."""
+    """Converts indices of fault effects to a fault cause: failed jets, signs and leak flags."""
     signs = tuple(-1 if jets <= column < 2 * jets else 1 for column in columns)
     return Cause(Kind.JETS, tuple(column % jets for column in columns), signs, tuple(int(c < jets) for c in columns))
 
 
 def _failure_indices(columns: np.ndarray, jets: int) -> np.ndarray:
-    """Converts column indices to failure indices, shape as columns: jets that give more, then less."""
+    """Converts indices of fault effects to indices of failures: jets with excess thrust, then losses."""
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
 def columns_matching_forces(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
-    """Returns columns of failures by force found: below half thrust a leak, above stuck on; losses as before."""
+    """Returns excess-thrust columns set to leak below half thrust, else stuck on, by force; loss columns unchanged."""
     jets = params.places.jets
     jet = columns % jets
     more = np.where(force < LEAK * params.thrusts[jet], jet, jet + 4 * jets)
@@ -486,7 +486,7 @@ def _pair_columns(
 def _likely_pairs(
     screen: Screen, index: int, columns: np.ndarray, candidates_forces: tuple[np.ndarray, Array], params: JointParams
 ) -> np.ndarray:
-    """Returns the likeliest pairs of columns for a known onset, shape (number, 2).
+    """Returns the likeliest pairs of failures at a known onset, and pairs that look alike, as columns, (number, 2).
 
     One of two that explains no less alone is no pair: with whatever else, it would take the places of all others.
     """
@@ -524,7 +524,7 @@ def _likely_pairs(
 
 
 def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, forces: Array, params: JointParams) -> Array:
-    """Computes log likelihood ratios of single columns for a known onset, at least zero, nats, shape (h,)."""
+    """Computes log likelihood ratios of single failures at a known onset, zero if negative, nats, shape (h,)."""
     jets = params.places.jets
     thrusts, had = params.thrusts[columns % jets], forces[_failure_indices(columns, jets)]
     projection = screen.projection[index][columns]
@@ -538,7 +538,7 @@ def _single_likelihoods(screen: Screen, index: int, columns: np.ndarray, forces:
 
 
 def _similar_column_pairs(information: Array, projection: Array, columns: np.ndarray) -> np.ndarray:
-    """Returns all pairs among the likeliest single column and the three most like it, shape (number, 2)."""
+    """Returns all pairs among the likeliest single failure and the three most like it, as columns, (number, 2)."""
     if columns.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)
     energy = np.diagonal(information)[columns]

@@ -161,7 +161,7 @@ class Traces(NamedTuple):
 
 @kernel
 def collect_cycle_terms(mean: Array, course: Course, sample: JointSample) -> Traces:
-    """Collects a cycle's derivatives, noise, gain and readings from which it is linearized.
+    """Collects a filter cycle's derivatives, noise, gain and readings, which `linearize_terms` takes.
 
     Args:
         mean: of the state before the cycle, shape (size,).
@@ -262,17 +262,17 @@ def _interval_noise(terms: Traces, places: Places) -> Array:
     return noise
 
 
-def propagate_crossings(columns: Array, interval: Link, places: Places) -> Array:
-    """Propagates errors through updates before prediction, by pending readings and stamp, shape (size, h).
+def propagate_crossings(errors: Array, interval: Link, places: Places) -> Array:
+    """Propagates errors through updates by pending readings and by the stamp, before prediction, shape (size, h).
 
     Args:
-        columns: errors before that, shape (size, h).
+        errors: errors before that, shape (size, h).
     """
     if interval.crossing_half_gain.any():
-        columns = columns - interval.crossing_half_gain @ (interval.crossing_rows @ columns)
+        errors = errors - interval.crossing_half_gain @ (interval.crossing_rows @ errors)
     if not interval.stamp_row.any():
-        return columns
-    kept = columns.copy()
+        return errors
+    kept = errors.copy()
     kept[places.ticks : places.ticks + places.n_ticks] *= interval.ticks_kept
     result: Array = kept - np.outer(interval.stamp_gain, interval.stamp_row @ kept)
     return result
@@ -280,7 +280,7 @@ def propagate_crossings(columns: Array, interval: Link, places: Places) -> Array
 
 @kernel
 def propagate_to_update(columns: Array, forcing: Array, interval: Link, places: Places) -> Array:
-    """Propagates errors over an interval under forcing, up to the update by its readings, shape (size, h).
+    """Propagates state errors over an interval, with rate and velocity forcing, up to the update, shape (size, h).
 
     Args:
         columns: errors before the interval, shape (size, h).

@@ -42,7 +42,7 @@ class Separation(NamedTuple):
 def find_separation(
     screen: Screen, interval: Link, onset: int, members: list[tuple[int, int, float]], level: float, params: JointParams
 ) -> Separation:
-    """Finds the jet firing, or the coasting time, that separates the first jet from a group soonest.
+    """Finds which jet firing alone, or what coasting time, separates a group's likeliest jet from the others soonest.
 
     Args:
         interval: the newest cycle.
@@ -59,9 +59,9 @@ def find_separation(
     information = screen.information[index][np.ix_(steps, steps)]
     force = members[0][2]
 
-    def separations(single: int) -> Array:
+    def separations(lone_jet: int) -> Array:
         """Computes the separation of the first jet from the nearest other after each cycle, shape (cycles,)."""
-        return _least_separation(information, _predicted_information(columns, steps, interval, single, params), force)
+        return _least_separation(information, _predicted_information(columns, steps, interval, lone_jet, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
     soonest = {jet: np.flatnonzero(found >= level) for jet, found in by_jet.items()}
@@ -73,13 +73,13 @@ def find_separation(
 
 
 def _predicted_information(
-    columns: Array, indices: np.ndarray, interval: Link, single: int, params: JointParams
+    columns: Array, indices: np.ndarray, interval: Link, lone_jet: int, params: JointParams
 ) -> Array:
     """Predicts information gained per future cycle with one jet firing alone, or none, shape (cycles, k, k)."""
     jets = params.places.jets
     jet = indices % jets
     less, stuck = (jets <= indices) & (indices < 2 * jets), indices >= 4 * jets
-    acts = np.where(less, np.where(jet == single, -1.0, 0.0), np.where(stuck & (jet == single), 0.0, 1.0))
+    acts = np.where(less, np.where(jet == lone_jet, -1.0, 0.0), np.where(stuck & (jet == lone_jet), 0.0, 1.0))
     forcing = interval.duration_s * interval.effects[jet].T * acts
     present = np.flatnonzero(~np.isnan(interval.read))
     half = np.linalg.cholesky(interval.covariance[np.ix_(present, present)])
@@ -104,7 +104,7 @@ def _least_separation(information: Array, gained_information: Array, force: floa
 
 
 def _coasting_s(separation: Array, threshold: float, period_s: float) -> float:
-    """Returns seconds until a separation exceeds its threshold, extrapolated linearly; NaN: too long."""
+    """Returns coasting time until a separation reaches its threshold, extrapolated linearly, s; NaN: too long."""
     enough = np.flatnonzero(separation >= threshold)
     if enough.shape[0] > 0:
         return float(enough[0] + 1) * period_s

@@ -86,7 +86,7 @@ BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 def advance_start(
     start: Start, before: JointState, after_and_report: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
-    """Stores a sample of the start, advances its smoothing; returns the start and the filter's state.
+    """Stores a sample of the initialization, advances its smoothing passes; returns the start and the filter's state.
 
     Args:
         before: the filter's state before the cycle.

@@ -101,22 +101,22 @@ def _expected_motion(swing: Swing, start: Array, forcing: Array) -> tuple[Array,
 
 
 @kernel
-def _force_responses(swing: Swing, residuals: Array, duration_s: float) -> Array:
+def _force_responses(swing: Swing, modal_forces: Array, duration_s: float) -> Array:
     """Integrates changes of modal displacements and rates by modal forces, Simpson's rule, shape (2 n, k)."""
     n = swing.stiffness.shape[0]
-    at_start = swing.over[:, n:].copy() @ (swing.lightness @ residuals[0])
-    middle = swing.half[:, n:].copy() @ (swing.lightness @ residuals[1])
+    at_start = swing.over[:, n:].copy() @ (swing.lightness @ modal_forces[0])
+    middle = swing.half[:, n:].copy() @ (swing.lightness @ modal_forces[1])
     result = (duration_s * _END) * at_start + (duration_s * _MIDDLE) * middle
-    result[n:] += (duration_s * _END) * (swing.lightness @ residuals[2])
+    result[n:] += (duration_s * _END) * (swing.lightness @ modal_forces[2])
     return result
 
 
 @kernel
 def _force_derivatives(
-    swing: Swing, rigid: Rigid, motion: tuple[Array, Array], scale: float, thrust_sigma: float
+    swing: Swing, rigid: Rigid, displacements_accelerations: tuple[Array, Array], scale: float, thrust_sigma: float
 ) -> Array:
     """Computes derivatives of modal forces by the ten mass parameters and thrust scale, shape (3, n, 11)."""
-    _, accelerations = motion
+    _, accelerations = displacements_accelerations
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, N_PROPERTIES + 1))
     given, pushed = accelerations @ swing.turn, accelerations @ swing.push
@@ -134,10 +134,10 @@ def _force_derivatives(
 
 @kernel
 def _part_error_forces(
-    swing: Swing, rigid: Rigid, motion: tuple[Array, Array], part_ratios: Array, modes: ModeParams
+    swing: Swing, rigid: Rigid, displacements_accelerations: tuple[Array, Array], part_ratios: Array, modes: ModeParams
 ) -> Array:
-    """Computes derivatives of modal forces by the errors of moving parts, shape (3, n, 6 n_parts)."""
-    along, accelerations = motion
+    """Computes derivatives of modal forces by parts' participation, frequency, damping, position, (3, n, 6 n_parts)."""
+    along, accelerations = displacements_accelerations
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, part_ratios.size))
     given, pushed = accelerations @ swing.turn, accelerations @ swing.push
@@ -335,7 +335,7 @@ def swing_modes(
     duration_s: float,
     params: SwingParams,
 ) -> tuple[Moved, Swung]:
-    """Advances the modes over an interval; returns changes of rate and velocity with them, and the modes.
+    """Advances modes (sloshing, panels) over an interval; returns vehicle's changes of rate, velocity, and modes.
 
     Args:
         mean: before it, shape (size,).

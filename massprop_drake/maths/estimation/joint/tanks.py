@@ -77,7 +77,7 @@ class TankChange(NamedTuple):
 
 @kernel
 def draw_propellant(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
-    """Computes changes of mass properties and tank fills by drawn propellant, with derivatives.
+    """Computes changes of inertia, center of mass and tank fills (1/m aside) by drawn propellant, with derivatives.
 
     Args:
         properties: the ten parameters, shape (10,).

@@ -148,7 +148,7 @@ def timing_on_ticks() -> Timing:
 
 @kernel
 def start_clock(stamp_s: float, command: Array, onset_s: Array) -> Clock:
-    """Returns a clock that begins at the first reading's stamp, or after a gap: no tick line yet.
+    """Returns a clock that begins at a reading's stamp, first or after a gap, with no line of command ticks estimated.
 
     Args:
         stamp_s: of the reading.
@@ -180,7 +180,7 @@ class Commanded(NamedTuple):
 
 
 def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """Returns the last row's command with unknown jets filled in where both neighbors agree, shape (n_jets,)."""
+    """Returns the last row's command, unknown jets filled in where neighbors agree, unless a gap is long, (n_jets,)."""
     command, next_command = commands
     if next_command is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
         return command
@@ -224,7 +224,7 @@ def measure_interval(
 
 
 def _update_clock(clock: Clock, stamp_s: float, periods: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """Updates the clock's tick offset and period by one stamp; the command acting by then is left out."""
+    """Updates the clock's tick offset and period by one stamp; seconds that a command acted before it set to zero."""
     line_s, number = clock.tick_s + periods[0] * periods[1], clock.number + periods[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
@@ -250,7 +250,7 @@ def _update_clock(clock: Clock, stamp_s: float, periods: tuple[int, float], sigm
 
 
 def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, float]:
-    """Computes mean seconds a command acted before a late reading, its derivative, and its variance, s^2."""
+    """Computes mean, derivative, variance of seconds a new command acted before a reading late by N(late, sigma^2)."""
     if abs(late_s) >= _FAR * sigma_s:
         return max(late_s, 0.0), float(late_s > 0.0), 0.0
     z = late_s / sigma_s
@@ -263,7 +263,7 @@ def _acting_time_moments(late_s: float, sigma_s: float) -> tuple[float, float, f
 def _divide_interval(
     before: Clock, after: Clock, next_commanded: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
-    """Divides an interval at command ticks off its stamps; returns durations, commands and their timing."""
+    """Divides an interval where commands switch, at ticks off its stamps; returns durations, commands and timing."""
     about_s = after.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
@@ -313,7 +313,7 @@ def _divide_interval(
 
 @kernel
 def is_on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Tests whether stamps coincide with ticks and this one is a sample period after the last."""
+    """Tests whether stamps have coincided with ticks until now, and this one is a sample period after the last."""
     return not clock.off and abs(stamp_s - clock.stamp_s - period_s) <= _EXACT * period_s
 
 
@@ -335,7 +335,7 @@ class Stamped(NamedTuple):
 
 @kernel
 def update_by_stamp(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
-    """Updates the state's tick offset and period by an interval's final stamp; returns state and gain."""
+    """Updates the state's tick offset and period by an interval's final stamp; returns state, linearized update."""
     places = params.places
     row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
     if not timing.off or places.n_ticks == 0:

@@ -62,7 +62,7 @@ def unknown_directions(mean: Array, firing: Firing, params: JointParams) -> Dire
 
 
 def is_untestable(firing: Firing, directions: Directions) -> bool:
-    """Tests whether unknown commands leave no direction of rate and velocity, or no jet, to test."""
+    """Tests whether jets of unknown command leave nothing to test: no direction of rate, velocity, or no jet."""
     return bool(directions.number == directions.basis.shape[0] or firing.unknown.all())
 
 
@@ -87,7 +87,7 @@ def remove_directions(rate_rows: Array, velocity_rows: Array, directions: Direct
 def firing_shown_by_readings(
     error: Array, mean: Array, firing: Firing, directions: Directions, params: JointParams
 ) -> Firing:
-    """Returns the firing with seconds of unknown jets solved from readings, within 0 and the interval.
+    """Returns the firing with on-times of unknown jets solved from readings, if all are there, within the interval.
 
     Args:
         error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).

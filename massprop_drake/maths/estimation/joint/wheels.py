@@ -83,13 +83,13 @@ def interval_wheel_speeds(
 
 
 def initial_speed_sigmas(missing: Array, wheels: WheelParams) -> Array:
-    """Returns 1-sigmas of wheel speed errors at the start, in units of reading noise, shape (n,)."""
+    """Returns initial 1-sigmas of wheel speed errors, in reading sigmas: 1 if read, huge if missing, shape (n,)."""
     return np.where(missing > 0.0, _FASTEST / wheels.speed_std, 1.0)
 
 
 @kernel
 def remove_untrusted_speeds(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
-    """Returns wheel speeds with distrusted readings replaced by assumed speeds of larger noise.
+    """Returns wheel speeds with distrusted readings replaced by assumed constant speeds, their error growing as noise.
 
     Args:
         assumed: speed of each wheel, NaN where readings are trusted, rad/s, shape (n,).
