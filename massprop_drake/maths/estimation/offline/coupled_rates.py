@@ -113,8 +113,8 @@ class GainedRate(NamedTuple):
     rate: Array
 
 
-def gained_rate(impulses: ImpulseSums, means: MeanRates, moments: Array, period_s: Lengths, unknowns: Array) -> GainedRate:
-    """Computes the change of rate since a stretch began, coupling from given rates and `impulse_moments`."""
+def gained_rate(impulses: ImpulseSums, means: MeanRates, bows: Array, period_s: Lengths, unknowns: Array) -> GainedRate:
+    """Computes the change of rate in a stretch, coupling by given rates and ``bows`` (from `impulse_moments`)."""
     inverse, n = unknowns[:6][ELEMENT], means.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))
@@ -122,13 +122,13 @@ def gained_rate(impulses: ImpulseSums, means: MeanRates, moments: Array, period_
     each[_PULLED] = moments_about(impulses.impulse, unknowns[CENTER])
     products = each[_PRODUCTS].reshape(3, 3, 3, n)
     products[0] = means.square
-    products[1] = means.middle[:, None] * moments[0] + means.gained[:, None] * moments[1]
-    products[2] = moments[2][:, None] * moments[2]
+    products[1] = means.middle[:, None] * bows[0] + means.gained[:, None] * bows[1]
+    products[2] = bows[2][:, None] * bows[2]
     force, by_force = each[_SHIFTING][:3], each[_SHIFTING][3:].reshape(2, 3, 3, n)
     force[:] = impulses.impulse[3:]
     by_force[0] = means.middle[:, None] * impulses.bow[0, 3:] + means.gained[:, None] * impulses.bow[1, 3:]
-    by_force[1] = moments[2][:, None] * impulses.bow[2, 3:]
-    each[_BIASING][:3], each[_BIASING][3:] = means.middle, moments[0]
+    by_force[1] = bows[2][:, None] * impulses.bow[2, 3:]
+    each[_BIASING][:3], each[_BIASING][3:] = means.middle, bows[0]
     if isinstance(period_s, np.ndarray):
         for part in (each[_PRODUCTS], each[_SHIFTING][3:], each[_BIASING]):
             part[:] = part * period_s

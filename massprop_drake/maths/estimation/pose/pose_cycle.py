@@ -102,7 +102,7 @@ def step(
     params: PoseParams,
     alternative: Doubt | None = None,
 ) -> PoseCycled:
-    """Advances a bank of filters by a sample: predicts, updates, and merges alternative filters of the last one.
+    """Advances a bank by a sample, and merges filters that took the last outlier for a kick (``alternative``).
 
     Args:
         bank: after the last sample.
@@ -300,7 +300,7 @@ def mix_possibilities(
 
 
 def possibility_updates(cases: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility, K fixed in filters where an update would be unphysical."""
+    """Computes each possibility's Kalman update; inverse inertia stays in filters where it would turn unphysical."""
     factors = np.ones((mean.shape[0], params.free.size))
     updates = _joseph_updates(cases, factors)
     corrections = np.stack([update.correction for update in updates])
@@ -358,7 +358,7 @@ def _whitened_innovations(projected: Array, compared: Compared) -> Array:
 
 
 def _joseph_updates(cases: list[Happened], gain_factors: Array) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility, gains times ``gain_factors``, shape (n_filters, n), in Joseph form.
+    """Computes each possibility's Kalman update in Joseph form, gains times ``gain_factors``, (n_filters, n).
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.
