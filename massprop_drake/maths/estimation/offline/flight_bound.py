@@ -77,7 +77,7 @@ def _part_information(
 
 
 def _cut_rows(propellant: Array, rows_per_part: int) -> NDArray[np.int_]:
-    """Returns rows, (p + 1,), that cut a stretch into parts alike in propellant used plus duration; one if none is."""
+    """Returns rows, (p + 1,), that cut a stretch into parts alike in propellant use plus duration; one without use."""
     last = propellant.shape[0] - 1
     if propellant[-1] <= 0.0 or rows_per_part >= last:
         return np.array([0, last])

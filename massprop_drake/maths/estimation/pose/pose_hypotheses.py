@@ -258,7 +258,7 @@ def advance_hypotheses(
 def name_failure(
     hypotheses: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, is_waiting: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
-    """Decides whether to declare a failure; returns the hypotheses, restarted if one jet is sure, and it or None.
+    """Decides whether to declare a failure; returns the hypotheses, restarted if only one is left, and it or None.
 
     Args:
         hypotheses: after the sample.

@@ -99,7 +99,7 @@ class _IntervalThrust(NamedTuple):
 
 
 def _columns(integrals: Array, effects: Array) -> Array:
-    """Multiplies each jet's acceleration by its impulse integral; a column per jet, shape (n_filters, 3, n_jets)."""
+    """Multiplies each jet's effect (acceleration, moment) by its impulse integral, shape (n_filters, 3, n_jets)."""
     return np.swapaxes(integrals[..., None] * effects, 1, 2)
 
 
