@@ -144,7 +144,7 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
     duration = end_s - begin_s
 
     def edge_integrals(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Integrates a unit step at an edge once and twice; then derivatives by the edge and by ln tau."""
+        """Integrates the lagged response to a unit step at an edge once and twice; then derivatives by edge, ln tau."""
         at_end, at_begin = _step_response_integrals(end_s - edge, lag), _step_response_integrals(begin_s - edge, lag)
         once = at_end.once - at_begin.once
         twice = at_end.twice - at_begin.twice - duration * at_begin.once

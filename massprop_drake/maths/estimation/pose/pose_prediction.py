@@ -94,7 +94,7 @@ class _IntervalThrust(NamedTuple):
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
     def sum_over_jets(self, integrals: Array, effects: Array) -> Array:
-        """Sums over the jets: thrust factor times an impulse integral times an acceleration, shape (n_filters, 3)."""
+        """Sums over jets: thrust factor times impulse integral times effect (acceleration, moment), (n_filters, 3)."""
         return np.einsum("hn,hni->hi", self.factor * integrals, effects)
 
 
