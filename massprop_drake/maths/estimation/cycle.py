@@ -198,7 +198,7 @@ def finish(
 
 
 def _call_directly(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Calls a function with its arguments, whichever part of the cycle it is."""
+    """Calls a function with its arguments: the default of `step`, which does not time the parts of a cycle."""
     return function(*arguments)
 
 

@@ -342,7 +342,7 @@ _N_ROTATION_SEEN, _N_MASS_SEEN = _count_numbers(_ROTATION_SEEN), _count_numbers(
 def measure_mass(
     state_vector: Array, velocities: Array, rotation_prediction: Array, impulses: Array, known_force: Array, holder: Any
 ) -> Array:
-    """Computes both filters' innovations for the detector, packed as `filter.JOINT`, then `MassSeen`.
+    """Computes the mass filter's innovation; returns both filters', packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
         state_vector: packed as `thesis.MASS_STATE`.

@@ -63,7 +63,7 @@ def step(
     *,
     failing: bool = False,
 ) -> Foretelling:
-    """Advances the filter by a sample, with the information that its innovations give on leaks, losses and jumps.
+    """Advances the filter by a sample; if ``failing``, adds its information on leaks, losses and mass-property jumps.
 
     Args:
         readings: rates and velocities, NaN where missing, shape (s, 3) each.

@@ -126,7 +126,7 @@ def _reduce_rows(rows: Array) -> Array:
 
 
 def whiten_signatures(signatures: Array, covariance: Array) -> Array:
-    """Whitens jets' signatures by the noise covariance Y = L L^T: returns L^-1 c, shape (n_jets, k).
+    """Whitens jets' signatures c (innovations by unit failures), noise covariance L L^T, to L^-1 c, (n_jets, k).
 
     Args:
         signatures: c of every jet, shape (n_jets, k).
@@ -192,7 +192,7 @@ class Isolability(NamedTuple):
 
 
 def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolability:
-    r"""Computes the smallest failure of each jet that one sample isolates by a margin, and its hardest rival.
+    r"""Computes each jet's smallest failure (off if ``lost``, else on) that one sample isolates, and its hardest rival.
 
     Assumptions: the mass properties are known; the noise is at its mean, so half of all samples fall
     short; every other jet is off, and so can only be suspected of giving too much. A jet failing on

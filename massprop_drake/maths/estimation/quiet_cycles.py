@@ -79,7 +79,7 @@ class Quiet:
         self._desk = make_shared_holder(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
-        """Starts compiled cycles from a state, if it has no initialization, fault event or alarm; else turns off."""
+        """Starts compiled cycles from a state; turns them off if it is initializing or has a fault event or alarm."""
         filtered, detector = state.filter, state.detector
         self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
         if not self.on:

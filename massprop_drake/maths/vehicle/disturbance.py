@@ -72,7 +72,7 @@ def move_to_center(wrench: Array, center_of_mass: Array) -> Array:
 
 
 def add_wrench(wrench: Array, added: Array, pieces: int = 1) -> Array:
-    """Adds a wrench that is constant over a sample to another wrench, or to a wrench profile.
+    """Adds a wrench that is constant over a sample to another, or to each piece of a wrench profile of ``pieces``.
 
     Args:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample

@@ -92,7 +92,7 @@ def reading_std(settings: Array, engines: EngineParams) -> Array:
 
 
 def follow_command(settings: Array, command: Array, duration_s: float, engines: EngineParams) -> tuple[Array, Array]:
-    """Computes engine levels and angles after following a command for a time, with lag and rate limits.
+    """Computes engine levels and angles after following a command with lag and rate limits, and their mean until then.
 
     Args:
         settings: at the start, shape (n, 3).

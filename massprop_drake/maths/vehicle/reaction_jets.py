@@ -194,7 +194,7 @@ def level_course(
 
 
 def profile_size(n_lags: int, pieces: int = 1) -> int:
-    """Returns the length of a wrench profile: 7 (1 + n_lags), with several pieces one more for each."""
+    """Returns the length of a wrench profile: 7 (1 + n_lags) for each piece, and one more each if there are several."""
     return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
 
 

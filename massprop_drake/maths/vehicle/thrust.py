@@ -36,7 +36,7 @@ class LagFactors(NamedTuple):
 
 
 def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
-    """Computes the jets' first-order lag factors over a period: shares that remain, and those of the mean.
+    """Computes first-order lag factors: parts of a level's offset left after a period, and on average over it.
 
     Args:
         time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).

@@ -89,7 +89,7 @@ def effective_command(settings: Array, command: Array, time_s: float, model: Eng
 
 
 def engines_wrench(settings: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
-    """Computes mean torque about the vehicle origin, force and propellant flow of all engines, shape (7,).
+    """Computes all engines' torque about the vehicle origin, force and flow, mean over ``settings`` at instants, (7,).
 
     Args:
         settings: levels and angles at some instants, shape (m, n, 3).

@@ -250,7 +250,7 @@ class VehicleState(NamedTuple):
 
 
 def initial_state(params: VehicleParams) -> VehicleState:
-    """Returns the vehicle's state before the first sample: jets off, memories zero."""
+    """Returns the vehicle's state before the first sample: jets commanded off, sensors' memories zero."""
     off = np.zeros(params.jets.forces.size)
     longest = max((package.model.delay for package in params.packages), default=0)
     return VehicleState(

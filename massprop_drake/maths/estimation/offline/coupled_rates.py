@@ -49,7 +49,7 @@ def moments_about(wrenches: Array, center: Array) -> Array:
 def impulse_moments(
     impulses: ImpulseSums, rate: Array, wheel_momentum: Array, period_s: Lengths, unknowns: Array
 ) -> Array:
-    """Computes moments of angular impulse within intervals, gyroscopic coupling included, shape (3, 3, m - 1).
+    """Computes how angular impulse departs from linear growth within intervals, coupling included, (3, 3, m - 1).
 
     Args:
         rate: at the rows, shape (3, m).
@@ -85,11 +85,11 @@ def _coupling(inverse: Array) -> _Coupling:
     return _Coupling(straight, CROSS + straight.transpose(0, 2, 1) @ inverse, inverse @ CROSS)
 
 
-def _coupling_derivatives(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
+def _coupling_derivatives(inverse_changes: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
     """Computes derivatives of the coupling matrices by changes of the inverse inertia, shape (e, 3, 3)."""
     inertia = np.linalg.inv(inverse)
-    straight = CROSS @ (-inertia @ elements @ inertia)[:, None]
-    directions = elements[:, None]
+    straight = CROSS @ (-inertia @ inverse_changes @ inertia)[:, None]
+    directions = inverse_changes[:, None]
     bent = straight.transpose(0, 1, 3, 2) @ inverse + coupling.straight.transpose(0, 2, 1) @ directions
     return _Coupling(straight, bent, directions @ CROSS)
 
@@ -114,7 +114,7 @@ class GainedRate(NamedTuple):
 
 
 def gained_rate(impulses: ImpulseSums, means: MeanRates, bows: Array, period_s: Lengths, unknowns: Array) -> GainedRate:
-    """Computes the change of rate since a stretch began, coupling terms from given rates and impulse moments."""
+    """Computes the change of rate in a stretch, coupling by given rates and ``bows`` (from `impulse_moments`)."""
     inverse, n = unknowns[:6][ELEMENT], means.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))
@@ -169,11 +169,11 @@ def rate_derivatives(rate_terms: GainedRate, period_s: Lengths, unknowns: Array)
     return moved, (by_bias.reshape(9, 6) @ sums[_BIASING]).reshape(3, 3, m)
 
 
-def turning_products(rate: Array, means: MeanRates, moments: Array, period_s: Lengths) -> Array:
+def turning_products(rate: Array, means: MeanRates, rate_moments: Array, period_s: Lengths) -> Array:
     """Computes [(w - w_0) x] + integral of [w x]^2, by which lever arms enter velocities, shape (3, 3, m)."""
-    crossed = means.middle[:, None] * moments[0] + means.gained[:, None] * moments[1]
+    crossed = means.middle[:, None] * rate_moments[0] + means.gained[:, None] * rate_moments[1]
     square = np.zeros((3, 3, rate.shape[1]))
-    each = means.square + crossed + crossed.transpose(1, 0, 2) + moments[2][:, None] * moments[2]
+    each = means.square + crossed + crossed.transpose(1, 0, 2) + rate_moments[2][:, None] * rate_moments[2]
     np.cumsum(each * period_s, axis=-1, out=square[..., 1:])
     turning = square - (CROSS.reshape(9, 3) @ (rate - rate[:, :1])).reshape(square.shape)
     turning[range(3), range(3)] -= np.trace(square)
@@ -193,7 +193,7 @@ def cross_product_matrices(vectors: Array) -> Array:
 
 
 def add_rate_coupling(uncoupled: Array, rate: Array, wheel_momentum: Array, lengths_s: Array, unknowns: Array) -> Array:
-    """Solves D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D for changes D of the rate, (3, c, m).
+    """Adds gyroscopic coupling to rate changes G: D = G + integral(I^-1 ([(I w + h) x] - [w x] I) D), (3, c, m).
 
     Args:
         uncoupled: G, the changes with the rates in coupling held, shape (3, c, m).

@@ -12,7 +12,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 
 def _parameters_at(unknowns: Array, on_times_s: Array, model: FlightModel, extra_draw: Array | None = None) -> Array:
-    """Computes the ten mass-property parameters at some jet on-times, tanks partly drained, shape (..., 10)."""
+    """Computes the ten parameters as tanks drain, from jet on-times until a moment and after it, (..., 10)."""
     places, tanks = columns(model), model.tanks
     flows = (tanks.feeds * model.flows) * (1.0 + unknowns[places.flow])[:, None]
     both = (on_times_s * (1.0 + unknowns[places.thrust])) @ flows.T
@@ -47,7 +47,7 @@ _STEP = 1e-4  # arithmetic, relative: of central differences, which have half th
 
 
 def expand_about_middle(thrust: ThrustCourse, unknowns: Array, model: FlightModel) -> tuple[ThrustCourse, Array]:
-    """Converts a stretch and the unknowns to mass properties at its middle; without tanks both stay.
+    """Converts unknowns and a stretch from the end of the flight to the stretch's middle; unchanged without tanks.
 
     Args:
         thrust: of the stretch.

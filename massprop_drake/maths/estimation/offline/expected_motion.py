@@ -56,7 +56,7 @@ class ExpectedMotion(NamedTuple):
 
     @property
     def rate(self) -> Array:
-        """Rate since the beginning, shape (3, m)."""
+        """Change of the rate since the stretch began, shape (3, m)."""
         return self.gained.rate
 
 
@@ -125,7 +125,7 @@ def expected_motion(unknowns: Array, thrust: ThrustCourse, model: FlightModel) -
 def with_swings(
     motion: ExpectedMotion, derivatives: tuple[Array, Array], unknowns: Array, model: FlightModel
 ) -> Swings:
-    """Computes rate and velocity over a stretch with its modes free, and derivatives by k unknowns, (k, 3, m)."""
+    """Adds oscillation modes to rate and velocity of a stretch, and to derivatives with locked modes, (k, 3, m)."""
     record, places = motion.course.read, columns(model)
     rate = record.rate - unknowns[places.gyro_bias, None]
     locked = Locked(*motion.locked, rate, motion.sums.impulse[3:], record.lengths_s, *derivatives)
@@ -167,7 +167,7 @@ def acting_wrenches(unknowns: Array, thrust: ThrustCourse, model: FlightModel) -
 
 
 def mounted_wrenches(unknowns: Array, model: FlightModel) -> Array:
-    """Computes full-thrust wrenches of all jets with the mounting errors of a point, shape (n_jets, 6)."""
+    """Computes all jets' full-thrust wrenches about the vehicle origin, mounting errors included, (n_jets, 6)."""
     return displace_wrenches(model.wrenches, unknowns[columns(model).mount], model.mounting)
 
 
@@ -214,7 +214,7 @@ def turning_effects(motion: ExpectedMotion, unknowns: Array, model: FlightModel)
 
 
 def solve_own_coupling(motion: ExpectedMotion, unknowns: Array, model: FlightModel) -> ExpectedMotion:
-    """Solves for the expected motion whose coupling uses its own rates, their mean that of the readings.
+    """Recomputes expected motion with its own rates, not measured ones, in coupling; unchanged if these diverge.
 
     With properties so wrong that these rates run away from the readings it is that of the readings, as given.
     """

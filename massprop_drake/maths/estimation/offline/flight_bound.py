@@ -47,7 +47,7 @@ class _PartInformation(NamedTuple):
 def _part_information(
     stretch: Stretch, cuts: NDArray[np.int_], unknowns: Array, model: FlightModel
 ) -> _PartInformation:
-    """Computes the information of each part of a stretch between cuts, shape (p + 1,), for unit noise."""
+    """Computes the information on the unknowns from each part of a stretch between ``cuts``, rows, (p + 1,)."""
     (motion, unknowns), estimated = stretch_motion(stretch, unknowns, model), relevant_unknowns(model)
     effects, design = turning_effects(motion, unknowns, model), motion_derivatives(motion, unknowns, model, estimated)
     components = list(sensor_components(motion, effects, unknowns, model))
@@ -77,7 +77,7 @@ def _part_information(
 
 
 def _cut_rows(propellant: Array, rows_per_part: int) -> NDArray[np.int_]:
-    """Returns rows that cut a stretch into parts of similar propellant use and duration, shape (p + 1,)."""
+    """Returns rows, (p + 1,), that cut a stretch into parts alike in propellant use plus duration; one without use."""
     last = propellant.shape[0] - 1
     if propellant[-1] <= 0.0 or rows_per_part >= last:
         return np.array([0, last])
@@ -133,7 +133,7 @@ def _deviation(root: Array) -> Array:
 def _root_after_flight(
     root: Array, stretches: Sequence[Stretch], unknowns: Array, drift: Array, model: FlightModel, rows_per_part: int
 ) -> Array:
-    """Computes a root of the unknowns' covariance after a flight, stretches cut into parts of so many rows."""
+    """Computes a root of the unknowns' covariance after a flight, stretches cut about every ``rows_per_part`` rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
@@ -145,7 +145,7 @@ def _root_after_flight(
 
 
 def _add_information(root: Array, information: Array) -> Array:
-    """Updates a root of a covariance by an information matrix; NaN throughout where that is not finite."""
+    """Updates a covariance's matrix root by an information matrix; NaN throughout where the result is not finite."""
     inner = root.T @ information @ root
     if not np.isfinite(inner).all():
         return np.full_like(root, np.nan)

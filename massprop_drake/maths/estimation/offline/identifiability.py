@@ -34,7 +34,7 @@ class Flag(StrEnum):
 
 
 def predict_best_firing(covariance: Array, jacobians: Array, noise: Array) -> tuple[NDArray[np.int_], Array]:
-    """Predicts for each parameter the jet whose one-second firing leaves the least 1-sigma, and that over today's.
+    """Predicts per parameter the jet whose one-second firing leaves the least 1-sigma, and its ratio to today's.
 
     Args:
         covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).

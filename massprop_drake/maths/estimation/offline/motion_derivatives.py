@@ -58,7 +58,7 @@ class MotionDerivatives(NamedTuple):
 def motion_derivatives(
     motion: ExpectedMotion, unknowns: Array, model: FlightModel, selected: NDArray[np.bool_]
 ) -> MotionDerivatives:
-    """Computes derivatives of expected rate and velocity by selected unknowns, and by those of the stretch alone."""
+    """Computes derivatives of expected rate and velocity by selected unknowns, then by clock errors and mode states."""
     places, thrust, record, light = columns(model), motion.course, motion.course.read, motion.lightness
     there = selected[places.thrust][record.on]
     if there.any():
@@ -120,7 +120,7 @@ def _complete_derivatives(
     unknowns: Array,
     model: FlightModel,
 ) -> MotionDerivatives:
-    """Appends to a stretch's derivatives those by tanks, modes, ticks and the initial rate."""
+    """Puts draining tanks, modes and initial rate into a stretch's derivatives, with variances of its own unknowns."""
     record, places, by_center = motion.course.read, columns(model), None
     if record.through is not None:
         _convert_from_middle(derivatives, indices, motion, unknowns, model)
@@ -284,7 +284,7 @@ def _tick_derivatives(motion: ExpectedMotion, unknowns: Array, model: FlightMode
 def add_coupled_derivatives(
     derivatives: MotionDerivatives, effects: TurningEffects, unknowns: Array, model: FlightModel
 ) -> MotionDerivatives:
-    """Adds the coupling of changes of rate to the derivatives; appends those by the initial rate."""
+    """Adds the coupling of changes of rate to the derivatives; appends those by the mean rate."""
     place, m = derivatives.place[columns(model).gyro_bias], effects.rate.shape[1]
     straight = derivatives.by_rate.copy()
     straight[place[place >= 0]] = 0.0

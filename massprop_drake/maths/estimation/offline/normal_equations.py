@@ -104,7 +104,7 @@ def _gain_and_bias_slices(package: int, model: FlightModel) -> tuple[slice, slic
 def sensor_components(
     motion: ExpectedMotion, effects: TurningEffects, unknowns: Array, model: FlightModel, cache: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields residuals per sensor component with two informative rows; `cache` holds or takes these rows."""
+    """Yields residuals of each sensor component with at least two informative readings; ``cache`` keeps their rows."""
     record, cache = motion.course.read, {} if cache is None else cache
     for package in range(record.readings.shape[0]):
         (gains, biases), number = _gain_and_bias_slices(package, model), package - model.gyros
@@ -178,7 +178,7 @@ def component_batches(components: Iterator[ReadComponent], n_gyros: int) -> Iter
 def reading_derivatives(
     derivatives: MotionDerivatives, batch: ComponentBatch, effects: TurningEffects, unknowns: Array, model: FlightModel
 ) -> Array:
-    """Computes derivatives of expected readings by unknowns, (n, r), those by a stretch's own last."""
+    """Computes derivatives of expected readings, (n, r), by unknowns, then by the stretch's own (clock, modes)."""
     places, place = columns(model), derivatives.place
     x = np.empty((derivatives.by_rate.shape[0], batch.rows.size))
     turns, package = derivatives.by_rate, -1
@@ -242,7 +242,7 @@ def equations_about(
     selected: NDArray[np.bool_] | None = None,
     cache: HeldRows | None = None,
 ) -> NormalEquations:
-    """Computes a stretch's normal equations from its thrust course; `cache` holds or takes the rows."""
+    """Computes a stretch's normal equations from its jets' thrust; ``cache`` keeps the rows of informative readings."""
     thrust, unknowns = expand_about_middle(thrust, unknowns, model)
     motion, followed = expected_motion(unknowns, thrust, model), model.followed and bool(thrust.read.known.all())
     if followed:
@@ -367,9 +367,9 @@ def _stamp_error_variance(motion: ExpectedMotion, model: FlightModel) -> Array:
 
 
 def _sum_residuals(
-    total: NormalEquations, batch: ComponentBatch, differences: Array, is_fast: Array, model: FlightModel
+    total: NormalEquations, batch: ComponentBatch, differences: Array, stamp_variance: Array, model: FlightModel
 ) -> None:
-    """Adds squared residuals to the sums per package, and those of gyros by how fast the rate changes."""
+    """Adds squared residuals to sums per package; of gyros also by whether stamp errors outweigh a reading's noise."""
     squares, serial = differences * differences, np.zeros_like(differences)
     serial[:-1] = differences[:-1] * differences[1:]
     serial[batch.begins + batch.counts - 1] = 0.0
@@ -377,13 +377,13 @@ def _sum_residuals(
     packages = [part.package for part in batch.parts]
     np.add.at(total.by_package, packages, np.column_stack((misfits, batch.counts - 1.0, along)))
     if packages[0] < model.gyros:
-        quick = is_fast[batch.rows] > batch.repeat_by_row(model.variances[packages])
+        quick = stamp_variance[batch.rows] > batch.repeat_by_row(model.variances[packages])
         total.quick[:] += squares[quick].sum(), quick.sum()
         total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 
 
 def _eliminate_own_unknowns(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Eliminates a stretch's own unknowns; returns information, score, and estimates of its own."""
+    """Eliminates the last unknowns, a stretch's own; returns information and score of the rest, and their estimates."""
     n = variances.size
     own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
     solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))

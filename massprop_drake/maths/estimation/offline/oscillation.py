@@ -103,27 +103,27 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
 
 
 def misfit_of(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> tuple[float, float]:
-    """Computes the sum of squared residuals of a fit, in units of their variance, and their number."""
+    """Computes a fit's sum of squared residuals, in units of their variance, and their number less components."""
     components = [one for stretch in stretches for one in residuals(stretch, fit.at, model)[0]]
     return sum(float(one.left @ one.left) for one in components), sum(one.rows.size - 1.0 for one in components)
 
 
 def covering_walk(
-    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
+    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, correction: Array
 ) -> tuple[float, float]:
-    """Computes 1-sigmas of random walks of rate and velocity whose spectra cover those of the residuals.
+    """Computes 1-sigmas of random walks of rate and velocity that cover the residuals' spectra, unknowns corrected.
 
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        change: of the unknowns, by which residuals change to first order, shape (n,).
+        correction: of the unknowns, by which residuals change to first order, shape (n,).
 
     Returns:
         Of the rate, rad/s/sqrt(s), and of the velocity, ft/s/sqrt(s) or m/s/sqrt(s), 1-sigma after one second, the
         largest of all components; zero where readings scatter by their noise alone.
     """
     walks = np.zeros(2)
-    for one, lines in _component_spectra(stretches, fit, model, change):
+    for one, lines in _component_spectra(stretches, fit, model, correction):
         kind = int(one.package >= model.gyros)
         above = lines.power > _chance_limit(lines.power.size) * lines.noise
         excess = np.where(above, lines.power - lines.noise, 0.0)
@@ -206,13 +206,13 @@ def _means_of_neighbors(power: Array) -> Array:
 
 
 def _component_spectra(
-    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
+    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, correction: Array
 ) -> Iterator[tuple[Residuals, Lines]]:
-    """Yields residuals and their increments' spectrum for each sensor component with enough rows."""
+    """Yields residuals, and their increments' spectrum once unknowns are corrected, per component with enough rows."""
     for stretch in stretches:
         for one in residuals(stretch, fit.at, model)[0]:
             if one.rows.size >= _FEWEST:
-                yield one, increment_spectrum(one.left - change @ one.derivatives, stretch.time_s[one.rows])
+                yield one, increment_spectrum(one.left - correction @ one.derivatives, stretch.time_s[one.rows])
 
 
 @cache

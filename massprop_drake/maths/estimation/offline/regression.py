@@ -165,7 +165,7 @@ class Reckoned(NamedTuple):
 
 
 def estimated_unknowns(fit: FlightFit, model: FlightModel, tested: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
-    """Solves for the estimated unknowns, without tested ones, as needed by score tests of others.
+    """Solves for the estimated unknowns, tested ones left out, once for all score tests of other unknowns.
 
     Args:
         tested: places of those unknowns.

@@ -64,7 +64,7 @@ Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], 
 
 
 def add_modes(motion: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swing_modes) -> Swings:
-    """Computes rate and velocity of a stretch with its modes free, at rest at first, and derivatives.
+    """Adds modes, at rest at first, to rate and velocity computed with them locked; returns both, and derivatives.
 
     Args:
         properties: the ten parameters, shape (10,).

@@ -55,7 +55,7 @@ class RecordedStretch(NamedTuple):
 
 
 def prepare_stretch(stretch: Stretch, model: FlightModel) -> RecordedStretch:
-    """Computes what does not depend on the unknowns: rates, readings, firing jets, tick times, tanks."""
+    """Computes a stretch's data that depend on no unknown: gyro rates, firing jets, late stamps, propellant drawn."""
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = np.ascontiguousarray(stretch.readings[:, : model.gyros].transpose(1, 2, 0))
@@ -101,7 +101,7 @@ class MiddleDerivatives(NamedTuple):
 
 
 def row_positions(stretch: Stretch, model: FlightModel) -> Array:
-    """Returns the rows' times, s, or numbers where they lie on ticks, for interpolation, shape (m,)."""
+    """Returns rows' abscissas for interpolation, (m,): times, s, or row numbers where rows follow the command clock."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
 

@@ -126,7 +126,7 @@ def gain_ratios(stretches: Sequence[Stretch], unknowns: Array, model: FlightMode
 
 
 def _readings_and_expected(stretch: Stretch, unknowns: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
-    """Yields each package's readings, and those predicted from the jets alone, shape (m, 3) each."""
+    """Yields each package's readings, and those predicted from impulses without coupling, shape (m, 3) each."""
     motion, unknowns = stretch_motion(stretch, unknowns, model)
     impulse = motion.sums.impulse
     turned = unknowns[:6][ELEMENT] @ moments_about(impulse, unknowns[CENTER])

@@ -84,7 +84,7 @@ def join_delays(parts: list[Tried], params: PoseParams) -> Tried:
 def advance_over_delays(
     hypotheses: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> tuple[Tried, PoseCycled]:
-    """Advances the hypotheses of every delay by a sample; also returns what the likeliest delay's step gave.
+    """Advances the hypotheses of every delay by a sample; returns them, and the filter step of the likeliest delay.
 
     Args:
         hypotheses: after the last sample.

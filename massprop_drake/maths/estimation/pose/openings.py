@@ -75,7 +75,7 @@ class _StepIntegrals(NamedTuple):
 
 
 def _step_response_integrals(since_s: Array, lag_s: Array) -> _StepIntegrals:
-    """Computes the first-order response to a step and its integrals (see `_StepIntegrals`), zero before the step."""
+    """Computes a first-order lag's step response, its single and double integrals, and derivatives by ln tau."""
     time_s = np.maximum(since_s, 0.0)
     left = np.exp(-time_s / lag_s)
     level = 1.0 - left
@@ -89,7 +89,7 @@ def _step_response_integrals(since_s: Array, lag_s: Array) -> _StepIntegrals:
 def average_openings(
     commands: Commands, span_s: tuple[float, float], timing: OpeningTimes, delay_std_s: Array
 ) -> Openings:
-    """Computes integrals of jet openings over an interval, averaged over an uncertain delay and linear in it.
+    """Computes single and double time integrals of jets' relative thrust, averaged over an uncertain command delay.
 
     Args:
         span_s: begin and end of the interval.
@@ -122,7 +122,7 @@ def _commands_since(commands: Commands, time_s: float) -> Commands:
 
 
 def openings_between(commands: Commands, begin_s: float, end_s: float, timing: OpeningTimes) -> Openings:
-    """Computes integrals of jet openings over an interval, and their derivatives by the valves' timing.
+    """Computes single and double time integrals of jets' relative thrust, and derivatives by the valves' timing.
 
     Where a command is not known, the jet is taken to have been half open, with the variance of anything between
     closed and open.
@@ -144,7 +144,7 @@ def openings_between(commands: Commands, begin_s: float, end_s: float, timing: O
     duration = end_s - begin_s
 
     def edge_integrals(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Computes J and JJ of a unit step at an edge, then derivatives of both by the edge and by ln tau."""
+        """Integrates the lagged response to a unit step at an edge once and twice; then derivatives by edge, ln tau."""
         at_end, at_begin = _step_response_integrals(end_s - edge, lag), _step_response_integrals(begin_s - edge, lag)
         once = at_end.once - at_begin.once
         twice = at_end.twice - at_begin.twice - duration * at_begin.once

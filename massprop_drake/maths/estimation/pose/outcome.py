@@ -50,7 +50,7 @@ def estimated_properties(
 
 
 def mass_regression(healthy_jets: np.ndarray, params: PoseParams) -> tuple[Array, float]:
-    """Computes the gain of mu = m_0/m on the state, shape (size,), and the variance of mu it leaves.
+    """Computes the regression of m_0/m on the state by the prior: weights, shape (size,), and residual variance.
 
     Args:
         healthy_jets: which jets' factors say something of the mass, shape (n_jets,).

@@ -102,7 +102,7 @@ def step(
     params: PoseParams,
     alternative: Doubt | None = None,
 ) -> PoseCycled:
-    """Advances a bank of filters by a sample: predicts, updates, and merges alternative filters of the last one.
+    """Advances a bank by a sample, and merges filters that took the last outlier for a kick (``alternative``).
 
     Args:
         bank: after the last sample.
@@ -161,7 +161,7 @@ def merge_banks(first: PoseBank, second: PoseBank, share: Array, params: PosePar
 def _step_without_doubt(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
-    """Advances a bank by a sample as does ``step`` where no alternative filters are left of the last one."""
+    """Predicts a bank to a sample and updates it, kicks and outliers possible; ``step`` without alternative filters."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         predicted = predict_bank(bank, commands, *span_s, params)
         compared = compare_readings(predicted.bank, readings, params)
@@ -202,7 +202,7 @@ def _step_without_doubt(
 
 
 def _find_diverged(bank: PoseBank, compared: Compared, projected: Array, time_s: float) -> np.ndarray:
-    """Flags filters whose innovation covariance is not positive definite or not finite, shape (n_filters,).
+    """Flags filters whose numbers are not finite or innovation covariance not definite; raises if the first is one.
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
 
@@ -245,7 +245,7 @@ class Happened(NamedTuple):
 def kick_and_outlier_chances(
     compared: Compared, span_s: tuple[float, float], params: PoseParams
 ) -> tuple[float, float]:
-    """Computes the probabilities of a kick in an interval and of outlying pose readings at its end."""
+    """Computes probabilities of a kick (sudden change of velocity and rate) and of outlying pose readings, if any."""
     kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     return float(kick), params.pose.outliers if compared.poses.any() else 0.0
 
@@ -253,7 +253,7 @@ def kick_and_outlier_chances(
 def list_possibilities(
     predicted: Predicted, good_and_poor: tuple[Compared, Compared], probabilities: tuple[float, float]
 ) -> list[Happened]:
-    """Lists what may have happened in an interval (as modeled; a kick; poor readings), with cross covariances.
+    """Lists an interval's possibilities (as modeled; a kick; outliers), each with covariances of state and readings.
 
     Args:
         predicted: the bank before the readings.
@@ -300,7 +300,7 @@ def mix_possibilities(
 
 
 def possibility_updates(cases: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility, K fixed in filters where an update would be unphysical."""
+    """Computes each possibility's Kalman update; inverse inertia stays in filters where it would turn unphysical."""
     factors = np.ones((mean.shape[0], params.free.size))
     updates = _joseph_updates(cases, factors)
     corrections = np.stack([update.correction for update in updates])
@@ -357,8 +357,8 @@ def _whitened_innovations(projected: Array, compared: Compared) -> Array:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), compared.innovation.T).T, dtype=np.float64)
 
 
-def _joseph_updates(cases: list[Happened], factors: Array) -> list[PoseUpdate]:
-    """Computes the Kalman update by each possibility, gains times ``factors``, shape (n_filters, n), in Joseph form.
+def _joseph_updates(cases: list[Happened], gain_factors: Array) -> list[PoseUpdate]:
+    """Computes each possibility's Kalman update in Joseph form, gains times ``gain_factors``, (n_filters, n).
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.
@@ -369,7 +369,7 @@ def _joseph_updates(cases: list[Happened], factors: Array) -> list[PoseUpdate]:
     innovation = np.tile(cases[0].beside.innovation, (count, 1))
     nis, likelihood = _gaussian_log_density(expected, innovation)
     gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
-    gain = gain * np.tile(factors, (count, 1))[..., None]
+    gain = gain * np.tile(gain_factors, (count, 1))[..., None]
     learned = crossed - 0.5 * gain @ expected
     correction = (gain @ innovation[..., None])[..., 0]
     parts = (np.split(part, count) for part in (correction, likelihood, nis, gain, learned))

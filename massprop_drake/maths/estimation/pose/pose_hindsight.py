@@ -136,7 +136,7 @@ def state_from_unknowns(unknowns: Array, params: PoseParams) -> Array:
 
 
 def state_derivatives(unknowns: Array, params: PoseParams) -> Array:
-    """Computes derivatives of a filter's state by the unknowns, shape (size, size); zero for other elements."""
+    """Computes derivatives of a filter's state by the unknowns, (size, size); zero for elements that are none."""
     parts, result = params.parts, np.diag(select_unknowns(params.parts).astype(float))
     reciprocal, mass = float(unknowns[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass

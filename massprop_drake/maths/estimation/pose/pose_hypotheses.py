@@ -110,7 +110,7 @@ class PoseOutcome(NamedTuple):
 def begin_hypotheses(
     bank: PoseBank, time_s: float, params: PoseParams, known_failures: Array | None = None, chance: float = BEFORE
 ) -> Tried:
-    """Branches a filter into hypotheses: no further failure, each jet weak, each jet open, and a push.
+    """Branches a filter into hypotheses: no new failure, each jet weak, each jet stuck open, an unexplained push.
 
     Args:
         bank: of one filter.
@@ -258,7 +258,7 @@ def advance_hypotheses(
 def name_failure(
     hypotheses: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, is_waiting: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
-    """Decides after a sample on a failure; returns the hypotheses that go on, and the failure or None.
+    """Decides whether to declare a failure; returns the hypotheses, restarted if only one is left, and it or None.
 
     Args:
         hypotheses: after the sample.

@@ -94,17 +94,17 @@ class _IntervalThrust(NamedTuple):
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
     def sum_over_jets(self, integrals: Array, effects: Array) -> Array:
-        """Sums over the jets: g (1 + e) times an impulse integral times an effect, shape (n_filters, 3)."""
+        """Sums over jets: thrust factor times impulse integral times effect (acceleration, moment), (n_filters, 3)."""
         return np.einsum("hn,hni->hi", self.factor * integrals, effects)
 
 
 def _columns(integrals: Array, effects: Array) -> Array:
-    """Multiplies each jet's effect by its impulse integral; a column per jet, shape (n_filters, 3, n_jets)."""
+    """Multiplies each jet's effect (acceleration, moment) by its impulse integral, shape (n_filters, 3, n_jets)."""
     return np.swapaxes(integrals[..., None] * effects, 1, 2)
 
 
 def _interval_openings(bank: PoseBank, commands: Commands, span_s: tuple[float, float], params: PoseParams) -> Openings:
-    """Computes integrals of jet openings over an interval, by each filter's estimate of valve timing."""
+    """Computes time integrals of jets' relative thrust over an interval, by each filter's valve-timing estimate."""
     parts, kinds, mean = params.parts, params.kinds, bank.mean
     timing = OpeningTimes(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
@@ -160,7 +160,7 @@ def predict_bank(bank: PoseBank, commands: Commands, begin_s: float, end_s: floa
 
 
 def _renew_pulses(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
-    """Resets estimates of pulses' scatter where pulses begin; returns the bank, and the shares that remain.
+    """Resets estimates of pulses' scatter where pulses begin; returns the bank, and factors (0: reset, else 1) or None.
 
     They are drawn anew, independent; the share is zero for those, else one, shape (n_filters, n); None: all is kept.
     """
@@ -275,7 +275,7 @@ def _predict_rotation(
 def _add_outside_forces(
     state: Array, jacobian: Array, thrust: _IntervalThrust, bank_and_wrench: tuple[PoseBank, Array], params: PoseParams
 ) -> Array:
-    """Adds effects of known outside forces to state and derivatives; returns the rotation, rad, (n_filters, 3)."""
+    """Adds effects of known outside forces to state and derivatives; returns the rotation they add, (n_filters, 3)."""
     parts, duration, (bank, outside) = params.parts, thrust.duration, bank_and_wrench
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
@@ -332,7 +332,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 
 
 def _effects(thrust: _IntervalThrust, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
-    """Yields the jets' accelerations, (n_filters, n_jets, 3), with the elements that integrate them once or twice."""
+    """Yields jets' accelerations, (n_filters, n_jets, 3), the elements that integrate them, and whether twice."""
     parts = params.parts
     yield from ((thrust.forces, parts.velocity, False), (thrust.forces, parts.position, True))
     yield from ((thrust.turns, parts.rate, False), (thrust.turns, parts.attitude, True))
@@ -416,7 +416,7 @@ def _add_felt_push(state: Array, jacobian: Array, thrust: _IntervalThrust, bank:
 
 
 def _second_order_moments(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of the rate's term of second order: error of K times that of impulse."""
+    """Computes mean and covariance of rate errors by products of errors of inverse inertia and angular impulse."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
     rows[:, :, parts.thrust] = _columns(thrust.strength * thrust.once, thrust.moments)
@@ -444,7 +444,7 @@ def _second_order_moments(thrust: _IntervalThrust, bank: PoseBank, params: PoseP
 
 
 def _timing_products(thrust: _IntervalThrust, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
-    """Computes mean and covariance of impulse errors of second order in g and valve timing, jet by jet.
+    """Computes mean and covariance of jets' impulse errors by products of errors of thrust and valve timing.
 
     These are products of errors of g and of J, and of J what is not linear itself.
     """
@@ -516,7 +516,7 @@ def _noise(thrust: _IntervalThrust, rate_covariance: Array, impulse_covariance: 
 
 
 def _kick_effects(thrust: _IntervalThrust, params: PoseParams) -> Array:
-    """Computes the effect of a 1-sigma kick at any time in an interval on the free elements, (n_filters, n, 12)."""
+    """Computes effects on free elements of 1-sigma kicks (sudden changes of velocity or rate), (n_filters, n, 12)."""
     parts, duration = params.parts, thrust.duration
     effect = np.zeros((thrust.once.shape[0], parts.size, 12))
     for once_row, twice_row, size, column in (

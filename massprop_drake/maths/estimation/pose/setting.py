@@ -235,7 +235,7 @@ def _select_fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
 
 
 def movable_indices(setup: Setup, parts: Parts) -> np.ndarray:
-    """Returns sorted indices of the motion's elements and of those that may differ from the vehicle's file."""
+    """Returns sorted indices of state elements that follow the motion or may differ from the vehicle's file."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     fixed, valves = _select_fixed(parts, setup.tracking, setup), setup.tracking.valves
     fixed[parts.open] = True
