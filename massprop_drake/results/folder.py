@@ -303,7 +303,7 @@ class _Rule(NamedTuple):
         return None
 
     def files_to_set_aside(self, shown_folder: Path, folder: Path, names: Iterable[str]) -> list[str]:
-        """Lists names of existing files that may not be overwritten, and must be renamed first.
+        """Lists names of existing files that must be renamed, not overwritten; InputError where that needs `force`.
 
         Raises:
             InputError: when one must not be renamed, or `force` is not set.

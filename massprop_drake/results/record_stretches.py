@@ -220,7 +220,7 @@ def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, model:
 def trusted_stretches(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], model: FlightModel
 ) -> tuple[list[Stretch], bool]:
-    """Returns stretches of the record up to a time, or a faulty wheel or engine, false readings as NaN.
+    """Returns stretches up to a time or a wheel or engine fault, false readings NaN; and if switching times are known.
 
     Args:
         scenario: as run.
@@ -281,7 +281,7 @@ def _split_at_lost_rates(stretch: Stretch, model: FlightModel) -> Iterator[Stret
 
 
 def _split_by_coupling(stretch: Stretch, model: FlightModel) -> Iterator[Stretch]:
-    """Yields pieces of a stretch so short that dynamic coupling does not accumulate rate noise."""
+    """Yields pieces so short that dynamic coupling does not accumulate rate noise; none if they would be too short."""
     n = stretch.time_s.size
     if n <= 2:
         return

@@ -369,7 +369,7 @@ class _SimulatedVehicle:
             self._has_begun, self._offsets = True, {}
 
     def _offset(self, name: str, simulated: Array, recorded: Array) -> Array:
-        """Returns recorded minus simulated velocity when first read, (3,), NaN until then; zero for gyros."""
+        """Returns recorded minus simulated velocity, (3,): NaN until read, zero for gyros or before the first rate."""
         if name in self._rates or not self._has_begun:
             return _NOTHING
         if name not in self._offsets and np.isfinite(recorded).all():

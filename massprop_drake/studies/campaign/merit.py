@@ -459,7 +459,7 @@ def sobol(rows: Sequence[Row], n_draws: int) -> tuple[tuple[str, ...], statistic
 
 
 def worst_cases(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """Returns the failing cases by number of reasons, then by largest error in sigma, the worst first."""
+    """Returns up to `count` failing cases by number of reasons, then by largest error in sigma, the worst first."""
 
     def badness(row: Row) -> tuple[int, float]:
         """Returns the number of reasons and the largest error in sigma, to sort by."""
