@@ -224,7 +224,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return run_seed(context, self._varied, self._seed)
 
         def _level_target(self, command: Any, closed: Any, start_s: Any, context: Any) -> Any:
-            """Computes the thrust levels that jets tend to over a sample, failures included, by command and closed ports."""
+            """Computes thrust levels that jets tend to over a sample, with failures; takes command and closed ports."""
             inputs, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
                 return inputs if shut is None else inputs * (1.0 - shut)
