@@ -128,9 +128,9 @@ class Against(NamedTuple):
         return f"readings{before} are {'not ' if differ else ''}as simulated: {size}{unexplained}{then}"
 
 
-def declared_in_words(detections: Iterable[DetectionRecord], until_s: float, units: Mapping[str, str]) -> str:
+def declared_in_words(detections: Iterable[DetectionRecord], onset_s: float, units: Mapping[str, str]) -> str:
     """Describes the standing detections that begin at a time, s, such as "jet T7: stuck on"; "" if none does."""
-    return "; ".join(in_words(one, units) for one in detections if one.withdrawn_s is None and one.onset_s == until_s)
+    return "; ".join(in_words(one, units) for one in detections if one.withdrawn_s is None and one.onset_s == onset_s)
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
@@ -411,7 +411,7 @@ def _name_errors_of_parts(scenario: Scenario, model: FlightModel) -> dict[str, l
     moving += [(f"place of {{}}, {axis}", length) for axis in AXES]
 
     def label(parts: Iterable[str], errors: Sequence[tuple[str, str]], sigmas: Array) -> list[UnknownLabel]:
-        """Labels the same errors of some parts, by what one unit of each unknown is, shape (n_parts, n_errors)."""
+        """Labels the same errors of each part; `sigmas` scale the unknowns to their units, (n_parts, n_errors)."""
         entries = [(what.format(part), unit) for part in parts for what, unit in errors]
         return [
             UnknownLabel(what, unit, 100.0 * sigma if unit == "%" else sigma)

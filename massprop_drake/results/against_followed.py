@@ -56,7 +56,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
 
 def _attitude_differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
-    """Yields times, s, and rotation vectors, simulated to read attitude, body axes, rad, shape (n, 3)."""
+    """Yields times, s, and rotation vectors from simulated to measured attitude, body axes, rad, shape (n, 3)."""
     for block in signals.blocks("time_s", name, AGAINST + name):
         yield block["time_s"], rotation_differences(block[name][:, 3:], block[AGAINST + name][:, 3:])
 

@@ -81,7 +81,7 @@ def analyze_run(
 def _diagnose_disturbance(
     scenario: Scenario, events: Sequence[EventRecord], diagnoses: Sequence[Diagnosis]
 ) -> list[Diagnosis]:
-    """Returns a diagnosis of the largest declared disturbance, or [] if another diagnosis explains it."""
+    """Returns a diagnosis of the largest declared disturbance; [] without any, or if another diagnosis explains it."""
     disturbances = [event for event in events if event.kind == "disturbance" and event.torque_std is not None]
     if not disturbances or any(one.kind in (*_OF_DISTURBANCES, *_OF_SIGNS) for one in diagnoses):
         return []

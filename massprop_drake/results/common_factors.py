@@ -91,7 +91,7 @@ def _scale_readings(stretch: Stretch, scales: Array) -> Stretch:
 
 
 def _candidate_factors(ratios: Array, mask: NDArray[np.bool_], known_factors: Sequence[Factor]) -> list[Factor]:
-    """Returns known factors near the median implausible ratio of the masked sensors, and that median; [] if none."""
+    """Returns the masked sensors' median implausible ratio, after known factors near it; [] if all are plausible."""
     off = ratios[mask & ~_is_plausible(ratios)]
     if not off.size:
         return []

@@ -276,19 +276,19 @@ def innovations(filter_name: str, signals: Mapping[str, Array]) -> Innovations:
 
 
 def fork_signals(filter_name: str) -> tuple[str, str, str]:
-    """Returns the names of a filter's signals of a change of the likeliest history: time, NIS and its expectation."""
+    """Returns a filter's signal names at forks (change of the likeliest hypothesis): time, NIS, its expectation."""
     return "history_since", f"history_{filter_name}_nis", f"history_{filter_name}_components"
 
 
 def find_forks(filter_name: str, signals: Mapping[str, Array]) -> Forks:
-    """Returns the samples at which another history became the likeliest, with its NIS; arguments as `used_nis`."""
+    """Returns the samples at which another hypothesis became the likeliest, with its NIS; arguments as `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
     since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(filter_name))
     return Forks(rows, since_s, nis, components)
 
 
 def likeliest_innovations(reported: Innovations, time_s: Array, forks: Forks) -> Innovations:
-    """Replaces NIS between a fork of histories and its report by the mean NIS of the newly likeliest history.
+    """Replaces NIS since a fork (where the newly likeliest hypothesis left the former) by the new hypothesis's mean.
 
     Where two forks overlap the later one counts, and of the earlier one its mean elsewhere.
 

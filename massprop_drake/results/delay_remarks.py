@@ -10,7 +10,7 @@ _SAMPLES = 0.5  # by which a delay is off that is worth a word
 
 
 def remarks(scenario: Scenario, signals: Spool) -> list[str]:
-    """Returns a sentence if the estimated command delay, s, is off the vehicle's by over 3 sigma, else []."""
+    """Returns a sentence if the command delay is off the vehicle's by over 3 sigma and half a sample, else []."""
     if "command_delay" not in signals:
         return []
     vehicle = scenario.vehicle_data

@@ -199,7 +199,7 @@ def finalize_detections(
 def bound_jump_times(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], reading_steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
-    """Sets the earliest and latest possible onset, s, of each jump in detection records; returns all.
+    """Bounds each jump's onset, s: from the last firing or reading step above its limit to the next alarm; returns all.
 
     It happened before the first alarm after the comparison of hypotheses begins, and no earlier than the end of the
     last interval before in which a jet fired or a reading moved.
@@ -224,7 +224,7 @@ def bound_jump_times(
 
 
 def _find_activity(blocks: Iterable[Mapping[str, Array]], reading_steps: Mapping[str, float]) -> tuple[Array, Array]:
-    """Returns the ends of intervals with a firing jet or a moving reading (first: run's start), and alarms, s."""
+    """Returns the run's start and ends of intervals with firings or reading steps above limits, s; alarm times, s."""
     ended, alarms = [], []
     before: dict[str, Array] = {}
     for block in blocks:

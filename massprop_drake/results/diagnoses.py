@@ -129,7 +129,7 @@ def _find_explanations(
 
 
 def _find_signs(stretches: Sequence[Stretch], model: FlightModel, names: Names) -> Iterator[_Explanation]:
-    """Yields each axis of a sensor that, turned, makes the readings likelier, whatever acts besides the jets.
+    """Yields each sensor axis whose readings are likelier with reversed sign, even if disturbances act too.
 
     Both signs are fitted from the prior, since a fit to wrong signs leads anywhere, and with the walks that cover what
     the turned axis leaves.
@@ -255,7 +255,7 @@ def _widen_prior(fitted: Array, model: FlightModel) -> FlightModel:
 def try_switching(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel
 ) -> tuple[FlightFit, FlightModel, list[Diagnosis]]:
-    """Refits with commands that switch at time stamps instead of ticks, or the reverse, if stamps are off ticks.
+    """Refits with jets switching at time stamps instead of regular times, or the reverse, if the stamps are irregular.
 
     Returns:
         The fit, its model, and the diagnoses, at most one.
@@ -309,7 +309,7 @@ def _test_group(
     largest_sigma: float = np.inf,
     estimated: Reckoned | None = None,
 ) -> _TestedGroup:
-    """Tests by a score statistic, against chi-square, whether the unknowns at some indices are off their values."""
+    """Computes score statistic and chi-square limit to test whether unknowns at some indices have stated values."""
     stated = float(model.sigma[indices].max())
     score = regression.score_test(fit, indices, model, stated, largest_sigma, estimated)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf

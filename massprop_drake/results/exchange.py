@@ -38,7 +38,7 @@ class Stage:
         self.partial = path / _PARTIAL
 
     def finish(self, name: str) -> Path:
-        """Moves a folder from `partial` to `whole`, from which recovery can finish it; returns its new path."""
+        """Moves a named folder from `partial` to `whole`, from which recovery can finish it; returns its new path."""
         whole = self._path / _WHOLE / name
         (self.partial / name).rename(whole)
         return whole

@@ -106,7 +106,7 @@ def reserve_place(target: Path, *, force: bool = False, reads: Iterable[str | Pa
 
 @contextlib.contextmanager
 def whole_folder(place: Place, keep_old: Callable[[], bool] = lambda: False) -> Iterator[Path]:
-    """Yields a temporary folder that, with a manifest, replaces the place at the end of an error-free block.
+    """Yields a temporary folder that, with a manifest, replaces the target folder after an error-free block.
 
     A place that has changed meanwhile is left alone, and the new folder is kept under the next free name.
 
@@ -303,7 +303,7 @@ class _Rule(NamedTuple):
         return None
 
     def files_to_set_aside(self, shown_folder: Path, folder: Path, names: Iterable[str]) -> list[str]:
-        """Lists names of existing files that may not be overwritten, and must be renamed first.
+        """Lists names of existing files that must be renamed, not overwritten; InputError where that needs `force`.
 
         Raises:
             InputError: when one must not be renamed, or `force` is not set.

@@ -150,9 +150,9 @@ def increments_noise(scenario: Scenario) -> Array:
 
 
 def _explain_flag(
-    flag: Flag, sigma_share: float, sigma_ratios: tuple[float, float], jet: str | None, share_left: float | None
+    flag: Flag, sigma_over_start: float, sigma_ratios: tuple[float, float], jet: str | None, sigma_left: float | None
 ) -> str:
-    """Explains a flag in words; `sigma_ratios`: 1-sigma, and the least possible one, over the requested limit."""
+    """Explains a flag in words by 1-sigma over its start, by it and its bound over the limit, and after a firing."""
     excess, least = sigma_ratios
     if flag == Flag.IDENTIFIED:
         return ""
@@ -163,13 +163,13 @@ def _explain_flag(
     allowed = f" (the flight allows {least:.2g})" if least < 1.0 < excess else ""
     if flag == Flag.WEAK:
         state = f"1-sigma is {excess:.3g}{allowed} times what is asked"
-    elif sigma_share > _GROWN:  # by what propellant or a payload has changed
-        state = f"1-sigma has grown to {sigma_share:.3g} times the start's"
+    elif sigma_over_start > _GROWN:  # by what propellant or a payload has changed
+        state = f"1-sigma has grown to {sigma_over_start:.3g} times the start's"
     else:
-        state = f"1-sigma is still {100.0 * sigma_share:.3g} % of the start's"
-    if jet is None or share_left is None:
+        state = f"1-sigma is still {100.0 * sigma_over_start:.3g} % of the start's"
+    if jet is None or sigma_left is None:
         return f"{state}; no jet would tell much of it"
-    return f"{state}; a second of {jet} would leave {100.0 * share_left:.2g} % of it"
+    return f"{state}; a second of {jet} would leave {100.0 * sigma_left:.2g} % of it"
 
 
 def in_words(entries: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:

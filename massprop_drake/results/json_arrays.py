@@ -23,7 +23,7 @@ def null_for_nan(values: Array) -> Any:
 
 
 def onsets_as_json(onset_s: Array) -> dict[str, Any]:
-    """Returns the entry {"command_onset": onsets, s, null for a level} of a saved state; {} where all are levels."""
+    """Returns {"command_onset": opening times of jets, s; null: constant level} for saved states; {} without pulses."""
     return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
 
 

@@ -115,7 +115,7 @@ def foreign_entries(folder: Path, manifest: Manifest | None) -> Iterator[str]:
 
 
 def discard(folder: Path) -> bool:
-    """Deletes the files that a folder's manifest lists; returns whether the folder was empty then, and is gone."""
+    """Deletes a folder's unchanged listed files, its manifest, and itself if empty; returns whether it is gone."""
     manifest = read(folder)
     if manifest is not None:
         for name, path in list(_walk(folder)):

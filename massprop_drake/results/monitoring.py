@@ -215,7 +215,7 @@ class Recent(NamedTuple):
         return Recent(_add_counts(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replace_history(self, since_s: float, nis: float, components: float) -> Recent:
-        """Replaces NIS since a fork, s, by the likeliest history's mean; arguments see `Forks`.
+        """Replaces NIS since a fork, s, by the newly likeliest hypothesis's mean; arguments see `Forks`.
 
         Of a fork older than the rows only their share counts.
         """

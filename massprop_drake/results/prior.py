@@ -45,13 +45,13 @@ class _Departure(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """True if the largest ratio of the parameters may be chance, at a probability of 1e-6."""
+        """True if the largest departure of any parameter, in sigmas, may be chance, at a probability of 1e-6."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
         return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
 
     @property
     def is_allowed(self) -> bool:
-        """True if the chi-square of all parameters, and the largest ratio, may be chance."""
+        """True if the chi-square of all parameters, and the largest departure in sigmas, may be chance."""
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 

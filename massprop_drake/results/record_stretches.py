@@ -220,7 +220,7 @@ def regression_pieces(scenario: Scenario, signals: Spool, until_s: float, model:
 def trusted_stretches(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], model: FlightModel
 ) -> tuple[list[Stretch], bool]:
-    """Returns stretches of the record up to a time, or a faulty wheel or engine, false readings as NaN.
+    """Returns stretches up to a time or a wheel or engine fault, false readings NaN; and if switching times are known.
 
     Args:
         scenario: as run.
@@ -252,7 +252,7 @@ def take_rows(stretch: Stretch, rows: slice) -> Stretch:
 
 
 def prepend_rows(shorter: Stretch, stretch: Stretch, rows: slice) -> Stretch:
-    """Sets the commands before a cut stretch to those before the original, with some of its rows appended."""
+    """Returns the cut stretch with earlier commands (thrust lags): those before the original, then some of its rows."""
     shorter = shorter._replace(before=_append_rows(stretch.before, stretch.commands[rows]))
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
         return shorter
@@ -281,7 +281,7 @@ def _split_at_lost_rates(stretch: Stretch, model: FlightModel) -> Iterator[Stret
 
 
 def _split_by_coupling(stretch: Stretch, model: FlightModel) -> Iterator[Stretch]:
-    """Yields pieces of a stretch so short that dynamic coupling does not accumulate rate noise."""
+    """Yields pieces so short that dynamic coupling does not accumulate rate noise; none if they would be too short."""
     n = stretch.time_s.size
     if n <= 2:
         return
@@ -295,5 +295,5 @@ def _split_by_coupling(stretch: Stretch, model: FlightModel) -> Iterator[Stretch
 
 
 def is_off_ticks(pieces: Sequence[Stretch], model: FlightModel) -> bool:
-    """Tests whether time stamps of any stretch are off the regular ticks of the sample period."""
+    """Tests whether time stamps of any stretch deviate from regular multiples of the sample period."""
     return any(thrust_course.is_off_ticks(piece, model) for piece in pieces)

@@ -127,7 +127,7 @@ class EstimatorState(Model):
 
     @property
     def onset_s(self) -> Array | None:
-        """Onsets of the command, NaN where it is a level, shape (n_jets,); None: jets switch with samples."""
+        """Opening times of jets in a sample, s, NaN: constant level, (n_jets,); None: jets switch with samples."""
         return None if self.command_onset is None else np.array(self.command_onset, dtype=float)
 
     @model_validator(mode="after")

@@ -292,7 +292,7 @@ def _nis_signals(filter_name: str, signals: Spool) -> list[str]:
 
 
 def exclude_explained(tally: Tally, signals: Spool, filter_name: str, detections: Sequence[DetectionRecord]) -> Tally:
-    """Excludes samples that later declarations explain from a filter's NIS tally, and returns it.
+    """Returns a filter's NIS tally less samples that declarations explain, or that of the finally likeliest hypothesis.
 
     Where hypotheses are followed it is the tally of the likeliest history in hindsight. Other detectors explain the
     samples between an onset and its declaration, of a payload or of a jet named alone, if it is not withdrawn.
@@ -321,7 +321,7 @@ def exclude_explained(tally: Tally, signals: Spool, filter_name: str, detections
 
 
 def _tally_likeliest_history(tally: Tally, signals: Spool, filter_name: str) -> Tally:
-    """Tallies the NIS of the likeliest history in hindsight; returns the given tally if there was no fork."""
+    """Tallies NIS of the hypothesis likeliest in hindsight, sample by sample; the given tally if it never changed."""
     names = ("time_s", *_nis_signals(filter_name, signals), *fork_signals(filter_name))
     columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
     forks = find_forks(filter_name, columns)

@@ -228,7 +228,7 @@ class Summary:
 
     @cached_property
     def nearest_possible(self) -> Array | None:
-        """Nearest ten parameters that a rigid body can have, shape (10,); None if the estimates are, or none is."""
+        """Nearest ten parameters that a rigid body can have, (10,); None if estimates are possible or none is found."""
         known = np.isfinite(self.estimates[:N_ROTATION]).all() and np.isfinite(self.covariance[:6, :6]).all()
         if self.derived.physically_possible or not known:
             return None
@@ -247,7 +247,7 @@ class Summary:
 
     @property
     def impossible(self) -> str:
-        """Remark that no rigid body can have the estimated inertia; "" where one can."""
+        """Remark that no rigid body can have the estimated inertia; "" where one can, or inertia is unknown."""
         if self.derived.physically_possible or self.derived.inertia is None:
             return ""
         near = "; the nearest that one can have is in summary.json" if self.nearest_possible is not None else ""

@@ -21,7 +21,7 @@ def outstanding_rows(
     peaks: tuple[str, ...] = (),
     buckets: int = 1000,
 ) -> NDArray[np.int_]:
-    """Selects the rows of a long run to plot: extremes and events of each stretch; returns ascending indices.
+    """Selects rows to plot, ascending: in each bucket the extremes of `keys`, maxima of `peaks`, and nonzero `events`.
 
     The run is cut into stretches of equal length. Of each are kept the rows at which a component of a key
     signal has its minimum or maximum, and up to four rows with an event; also the run's first and last row.

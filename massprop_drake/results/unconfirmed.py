@@ -262,7 +262,7 @@ class Suspicions:
     # --------------------------------------------------------------------------------- the outcome
 
     def _drop_declared(self, events: Sequence[EventRecord]) -> None:
-        """Removes suspicions of jets that the events have declared as failed."""
+        """Updates declared jets by events; removes suspicions of jets declared or withdrawn, not of large groups."""
         for event in events:
             if event.kind not in ("failed", "group", "withdrawn"):
                 continue

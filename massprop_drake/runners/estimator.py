@@ -357,7 +357,7 @@ class Estimator:
         return next_commands[0], next_onsets_s[0], self._told_s
 
     def _check_onsets(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
-        """Returns onsets of commands, the caller's after a check or else the vehicle's, s, NaN: level, (n_jets,)."""
+        """Returns opening times of jets, s, the caller's, checked, or the vehicle's; NaN: constant level, (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
             return command_onsets(commands, None, self._vehicle.opens_at, period_s)

@@ -149,7 +149,7 @@ class Loop:
                     raise error.at(self._sample * self._period_s) from None
 
     def _advance_block(self, until_s: float) -> None:
-        """Simulates samples up to a time, s, or to the end of the block of log rows, with the estimation apart."""
+        """Simulates samples up to a time, s, or to the end of the block of log rows, by the shared kernel if any."""
         if self._row == self._size:
             self._begin_block()
         if self._shared_kernel is not None:

@@ -74,7 +74,7 @@ def compare_in_fixed_frame(record: Run, other_run: Run, folder: str, spool: Spoo
 
 
 def _comparison_end_s(record: Run, time_s: Array) -> float:
-    """Returns when the comparison ends, s: at the first onset of a failure or the most rows; infinity: no limit."""
+    """Returns when the comparison ends, s: at the first declared onset or after the most rows; infinity: no limit."""
     begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
     late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
     return float(min([*late, *time_s[_MOST_ROWS : _MOST_ROWS + 1]], default=math.inf))
@@ -158,7 +158,7 @@ def _mask_saturated(readings: Array, package: SensorPackage) -> Array:
 
 
 def _delivered_levels(commands: Array, onsets_s: Array, time_s: Array, simulated_run: Run) -> tuple[Array, Array]:
-    """Computes the levels that a simulated vehicle's jets deliver for commands, failures included, and when.
+    """Computes times, s, and levels that a simulated vehicle's jets deliver for commands, failures included.
 
     Args:
         commands: commands from each row on, shape (n, n_jets).

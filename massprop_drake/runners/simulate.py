@@ -66,7 +66,7 @@ class Engine(Protocol):
         """Returns true motion, thrusts, estimates, commands and readings of the last sample, for viewers."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Uses the last sample; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
+        """Completes the last cycle; returns covariance of the ten estimates, shape (10, 10), and the estimators' state.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.

@@ -162,7 +162,7 @@ def _parameters_before_jumps(run: Run) -> Array:
 
 
 def _true_errors(scenario: Scenario, record: Scenario, *, rigid: bool) -> dict[str, Array]:
-    """Maps groups of unknowns, as named in `Columns`, to a simulated vehicle's errors from the vehicle of a record.
+    """Maps groups of unknowns, as in `Columns`, to a simulated vehicle's true errors; `rigid`: its parts are locked.
 
     Args:
         scenario: of the simulation.
@@ -358,7 +358,7 @@ class _SimulatedVehicle:
         self._state = state._replace(body=state.body - half_used)
 
     def _take_recorded_rate(self, readings: Mapping[str, Array]) -> None:
-        """Sets the rate to what a gyro would have read as recorded, once one has; clears accelerometer offsets."""
+        """Sets the rate to the recorded one less the gyro's errors, if any is read; clears accelerometer offsets."""
         rates = np.array([readings[name] for name in self._gyros])
         is_read = np.isfinite(rates).all(axis=1)
         if is_read.any():
@@ -369,7 +369,7 @@ class _SimulatedVehicle:
             self._has_begun, self._offsets = True, {}
 
     def _offset(self, name: str, simulated: Array, recorded: Array) -> Array:
-        """Offset of the record's accelerometer integral from the simulated one, shape (3,); NaN until it is read."""
+        """Returns recorded minus simulated velocity, (3,): NaN until read, zero for gyros or before the first rate."""
         if name in self._rates or not self._has_begun:
             return _NOTHING
         if name not in self._offsets and np.isfinite(recorded).all():

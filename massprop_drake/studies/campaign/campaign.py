@@ -144,7 +144,7 @@ class Campaign:
         progress: Callable[[int, int], None] | None = None,
         dashboard: Callable[[str], None] | None = None,
     ) -> Campaign:
-        """Flies the planned cases that have no result row yet, and returns the campaign in its folder.
+        """Flies the planned cases without a result row, or those of `only`, and returns the campaign in its folder.
 
         Args:
             folder: to write; default `runs/<name>`.

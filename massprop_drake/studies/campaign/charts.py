@@ -340,7 +340,7 @@ def _level_line(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) ->
 
 
 def magnitudes(failures_by_group: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json:
-    """Plots declared over true force of failures, by group."""
+    """Plots declared over true force of rightly declared failures, by group."""
     traces: list[Json] = []
     all_forces: list[float] = []
     for number, (kind, failures) in enumerate(failures_by_group.items()):

@@ -351,7 +351,7 @@ def _changed_cases(baseline: Column, column: Column) -> dict[str, Any]:
 
 
 def _outcome_text(row: Row) -> str:
-    """Describes the outcome of a case in words, without numbers."""
+    """Describes a case in words: outcomes of failures, false declarations, a wrong end, and healthy jets out of use."""
     parts = [f"{record['jet'] or record['kind']} {record['outcome'].replace('_', ' ')}" for record in row["injected"]]
     parts += [f"taken for {record['taken_for']}" for record in row["injected"] if record["taken_for"]]
     if row["n_false"]:

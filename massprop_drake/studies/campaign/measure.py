@@ -113,7 +113,7 @@ def _consistency_columns(run: Run) -> dict[str, Any]:
 
 
 def _detection_columns(run: Run) -> dict[str, Any]:
-    """Returns injected failures, declarations, and false ones by column; None of a record, whose truth is unknown."""
+    """Returns injected failures, declarations and false ones by column; false ones None of a record (truth unknown)."""
     results = run.results
     known = results.injected is not None
     injected = results.injected or ()

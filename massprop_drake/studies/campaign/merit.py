@@ -378,7 +378,7 @@ class OperatingPoint(NamedTuple):
 
 
 def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.inf) -> OperatingPoint:
-    """Computes false rate, share found and median delay, counting declarations with at least some statistic.
+    """Computes false rate, share found and median delay of declarations whose likelihood argument reaches a threshold.
 
     A declaration below the threshold is struck out; the flight itself is not flown again, so that what would have been
     declared later, with more evidence, is not counted: the share found is a lower bound of the detector's.
@@ -459,7 +459,7 @@ def sobol(rows: Sequence[Row], n_draws: int) -> tuple[tuple[str, ...], statistic
 
 
 def worst_cases(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """Returns the failing cases by number of reasons, then by largest error in sigma, the worst first."""
+    """Returns up to `count` failing cases by number of reasons, then by largest error in sigma, the worst first."""
 
     def badness(row: Row) -> tuple[int, float]:
         """Returns the number of reasons and the largest error in sigma, to sort by."""

@@ -79,7 +79,7 @@ def false_declarations_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
 
 
 def healthy_jets_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
-    """Returns the share of cases with healthy jets out of use at the end, and such jets with their numbers.
+    """Returns the share of cases with healthy jets out outside failed clusters; jets with numbers there and within.
 
     Args:
         rows: of a cell.

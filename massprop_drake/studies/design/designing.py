@@ -119,7 +119,7 @@ def design(
 
 
 def _search_plan(candidates: Choice, task: Task, converging_aims: Aims, n_targets: int) -> tuple[SearchResult, Task]:
-    """Returns the plan of least cost and its task, whose filter treats products of errors as noise where needed.
+    """Returns the plan of least cost and its task; searches anew, products of errors as noise, if convergence is late.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
     filter to which these are noise, the plan is that of such a filter.

@@ -147,7 +147,7 @@ class JetSelectionProgram:
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
     def reach(self, activity: Array, row: int, sign: float, limits_s: Array, *, alone: bool = False) -> float:
-        """Computes the largest change of one element of a request that jets can give, with the other rotations at zero.
+        """Computes the largest change of one request element by jets, other rotations (`alone`: all others) at zero.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).

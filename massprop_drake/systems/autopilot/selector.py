@@ -162,7 +162,7 @@ class Selector:
         return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
 
     def _round_on_times(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
-        """Rounds on-times, s, to those flown, cycles; also returns remainders owed, and the shortest flown, s."""
+        """Rounds on-times, s, to flown cycles; also returns remainders owed, and the least on-time rounded up, s."""
         period_s, pulses = self._period_s, self._pulses
         if not pulses.within:
             return burst_cycles(on_times_s, period_s, self._least), owed, 0.5 * period_s

@@ -76,7 +76,7 @@ class WheelController(LeafSystem):
         return wheel_torques(turning, self._speeds(context), self._params)
 
     def _calc_rate(self, context: Any) -> Any:
-        """Computes the rate for the jets' controller, rad/s, shape (3,)."""
+        """Computes the rate that jets control to zero, rad/s: measured, biased by wheel momentum when unloading."""
         unloading, speeds = self._is_unloading(context), self._speeds(context)
         return rate_for_jets(self._gyro.Eval(context), unloading, speeds, self._params)
 

@@ -27,7 +27,7 @@ class Monitor(Protocol):
         """Tests whether a detector's report of a sample declares something."""
 
     def count_innovations(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Computes the vector of findings after a sample, from the one before and the sample's reports."""
+        """Returns the counts of innovations, a vector, with those of a sample's reports added."""
 
     def update_declarations(
         self, declared_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]

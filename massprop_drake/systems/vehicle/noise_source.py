@@ -32,7 +32,7 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """Passes a number on when parameters of the context change; its own parameter serves to notice that."""
 
         def _construct(self, converter: Any = None) -> None:
-            """Declares the port, and the output that follows it."""
+            """Declares the port, and the output that passes it on when parameters change."""
             LeafSystem_[T].__init__(self, converter)
             port = self.DeclareVectorInputPort("drawn", 1)
             ticket = self.numeric_parameter_ticket(

@@ -224,7 +224,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return run_seed(context, self._varied, self._seed)
 
         def _level_target(self, command: Any, closed: Any, start_s: Any, context: Any) -> Any:
-            """Computes the thrust levels that jets tend to over a sample, by two input ports, failures included."""
+            """Computes thrust levels that jets tend to over a sample, with failures; takes command and closed ports."""
             inputs, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
                 return inputs if shut is None else inputs * (1.0 - shut)
@@ -239,8 +239,8 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             start_s = state_of(context)[-1] if self._failures else 0.0
             return self._level_target(self._held, self._held_closed, start_s, context)
 
-        def _level_course(self, inputs: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
-            """Computes thrust levels piece by piece over the sample from a time on, s, by three input ports."""
+        def _sample_levels(self, inputs: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
+            """Computes levels piece by piece over a sample from a time, s; `inputs`: command, onset, closed ports."""
             command_port, onset_port, closed = inputs
             command, onset = command_port.Eval(context), onset_port.Eval(context)
             shut = closed.Eval(context) if closed.HasValue(context) else np.zeros(self._n_jets)
@@ -252,17 +252,17 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 level, (command, onset, shut), (since_s, self._period_s), faults, self._time_constants_s
             )
 
-        def _held_course(self, context: Any) -> LevelCourse:
+        def _running_levels(self, context: Any) -> LevelCourse:
             """Computes thrust levels piece by piece over the running sample."""
             state = state_of(context)
             level = np.zeros(self._n_jets) if self._instantaneous else state[:-1]
             inputs = (self._held, self._held_onset, self._held_closed)
-            return self._level_course(inputs, float(state[-1]), level, context)
+            return self._sample_levels(inputs, float(state[-1]), level, context)
 
         def _level_now(self, context: Any) -> Any:
             """Computes the jets' thrust levels at this sample, before the update: a period after those in the state."""
             if self._pieces > 1:
-                return self._held_course(context).end
+                return self._running_levels(context).end
             jets, _ = self._jets.get(context)
             return next_level(state_of(context)[:-1], self._held_target(context), jets)
 
@@ -270,7 +270,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Computes the jets' mean forces, then the wrench profile, over the coming sample, as one vector."""
             if self._pieces > 1:
                 inputs, thrusters = (self._command, self._onset, self._closed), self._jets.get(context)[0]
-                course = self._level_course(inputs, context.get_time(), self._level_now(context), context)
+                course = self._sample_levels(inputs, context.get_time(), self._level_now(context), context)
                 profile = profile_by_pieces(course, thrusters, self._pieces)
                 return np.append(thrusters.forces * course.mean, profile)
             coming = self._level_target(self._command, self._closed, context.get_time(), context)
@@ -303,7 +303,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _level_within(self, context: Any) -> Any:
             """Computes thrust levels at this instant of a sample of pieces; at an edge, of the piece before."""
-            course, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
+            course, elapsed_s = self._running_levels(context), context.get_time() - state_of(context)[-1]
             ends_s = np.cumsum(course.lengths_s)
             piece = min(int(np.searchsorted(ends_s, elapsed_s)), ends_s.size - 1)
             since_s = elapsed_s - (ends_s[piece] - course.lengths_s[piece])

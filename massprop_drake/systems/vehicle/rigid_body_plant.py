@@ -235,7 +235,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return constants, make_holder(constants, self._compiled), self._start.get(context).mass
 
         def _body_state(self, context: Any) -> Any:
-            """Returns the body's state with the mass added that the start has, shape (23,)."""
+            """Returns the body's state, shape (23,), its stored change of mass added to the initial mass."""
             if self._time_step == 0.0:
                 body = context.get_continuous_state_vector().CopyToVector()
             else:
