@@ -256,7 +256,7 @@ def print_run_findings(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) ->
 
 
 def _error_and_sigma(parameter: Parameter, results: Summary) -> tuple[str, str]:
-    """Formats a parameter's error, or its estimate where the truth is not known, and its 1-sigma, percent."""
+    """Formats a parameter's error and 1-sigma, percent; its estimate, of a run without any truth."""
     if math.isnan(parameter.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)

@@ -187,7 +187,7 @@ def _ball() -> tuple[Array, NDArray[np.int_]]:
 
 
 def _outer_points(vehicle: Vehicle) -> Array:
-    """Returns points on the outside of a vehicle: jets and corners of solids, ft or m, shape (n, 3)."""
+    """Returns points that bound a vehicle: jets, and corners of solids or of their boxes, ft or m, shape (n, 3)."""
     solids = [_solid_corners(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
     return np.vstack([vehicle.positions, *solids])
 

@@ -106,7 +106,7 @@ def numbers(vector: Array, _count: int) -> Any:
 
 
 def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `rows3`."""
+    """Compiled `rows3`: returns the nine elements of a 3x3 matrix as three rows of plain numbers."""
     return (
         (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
         (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
@@ -121,7 +121,7 @@ def rows3(matrix: Array) -> Any:
 
 
 def _take_elements(vector, indices):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `take_elements`."""
+    """Compiled `take_elements`: returns the elements of a vector at a table of indices, in the table's shape."""
     result = np.empty(indices.shape)
     flat, index = result.ravel(), indices.ravel()
     for place in range(index.size):

@@ -177,7 +177,7 @@ def is_positive_definite(matrix: Array) -> bool:
 
 
 def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `times_stack`."""
+    """Compiled `times_stack`: multiplies a matrix from the left by each matrix of a stack."""
     result = np.empty((stack.shape[0], matrix.shape[0], stack.shape[2]))
     for index in range(stack.shape[0]):
         result[index] = matrix @ stack[index]
@@ -191,7 +191,7 @@ def times_stack(matrix: Array, stack: Array) -> Array:
 
 
 def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `stack_times`."""
+    """Compiled `stack_times`: multiplies each matrix of a stack by one matrix from the right."""
     result = np.empty((stack.shape[0], stack.shape[1], matrix.shape[1]))
     for index in range(stack.shape[0]):
         result[index] = stack[index] @ matrix
@@ -205,7 +205,7 @@ def stack_times(stack: Array, matrix: Array) -> Array:
 
 
 def _stack_times_stack(left, right):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `stack_times_stack`."""
+    """Compiled `stack_times_stack`: multiplies the matrices of two stacks pair by pair."""
     result = np.empty((left.shape[0], left.shape[1], right.shape[2]))
     for index in range(left.shape[0]):
         result[index] = left[index] @ right[index]
@@ -219,7 +219,7 @@ def stack_times_stack(left: Array, right: Array) -> Array:
 
 
 def _stack_times_vector(stack, vector):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `stack_times_vector`."""
+    """Compiled `stack_times_vector`: multiplies each matrix of a stack by a vector."""
     result = np.empty((stack.shape[0], stack.shape[1]))
     for index in range(stack.shape[0]):
         result[index] = stack[index] @ vector
@@ -248,7 +248,7 @@ def stack_times_vectors(stack: Array, vectors: Array) -> Array:
 
 
 def _inverses(stack):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `inverses`."""
+    """Compiled `inverses`: computes the inverse of each matrix of a stack."""
     result = np.empty(stack.shape)
     for index in range(stack.shape[0]):
         result[index] = np.linalg.inv(stack[index])
@@ -262,7 +262,7 @@ def inverses(stack: Array) -> Array:
 
 
 def _log_determinants(stack):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `log_determinants`."""
+    """Compiled `log_determinants`: computes the log of the absolute determinant of each matrix of a stack."""
     result = np.empty(stack.shape[0])
     for index in range(stack.shape[0]):
         result[index] = np.linalg.slogdet(stack[index])[1]
@@ -310,7 +310,7 @@ def sparse_product(rows: Array, matrix: Array) -> Array:
 
 
 def _triangular_rows(matrix):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled form of `triangular_rows`."""
+    """Compiled `triangular_rows`: counts the leading rows of a matrix that are lower triangular."""
     for row in range(matrix.shape[0]):
         for column in range(row + 1, matrix.shape[1]):
             if matrix[row, column] != 0.0:

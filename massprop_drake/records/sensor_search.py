@@ -143,7 +143,7 @@ class SensorSearch(JetSearch):
         return pairs
 
     def _use_differences(self, topic: Topic, pairs: list[tuple[dict[str, str], Array]]) -> None:
-        """Writes pairs into the map to recover time steps from, unless the logged clock measures them."""
+        """Sets `time.differences` in the map to columns of values and rates, unless the logged clock is right."""
         steps = np.concatenate([steps[np.isfinite(steps)] for _, steps in pairs])
         typical = float(np.median(steps))
         time = self.data.setdefault("time", {})

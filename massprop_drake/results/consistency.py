@@ -241,7 +241,7 @@ class Tally:
         return self._sum_within / self._expected_within if self._expected_within else None
 
     def faults(self, filter_name: str) -> list[str]:
-        """Lists in words the shares of innovations, beyond 99 % point or in upper quarter, that exceed chance."""
+        """Lists in words signs of inconsistency: NIS beyond the 99 % point or in the upper quarter too often."""
         reasons = []
         n, tail, quarter = (
             count - known for count, known in zip((self.n, *self._beyond), self._explained, strict=True)

@@ -236,7 +236,7 @@ def _evidence(usable: bool, rotation: Any, mass_sample: Any, mass_innovation: An
 
 @kernel
 def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
-    """Computes the effect of failed jets' known forces; returns whether there is any, and the effect."""
+    """Computes the wrench of failed jets' known forces, with the covariances it adds, and whether there is any."""
     if params is None:
         return False, _no_force()
     return _acting_known_force(state, filters, command, params)

@@ -219,7 +219,7 @@ def _store_onset(past: Past, state: JointState, followed: Followed, cycle: float
 
 @kernel
 def _mean_excess(excess: Array, oldest: float, cycle: float, newest: float) -> float:
-    """Computes the mean of half the excess NIS over cycles since the oldest onset; without any, `newest`."""
+    """Averages half the excess NIS stored of cycles after `oldest` and before `cycle`; `newest` if there are none."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
         total += excess[number % excess.shape[0]]

@@ -208,7 +208,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return tuple(self._nominal.class_constants_s.tolist())
 
         def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
-            """Makes the jets' model by their thrusts in the context, and a holder of it with the failures."""
+            """Returns the jets' model at their true thrusts, and a bundle of it with the failures for compiled code."""
             factor, dispersion = self.parameters.get(context)
             factors = factor * draw_thrust_factors(self._run_seed(context), dispersion, self._n_jets)
             floor = None

@@ -219,7 +219,7 @@ def _withdraw_unlikely(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -
 
 
 def _bound_probability(failure: Way, probability: float, tree: Tree) -> float:
-    """Bounds a jet failure's probability from above, as if all waiting proposals with it came true."""
+    """Returns a jet failure's probability; below 1/2 as if all proposals with it not yet run as filters were true."""
     waiting = _waiting_odds(tree, lambda child: failure in child.ways) if probability < 0.5 else 0.0
     return (probability + waiting) / (1.0 + waiting)
 

@@ -480,7 +480,7 @@ def measure(
 def measure_first_usable(
     state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
-    """Makes sample and innovation of the first accelerometer that reads, from two readings of each; NaN for none."""
+    """Makes sample and innovation of the first accelerometer that reads; NaN without, or if rotation is not known."""
     increments = velocities[1] - velocities[0]
     if params.compensation == Compensation.NONE or _is_measured(rotation.increment):
         for index in range(increments.shape[0]):

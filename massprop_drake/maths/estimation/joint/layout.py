@@ -447,7 +447,7 @@ def clear_pending(state: JointState) -> JointState:
 
 @kernel
 def set_guard_status(state: JointState, guarded: bool, firing_count: float) -> JointState:
-    """Returns the filter state with another convergence flag, and count of firing periods since."""
+    """Returns the state with `guarded` (it has converged), and the count of firing periods since, replaced."""
     estimate = state.mean, state.root, state.level, state.tick_slope
     return _replace_fields(state, estimate, state.fresh, (guarded, firing_count), state.lag_open)
 

@@ -412,7 +412,7 @@ class _Fitted(NamedTuple):
 
 
 def _fit_failures(screen: Screen, index: int, columns: np.ndarray, params: JointParams) -> _Fitted:
-    """Fits forces of sets of failures at one onset, twice, the second time with onset impulses bounded by force."""
+    """Fits forces of sets of failures, rows of `columns`, at the onset at `index`; then with bounded onset impulses."""
     jets, failures = params.places.jets, columns.shape[1]
     thrusts = params.thrusts[columns % jets]
     sets = np.hstack([columns, *((2 + place) * jets + columns % jets for place in range(len(SHARES)))])

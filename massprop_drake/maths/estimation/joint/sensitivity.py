@@ -308,7 +308,7 @@ def propagate_to_update(columns: Array, forcing: Array, interval: Link, places: 
 
 
 def propagate_update(columns: Array, innovation_change: Array, interval: Link) -> Array:
-    """Propagates errors through the update by an interval's readings, shape (size, h).
+    """Propagates columns of errors through the measurement update: less gain times change of the innovation.
 
     Args:
         columns: errors before it, shape (size, h).

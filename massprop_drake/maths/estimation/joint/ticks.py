@@ -180,7 +180,7 @@ class Commanded(NamedTuple):
 
 
 def fill_missing_command(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """Returns the last row's command, unknown jets filled in where neighbors agree, unless a gap is long, (n_jets,)."""
+    """Returns the last row's command, missing jets as in the rows before and after where these agree, (n_jets,)."""
     command, next_command = commands
     if next_command is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
         return command

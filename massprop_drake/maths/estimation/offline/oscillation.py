@@ -256,7 +256,7 @@ def mode_response(steps: Array, time_s: Array, frequency_hz: float, damping: flo
 
 
 def _combine_stretches(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
-    """Sums the normal equations of stretches' residuals, unknowns in units of their prior 1-sigma."""
+    """Sums the normal equations of stretches' residuals and of the prior, unknowns in its 1-sigmas."""
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma

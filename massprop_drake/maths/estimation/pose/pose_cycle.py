@@ -129,7 +129,7 @@ def step(
 
 
 def add_weights(first: Array, second: Array) -> tuple[Array, Array]:
-    """Adds probabilities by their logs; returns the log of the sum, and the share of the second, else zero."""
+    """Adds probabilities by their logs; returns the log of the sum, and the second's share, 0 if both are zero."""
     total = np.logaddexp(first, second)
     share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
     return total, share

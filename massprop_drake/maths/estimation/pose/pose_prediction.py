@@ -213,7 +213,7 @@ def _acting_thrust(bank: PoseBank, openings: Openings, duration: float, params: 
 def _predict_translation(
     state: Array, jacobian: Array, thrust: _IntervalThrust, bank: PoseBank, params: PoseParams
 ) -> None:
-    """Fills in position and velocity after an interval, and derivatives but for those by valve timing."""
+    """Fills in position and velocity after an interval of jets and drag, with derivatives but for valve timing."""
     parts, mean, duration = params.parts, bank.mean, thrust.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
     pushed, left, half = mean[:, parts.push][:, :3], np.exp(-drag * duration), 0.5 * duration**2
