@@ -177,7 +177,7 @@ def is_positive_definite(matrix: Array) -> bool:
 
 
 def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alone
-    """Compiled `times_stack`: multiplies a matrix from the left by each matrix of a stack."""
+    """Compiled `times_stack`: multiplies each matrix of a stack by one matrix from the left."""
     result = np.empty((stack.shape[0], matrix.shape[0], stack.shape[2]))
     for index in range(stack.shape[0]):
         result[index] = matrix @ stack[index]
@@ -186,7 +186,7 @@ def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_times_stack)
 def times_stack(matrix: Array, stack: Array) -> Array:
-    """Multiplies a matrix from the left by each matrix of a stack."""
+    """Multiplies each matrix of a stack by one matrix from the left."""
     return matrix @ stack
 
 
