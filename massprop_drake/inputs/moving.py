@@ -232,7 +232,8 @@ class StatedMode(_MovingPart):
         return self.start_std
 
 
-MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="kind")]
+AnyPart = Slosh | HingedPanel | StatedMode
+MovingPart = Annotated[AnyPart, Field(discriminator="kind")]
 
 
 def _inertia_derivatives(modes: list[tuple[Array, Array]], arm: Array) -> list[Array]:
@@ -245,9 +246,12 @@ def _directions(axes: Sequence[str | Vector3]) -> Array:
     return np.array([_AXES[axis] if isinstance(axis, str) else axis for axis in axes], dtype=np.float64)
 
 
-def moving_parts_problem(
-    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
-) -> str | None:
+def join_parts(of_vehicle: Sequence[AnyPart], of_scenario: Sequence[AnyPart]) -> tuple[AnyPart, ...]:
+    """Returns the parts that move of a vehicle and of a scenario; those that both state count once."""
+    return (*of_vehicle, *(part for part in of_scenario if part not in of_vehicle))
+
+
+def moving_parts_problem(parts: Sequence[AnyPart], nominal: tuple[float, Array, Array], period_s: float) -> str | None:
     """Describes why a filter cannot estimate parts that move, such as a frequency too high; None: it can.
 
     Args:
@@ -268,9 +272,7 @@ def moving_parts_problem(
     return None
 
 
-def _leaves_mass_and_inertia(
-    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]
-) -> bool:
+def _leaves_mass_and_inertia(parts: Sequence[AnyPart], nominal: tuple[float, Array, Array]) -> bool:
     """Tests whether mass and inertia stay positive without the moving parts, arguments as `mode_params`."""
     mass, center, inertia = nominal
     pairs = [pair for part in parts for pair in part.modes]
@@ -291,7 +293,7 @@ def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], shapes: Array, 
 
 
 def mode_params(
-    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
+    parts: Sequence[AnyPart], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
 ) -> ModeParams:
     """Makes the joint filter's parameters of vibration modes from sloshing masses, panels and stated modes.
 

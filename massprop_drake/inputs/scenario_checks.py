@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_drake.errors import moment, suggestion
 from massprop_drake.inputs.model import span_of
-from massprop_drake.inputs.moving import moving_parts_problem
+from massprop_drake.inputs.moving import join_parts, moving_parts_problem
 from massprop_drake.inputs.plausible import Finding, compare_with_span, finding_above, out_of_span
 from massprop_drake.inputs.scenario_fields import ScenarioFields
 from massprop_drake.inputs.scheduled import find_overlaps, jump_terms
@@ -273,7 +273,7 @@ def _double_opening_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iter
 
 def _moving_part_problems(scenario: ScenarioFields, vehicle: Vehicle) -> Iterator[Problem]:
     """Yields the problem of sloshing masses and panels that a filter cannot estimate with the vehicle's own."""
-    nominal, parts = vehicle.nominal, (*vehicle.moving, *scenario.moving)
+    nominal, parts = vehicle.nominal, join_parts(vehicle.moving, scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     if scenario.moving and (problem := moving_parts_problem(parts, known, vehicle.sample_period_s)):
         yield ("moving",), problem

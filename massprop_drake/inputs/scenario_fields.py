@@ -19,7 +19,7 @@ from massprop_drake.inputs.estimation_blocks import (
     RotationBlock,
 )
 from massprop_drake.inputs.model import Flag, Model, Real, Text, Whole, described
-from massprop_drake.inputs.moving import MovingPart
+from massprop_drake.inputs.moving import MovingPart, join_parts
 from massprop_drake.inputs.onboard_blocks import AutopilotBlock, SensorsBlock
 from massprop_drake.inputs.scheduled import (
     EngineBurn,
@@ -108,7 +108,7 @@ class ScenarioFields(Model):
         vehicle = self.vehicle if isinstance(self.vehicle, Vehicle) else load_vehicle(self.vehicle)
         if not self.moving:
             return vehicle
-        return vehicle.model_copy(update={"moving": (*vehicle.moving, *self.moving)})
+        return vehicle.model_copy(update={"moving": join_parts(vehicle.moving, self.moving)})
 
     @property
     def open_loop(self) -> bool:

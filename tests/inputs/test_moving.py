@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_drake.inputs.moving import HingedPanel, Slosh
 from massprop_drake.inputs.params import modes
-from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.scenario import load_scenario, resolve_scenario
 from massprop_drake.inputs.vehicle_file import load_vehicle
 
 SLOSH: dict[str, Any] = {
@@ -57,3 +57,11 @@ def test_modes_of_one_mass_go_round_and_others_do_not() -> None:
     assert (found.shaken >= found.start).all()
     np.testing.assert_allclose(found.sigmas, [[0.025, 0.05, 0.5, *3 * [0.05 * vehicle.rms_arm]]])
     assert [part.name for part in load_scenario("servicer_panel_stated").vehicle_data.moving] == ["left", "right"]
+
+
+def test_a_part_that_vehicle_and_scenario_both_state_is_one() -> None:
+    """As where an estimator, or a file, takes the vehicle of a scenario beside the scenario."""
+    scenario = load_scenario("servicer_slosh_stated")
+    both = scenario.model_copy(update={"vehicle": scenario.vehicle_data})
+    assert [part.name for part in both.vehicle_data.moving] == ["tank"]
+    assert resolve_scenario(both.model_dump(mode="json")).vehicle_data == scenario.vehicle_data

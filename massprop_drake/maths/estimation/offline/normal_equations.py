@@ -39,6 +39,7 @@ from massprop_drake.maths.estimation.whitening import Gathering, Whitener, make_
 from massprop_drake.maths.linear_algebra import Array
 
 _QUICK = 0.01  # share of a period: a stamp so much off moves a reading by its noise where the rate changes fast
+_FASTEST = np.pi  # rad in a period: 1-sigma of the first rate of a stretch whose gyros read nothing, half a turn
 _TOGETHER = 4096  # readings whose derivatives are made at once, but for those of one component
 _TOLD = 10.0  # times the stated torque that accelerometers are taken to feel: as good as unknown, a hundredth is left
 
@@ -271,7 +272,7 @@ def equations_about(
         told = np.zeros(3)
         for one in (one for batch, _, _ in parts for one in batch.parts if one.package < model.gyros):
             told[one.axis] += one.rows.size / model.variances[one.package]
-        own = np.append(own, 1.0 / np.maximum(told, 1e-300))
+        own = np.append(own, 1.0 / np.maximum(told, (model.period_s / _FASTEST) ** 2))
     shift = np.zeros(0)
     if size > kept.shape[0]:
         information, vector, shift = _eliminate_own_unknowns(information, vector, own)
