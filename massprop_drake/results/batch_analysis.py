@@ -113,19 +113,18 @@ def _analyze_readings(
     with np.errstate(all="ignore"):
         pieces = remove_false_readings(whole_record(scenario, signals), list(events), vehicle_names(scenario))
         begin = np.where(np.isnan(estimate) | jumped, model.prior[:10], estimate)  # that at the end is of after a jump
+        every = select_short_pieces(pieces, math.inf, model)
         if until_s < math.inf and is_off_ticks(pieces, model):  # what was declared may be the clock's doing
-            every = select_short_pieces(pieces, math.inf, model)
-            if try_switching(every, regression.fit_flight(every, fit_start(begin, model), model), model)[-1]:
-                until_s = math.inf
+            whole = regression.fit_flight(every, fit_start(begin, model), model)
+            until_s = math.inf if try_switching(every, whole, model)[-1] else until_s
         names = vehicle_names(scenario)
-        chosen = select_short_pieces(pieces, until_s, model)
+        chosen = select_short_pieces(pieces, until_s, model) if until_s < math.inf else every
         diagnoses, fit = diagnose_readings(chosen, begin, model, names)
         if until_s < math.inf and excess_misfit(fit) > 0.0:  # what was declared may be the doing of what moves inside
-            every = select_short_pieces(pieces, math.inf, model)
             whole = regression.fit_flight(every, fit_start(begin, model), model)
             diagnoses = find_oscillation(every, whole, model, names) or diagnoses
-        every = select_short_pieces(pieces, math.inf, model) if until_s < math.inf else []
-        if every and (names.wheels or find_negative_gains(every, model)):  # or of a wheel or a sign that is wrong
+        # or of a wheel or a sign that is wrong
+        if until_s < math.inf and every and (names.wheels or find_negative_gains(every, model)):
             whole_of_it, _ = diagnose_readings(every, begin, model, names)
             diagnoses = whole_of_it if any(one.kind in ("wheel", *_OF_SIGNS) for one in whole_of_it) else diagnoses
         if diagnoses or apart is not None or excess_misfit(fit) > 0.0 or fit.normal.readings < FEWEST:

@@ -60,7 +60,7 @@ def test_modes_of_one_mass_go_round_and_others_do_not() -> None:
 
 
 def test_a_part_that_vehicle_and_scenario_both_state_is_one() -> None:
-    """As where an estimator, or a file, takes the vehicle of a scenario beside the scenario."""
+    """Estimators and files take the vehicle of a scenario beside the scenario."""
     scenario = load_scenario("servicer_slosh_stated")
     both = scenario.model_copy(update={"vehicle": scenario.vehicle_data})
     assert [part.name for part in both.vehicle_data.moving] == ["tank"]

@@ -83,7 +83,7 @@ def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_review
 
 
 def test_a_force_is_weighed_by_its_share_of_the_jets_thrust() -> None:
-    """Where a force was nothing, its posterior density is over that of N(0, T^2): a stronger jet may have such one."""
+    """The posterior density of a force at nothing is over that of N(0, T^2): a stronger jet may have such a force."""
     flown = leaking(3e-3)
     leader, joint = flown.tree.leader, flown.params.joint
     review = reviewed(flown.tree, flown.params)

@@ -203,7 +203,7 @@ def test_coupling_that_is_not_known_yet_is_noise_that_bounds_it_for_every_body()
 
 
 def test_the_common_scale_of_fired_jets_is_a_state_of_its_own_and_nothing_else_changes() -> None:
-    """What is said of inertia, mass, thrusts and forces is as before; the scale is the mean error of fired jets."""
+    """Covariances of inertia, mass, thrusts and forces stay; the scale is the mean error of fired jets."""
     state = some_state(PARAMS)
     state.root[PLACES.scale] = 0.0
     fired = np.array([1.0, 0.0, 1.0, 1.0, 0.0, 0.0])
